@@ -1,0 +1,1 @@
+"""All that a method needs to know, and all that a plugin imports."""

@@ -1,0 +1,67 @@
+"""What a method is given: dense blocks of snapshots that have the same number of measurements.
+
+Arrays have shape (B, K) or (B, K, 2): B snapshots, K measurements each, the last axis x and y. They are stored
+in Fortran order, so that ``array[:, k]`` and ``array[..., 0]`` are contiguous, and they are read-only. Sum over
+measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits do not depend on its neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.scene import Scene
+
+__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """What batches of every kind of measurement have.
+
+    ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
+    when nobody will read the flags: a method may then leave them out.
+    """
+
+    scene: Scene = field(default_factory=Scene)
+    seed: npt.NDArray[np.uint64]
+    want_flags: bool = True
+
+    @property
+    def size(self) -> int:
+        """The number of snapshots, B."""
+        return self.seed.shape[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingBatch(Batch):
+    """B snapshots of K bearings each.
+
+    ``sensor`` numbers the sensors (equal numbers: the same sensor), ``path`` numbers the measurements of one
+    sensor, ``reflector`` is a place in ``scene.reflectors`` or -1 for the direct path. ``sensor_xy_m`` is in
+    metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
+    """
+
+    sensor: IntArray
+    sensor_xy_m: FloatArray
+    bearing_rad: FloatArray
+    bearing_std_rad: FloatArray
+    path: IntArray
+    reflector: IntArray
+
+    @property
+    def measurements(self) -> int:
+        """The number of measurements of each snapshot, K."""
+        return self.bearing_rad.shape[1]
+
+
+def batch_class(kind: str) -> type[Any]:
+    """Return the batch class of a kind of measurement."""
+    return {"bearings": BearingBatch}[kind]

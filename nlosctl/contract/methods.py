@@ -1,0 +1,49 @@
+"""The specification of a method: what a plugin's entry point must name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from nlosctl.contract.results import Solution
+
+__all__ = ["CONTRACT_VERSION", "Job", "Law", "MethodSpec"]
+
+CONTRACT_VERSION = 1
+"""Raised when a plugin written for the version before would no longer work."""
+
+Job = Literal["localize", "detect-ip", "identify-los"]
+
+Law = Literal["frame", "order"]
+"""The laws that a method may be exempt from: moving and turning the frame; permuting the measurements."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodSpec:
+    """A method, frozen.
+
+    ``kind`` is the kind of measurement that it consumes, ``options`` a frozen dataclass whose fields (declared
+    with `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the
+    flags besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with
+    which it can answer. ``solve(batch, options)`` is pure: it changes nothing, draws only from ``batch.seed``.
+    """
+
+    name: str
+    kind: str
+    job: Job
+    summary: str
+    reference: str
+    options: type[Any]
+    solve: Callable[[Any, Any], Solution]
+    cost: str
+    minimum_measurements: int
+    flags: tuple[str, ...] = ()
+    uses_ranges: bool = False
+    exempt_from: frozenset[Law] = frozenset()
+    contract_version: int = CONTRACT_VERSION
+
+    @property
+    def full_name(self) -> str:
+        """The name of its entry point: ``kind.name``."""
+        return f"{self.kind}.{self.name}"

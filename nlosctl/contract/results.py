@@ -1,0 +1,82 @@
+"""What a method gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
+from nlosctl.contract.statuses import Status
+
+__all__ = ["Estimates", "Flags", "Solution", "single_estimates"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimates:
+    """E estimates, ordered by snapshot, then target, then alternative (best first).
+
+    ``row`` (E,) is the snapshot's place in the batch; every snapshot has at least one estimate, if only to carry
+    its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
+    NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
+    says what the covariance accounts for, where the method has more than one kind.
+    """
+
+    row: IntArray
+    target: IntArray
+    alternative: IntArray
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    cost: FloatArray
+    n_used: IntArray
+    status: npt.NDArray[np.uint8]
+    covariance_kind: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flags:
+    """What is said of each measurement: ``used`` (B, K), and further columns (B, K) by their name.
+
+    Floating-point columns hold NaN where there is nothing to say.
+    """
+
+    used: BoolArray
+    columns: Mapping[str, npt.NDArray[np.generic]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """The result of one batch. ``flags`` may be None when the batch did not want them."""
+
+    estimates: Estimates
+    flags: Flags | None = None
+
+
+def single_estimates(
+    *,
+    position_m: FloatArray,
+    covariance_m2: FloatArray,
+    cost: FloatArray,
+    n_used: IntArray,
+    status: npt.NDArray[np.uint8],
+) -> Estimates:
+    """Return estimates with one row per snapshot; what the status denies is blanked.
+
+    Shapes: position (B, 2), covariance (B, 3), cost, n_used and status (B,). A snapshot without a position gets
+    ``n_used`` 0.
+    """
+    rows = np.arange(status.shape[0], dtype=np.int64)
+    has_position = status <= Status.BOUNDARY
+    has_covariance = status <= Status.INFEASIBLE
+    return Estimates(
+        row=rows,
+        target=np.zeros_like(rows),
+        alternative=np.zeros_like(rows),
+        position_m=np.where(has_position[:, None], position_m, np.nan),
+        covariance_m2=np.where(has_covariance[:, None], covariance_m2, np.nan),
+        cost=np.where(has_position, cost, np.nan),
+        n_used=np.where(has_position, n_used, 0),
+        status=status,
+    )
