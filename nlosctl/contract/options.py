@@ -31,7 +31,13 @@ def option(
     ``default`` the option must be given. The annotation of the field is its type: bool, int, float, str,
     ``Literal[...]``, a tuple of these, or any of them ``| None``.
     """
-    metadata = {"meaning": meaning, "unit": unit, "minimum": minimum, "maximum": maximum, "exclusive": exclusive}
+    metadata = {
+        "meaning": meaning,
+        "unit": unit,
+        "minimum": minimum,
+        "maximum": maximum,
+        "exclusive": exclusive,
+    }
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -46,9 +52,7 @@ def parse_options(options: type[OptionsT], given: Mapping[str, Any], owner: str)
     for key, value in given.items():
         if key not in fields:
             known = ", ".join(sorted(fields)) or "none"
-            raise UsageError(
-                f"{owner} has no parameter {key!r}{did_you_mean(key, fields)}; it has: {known}"
-            )
+            raise UsageError(f"{owner} has no parameter {key!r}{did_you_mean(key, fields)}; it has: {known}")
         values[key] = _convert(value, types[key], fields[key], owner)
     for name, field in fields.items():
         if name not in values and field.default is dataclasses.MISSING:

@@ -82,8 +82,12 @@ _SNAPSHOT = Column(
 )
 
 _TRUTH = (
-    Column(name="truth_x_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"),
-    Column(name="truth_y_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"),
+    Column(
+        name="truth_x_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"
+    ),
+    Column(
+        name="truth_y_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"
+    ),
     Column(
         name="truth_los",
         type="boolean",
@@ -105,17 +109,30 @@ _EARLIER_FLAGS = (
         nullable=True,
         meaning="flag of an earlier step: rows with true (indirect path) are left out unless --all-rows",
     ),
-    Column(name="used", type="boolean", nullable=True, meaning="flag of an earlier step: the row was used there"),
+    Column(
+        name="used", type="boolean", nullable=True, meaning="flag of an earlier step: the row was used there"
+    ),
 )
 
 _SENSOR = (
     Column(name="sensor", type="identifier", required=True, meaning="name of the sensor"),
-    Column(name="sensor_x_m", type="number", unit="m", required=True, meaning="sensor position, x to the east"),
-    Column(name="sensor_y_m", type="number", unit="m", required=True, meaning="sensor position, y to the north"),
+    Column(
+        name="sensor_x_m", type="number", unit="m", required=True, meaning="sensor position, x to the east"
+    ),
+    Column(
+        name="sensor_y_m", type="number", unit="m", required=True, meaning="sensor position, y to the north"
+    ),
 )
 
 _RANGE = (
-    Column(name="range_m", type="number", unit="m", nullable=True, positive=True, meaning="path length from source to sensor"),
+    Column(
+        name="range_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        positive=True,
+        meaning="path length from source to sensor",
+    ),
     Column(
         name="range_std_m",
         type="number",
@@ -181,12 +198,42 @@ ESTIMATES = Table(
         Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
         Column(name="method", type="text", required=True, meaning="name of the method"),
         Column(name="target", type="integer", required=True, meaning="number of the target, from 0"),
-        Column(name="alternative", type="integer", required=True, meaning="rank of the alternative, from 0, best first"),
-        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
-        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
-        Column(name="cov_xx_m2", type="number", unit="m2", required=True, nullable=True, meaning="covariance of the position error"),
-        Column(name="cov_xy_m2", type="number", unit="m2", required=True, nullable=True, meaning="covariance of the position error"),
-        Column(name="cov_yy_m2", type="number", unit="m2", required=True, nullable=True, meaning="covariance of the position error"),
+        Column(
+            name="alternative",
+            type="integer",
+            required=True,
+            meaning="rank of the alternative, from 0, best first",
+        ),
+        Column(
+            name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"
+        ),
+        Column(
+            name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"
+        ),
+        Column(
+            name="cov_xx_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            nullable=True,
+            meaning="covariance of the position error",
+        ),
+        Column(
+            name="cov_xy_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            nullable=True,
+            meaning="covariance of the position error",
+        ),
+        Column(
+            name="cov_yy_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            nullable=True,
+            meaning="covariance of the position error",
+        ),
         Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
         Column(name="n_used", type="integer", required=True, meaning="rows that the estimate rests on"),
         Column(

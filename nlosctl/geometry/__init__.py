@@ -1,1 +1,1 @@
-""""""
+"""Geometry on arrays: arrays in, arrays out."""

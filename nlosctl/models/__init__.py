@@ -1,1 +1,1 @@
-""""""
+"""What a sensor should read at a position: residual, Jacobian, information."""

@@ -1,1 +1,1 @@
-""""""
+"""Simulated worlds: arrays and truth."""

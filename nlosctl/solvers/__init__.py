@@ -1,1 +1,1 @@
-""""""
+"""What methods share: batched optimizers and the checks of a fix."""

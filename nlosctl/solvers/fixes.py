@@ -1,0 +1,93 @@
+"""What every bearings method does with its fix: is it an answer at all, what does it cost, what is left over?"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.results import Flags, Solution, single_estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines
+
+__all__ = ["CONDITION_LIMIT", "finish_bearings_fix", "judge_fixes", "nearly_singular"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
+
+CONDITION_LIMIT = 1e6
+"""Largest condition number of the lines' normals with which they still count as crossing."""
+
+_RELATIVE_MINIMUM_RANGE = 1e-6
+
+
+def nearly_singular(normal: Symmetric2x2) -> BoolArray:
+    """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
+    smaller, larger = normal.eigenvalues()
+    return ~(smaller * CONDITION_LIMIT**2 > larger)
+
+
+def judge_fixes(
+    lines: SightLines, x: FloatArray, y: FloatArray, covariance: Symmetric2x2, minimum_range_m: float
+) -> StatusArray:
+    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their covariance.
+
+    degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
+    an origin than ``minimum_range_m`` (or than a millionth of that distance); behind: behind a ray's origin;
+    infeasible: on another side of a mirror than the sensor.
+    """
+    range_m = lines.range_m(x, y)
+    farthest = max_measurements(range_m)
+    nearest = -max_measurements(-range_m)
+    with np.errstate(invalid="ignore"):
+        uncertain = ~(covariance.trace <= farthest * farthest)
+        on_sensor = nearest < np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
+        behind = max_measurements(-lines.along_m(x, y)) > 0.0
+    status = np.full(x.shape, Status.OK, dtype=np.uint8)
+    status[lines.beyond_mirror(x, y)] = Status.INFEASIBLE
+    status[behind] = Status.BEHIND
+    status[uncertain | on_sensor] = Status.DEGENERATE
+    return status
+
+
+def finish_bearings_fix(
+    batch: BearingBatch,
+    lines: SightLines,
+    x: FloatArray,
+    y: FloatArray,
+    covariance: Symmetric2x2,
+    normal: Symmetric2x2,
+    *,
+    min_range_m: float,
+    converged: BoolArray | None = None,
+) -> Solution:
+    """Return the solution of fixes x, y (B,) about the local origin that use every row.
+
+    ``normal`` is the unweighted normal matrix of the lines (B,), which tells whether they cross at all;
+    ``converged`` (B,) is given by iterative methods. The cost is half the chi-square of the residuals.
+    """
+    status = judge_fixes(lines, x, y, covariance, min_range_m)
+    if converged is not None:
+        status[~converged & (status != Status.BEHIND)] = Status.NOT_CONVERGED
+    status[nearly_singular(normal)] = Status.DEGENERATE
+    if batch.measurements < 2:
+        status[:] = Status.TOO_FEW
+    residual = lines.bearing_residual_rad(x, y)
+    scaled = residual / lines.std_rad
+    estimates = single_estimates(
+        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
+        covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
+        cost=0.5 * sum_measurements(scaled * scaled),
+        n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
+        status=status,
+    )
+    return Solution(estimates=estimates, flags=_flags(status, residual) if batch.want_flags else None)
+
+
+def _flags(status: StatusArray, residual: FloatArray) -> Flags:
+    answered = (status <= Status.BOUNDARY)[:, None]
+    used = np.broadcast_to(answered, residual.shape).copy()
+    return Flags(used=used, columns={"residual_rad": np.where(answered, residual, np.nan)})
