@@ -37,7 +37,7 @@ class Batch:
     @property
     def size(self) -> int:
         """The number of snapshots, B."""
-        return self.seed.shape[0]
+        return int(self.seed.shape[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class BearingBatch(Batch):
     @property
     def measurements(self) -> int:
         """The number of measurements of each snapshot, K."""
-        return self.bearing_rad.shape[1]
+        return int(self.bearing_rad.shape[1])
 
 
 def batch_class(kind: str) -> type[Any]:

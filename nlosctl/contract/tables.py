@@ -32,7 +32,13 @@ class Spelling:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One column: its name, type, unit and what a value must satisfy."""
+    """One column: its name, type, unit and what a value must satisfy.
+
+    ``too_large_means`` says what values beyond ``largest_magnitude`` plainly are. ``constant_option`` is the
+    option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
+    the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
+    or flags of an earlier step: checked for their type, carried through, and seen by no method.
+    """
 
     name: str
     type: ColumnType
@@ -41,19 +47,28 @@ class Column:
     required: bool = False
     positive: bool = False
     largest_magnitude: float | None = None
+    too_large_means: str = ""
     nullable: bool = False
     constant_allowed: bool = False
+    constant_option: str = ""
+    scene_axis: int | None = None
+    names_reflector: bool = False
+    carried: bool = False
     spellings: tuple[Spelling, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table: its name, title and columns in order."""
+    """A table: its name, title and columns in order.
+
+    ``row_key`` names the columns that, besides ``snapshot``, no two measurements may have all equal.
+    """
 
     name: str
     title: str
     columns: tuple[Column, ...]
     primary_kind: bool = field(default=False)
+    row_key: tuple[str, ...] = ()
 
     def column(self, name: str) -> Column:
         """Return the column called ``name``; raise KeyError where there is none."""
@@ -82,16 +97,13 @@ _SNAPSHOT = Column(
 )
 
 _TRUTH = (
-    Column(
-        name="truth_x_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"
-    ),
-    Column(
-        name="truth_y_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"
-    ),
+    Column(name="truth_x_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"),
+    Column(name="truth_y_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"),
     Column(
         name="truth_los",
         type="boolean",
         nullable=True,
+        carried=True,
         meaning="whether the row really follows its stated path (direct, or by its reflector)",
     ),
 )
@@ -101,27 +113,23 @@ _EARLIER_FLAGS = (
         name="los",
         type="boolean",
         nullable=True,
+        carried=True,
         meaning="flag of an earlier step: rows with false are left out unless --all-rows",
     ),
     Column(
         name="ip",
         type="boolean",
         nullable=True,
+        carried=True,
         meaning="flag of an earlier step: rows with true (indirect path) are left out unless --all-rows",
     ),
-    Column(
-        name="used", type="boolean", nullable=True, meaning="flag of an earlier step: the row was used there"
-    ),
+    Column(name="used", type="boolean", nullable=True, meaning="flag of an earlier step: the row was used there"),
 )
 
 _SENSOR = (
     Column(name="sensor", type="identifier", required=True, meaning="name of the sensor"),
-    Column(
-        name="sensor_x_m", type="number", unit="m", required=True, meaning="sensor position, x to the east"
-    ),
-    Column(
-        name="sensor_y_m", type="number", unit="m", required=True, meaning="sensor position, y to the north"
-    ),
+    Column(name="sensor_x_m", type="number", unit="m", required=True, meaning="sensor position, x to the east"),
+    Column(name="sensor_y_m", type="number", unit="m", required=True, meaning="sensor position, y to the north"),
 )
 
 _RANGE = (
@@ -140,6 +148,7 @@ _RANGE = (
         nullable=True,
         positive=True,
         constant_allowed=True,
+        constant_option="--range-std-m",
         meaning="standard deviation of the range error",
     ),
 )
@@ -148,6 +157,7 @@ BEARINGS = Table(
     name="bearings",
     title="Bearings: directions from sensors to where a wave comes from",
     primary_kind=True,
+    row_key=("sensor", "sensor_x_m", "sensor_y_m", "path", "reflector"),
     columns=(
         _SNAPSHOT,
         *_SENSOR,
@@ -157,6 +167,7 @@ BEARINGS = Table(
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,
+            too_large_means="plainly degrees: name the column bearing_deg (or azimuth_deg, if compass bearings)",
             meaning="direction from the sensor to where the wave comes from, counter-clockwise from +x",
             spellings=(
                 Spelling(name="bearing_deg", scale=_DEGREE),
@@ -170,6 +181,7 @@ BEARINGS = Table(
             required=True,
             positive=True,
             constant_allowed=True,
+            constant_option="--bearing-std-deg",
             meaning="standard deviation of the bearing error",
             spellings=(Spelling(name="bearing_std_deg", scale=_DEGREE),),
         ),
@@ -183,6 +195,7 @@ BEARINGS = Table(
             name="reflector",
             type="text",
             nullable=True,
+            names_reflector=True,
             meaning="reflector of the scene by which the wave came; empty or absent: the direct path",
         ),
         *_RANGE,
@@ -204,12 +217,8 @@ ESTIMATES = Table(
             required=True,
             meaning="rank of the alternative, from 0, best first",
         ),
-        Column(
-            name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"
-        ),
-        Column(
-            name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"
-        ),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
         Column(
             name="cov_xx_m2",
             type="number",

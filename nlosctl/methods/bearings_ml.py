@@ -24,9 +24,7 @@ class MaximumLikelihoodOptions:
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
-    max_iterations: int = option(
-        100, minimum=1, meaning="steps after which a snapshot counts as not converged"
-    )
+    max_iterations: int = option(100, minimum=1, meaning="steps after which a snapshot counts as not converged")
 
 
 def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
@@ -38,9 +36,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     start = fit_stansfield(lines, first)
-    minimum = minimize(
-        BearingProblem.of_lines(lines), start.x, start.y, max_iterations=options.max_iterations
-    )
+    minimum = minimize(BearingProblem.of_lines(lines), start.x, start.y, max_iterations=options.max_iterations)
     covariance = lines.information(minimum.x, minimum.y).inverse()
     return finish_bearings_fix(
         batch,

@@ -134,9 +134,7 @@ def sight_lines(batch: BearingBatch) -> SightLines:
     )
 
 
-def predict_bearings(
-    sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene, source_xy_m: FloatArray
-) -> FloatArray:
+def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene, source_xy_m: FloatArray) -> FloatArray:
     """Return the noise-free bearings (...) of sources (..., 2) from sensors (..., 2), in (-pi, pi].
 
     By the image of the source, equation (2) of Song et al. with atan2: the sensor looks at the image.
