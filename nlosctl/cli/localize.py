@@ -89,6 +89,7 @@ def localize(
     Exit codes: 0 done, 1 bad data or files, 2 the words of the command line, 3 under --strict when some snapshot got
     no estimate, 130 interrupted.
     """
+    from nlosctl.io.result_tables import carried_names
     from nlosctl.pipeline.parameters import method_runs
     from nlosctl.pipeline.run import MeasurementRun, RunSettings
     from nlosctl.pipeline.workers import usable_jobs
@@ -109,6 +110,7 @@ def localize(
         overwrite=overwrite,
         one_thread=jobs == 1,
         config=config,
+        extra_columns=None if flags_out is not None else carried_names(carry),
         outputs=(output, flags_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:

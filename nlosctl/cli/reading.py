@@ -22,7 +22,10 @@ __all__ = ["Opened", "ReadWords", "open_measurements", "open_output"]
 
 @dataclass(frozen=True, kw_only=True)
 class ReadWords:
-    """The words of the command line that say what to read and how."""
+    """The words of the command line that say what to read and how.
+
+    ``extra_columns`` are those that will be needed beside the measurement's own; None: all.
+    """
 
     inputs: Sequence[str]
     input_format: str | None = None
@@ -38,6 +41,7 @@ class ReadWords:
     one_thread: bool = False
     config: str | None = None
     outputs: Sequence[str | None] = ()
+    extra_columns: Sequence[str] | None = None
 
     @property
     def constants(self) -> dict[str, float]:
@@ -91,6 +95,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
         all_rows=words.all_rows,
         max_snapshot_rows=words.max_snapshot_rows,
         use_threads=not words.one_thread,
+        extra_columns=None if words.bad_rows is not None else words.extra_columns,
     )
     with ExitStack() as stack:
         reader = MeasurementReader(inputs, options)

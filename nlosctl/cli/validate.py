@@ -55,20 +55,21 @@ def validate(
         bad_rows=bad_rows,
         overwrite=overwrite,
         config=config,
+        extra_columns=(),
     )
     with open_measurements(words) as opened, terminal.progress("validate") as progress:
         reader = opened.reader
         for _ in reader.chunks():
-            progress(reader.report.rows, None)
+            progress(reader.report.rows_in_all, None)
         found = {
             "kind": reader.kind,
-            "rows": reader.report.rows,
+            "rows": reader.report.rows_in_all,
             "snapshots": reader.report.snapshots,
             "sensors": len(reader.sensor_names),
             "bad_rows": reader.report.bad_rows,
             "scene_sensors": len(reader.scene.sensors),
             "scene_reflectors": len(reader.scene.reflectors),
-            "columns": list(reader.schema.names),
+            "columns": list(reader.column_names),
             "remarks": list(reader.report.remarks),
         }
     if json:

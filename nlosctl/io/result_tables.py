@@ -15,15 +15,21 @@ from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import ESTIMATES, FLAGS, Column
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
-__all__ = ["EstimatesLayout", "FlagsLayout", "carried_columns"]
+__all__ = ["EstimatesLayout", "FlagsLayout", "carried_columns", "carried_names"]
 
 IntArray = npt.NDArray[np.int64]
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
 _ALWAYS_CARRIED = ("truth_x_m", "truth_y_m", "scene")
+_CARRIED_PREFIX = "sweep_"
 _KEPT_FLAGS = ("los", "ip")
 _STATUS_WORDS = pa.array([status.word for status in Status])
+
+
+def carried_names(wanted: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the columns that estimates carry over, as far as an input has them (``*`` ends a prefix)."""
+    return (*_ALWAYS_CARRIED, f"{_CARRIED_PREFIX}*", *wanted)
 
 
 def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -38,7 +44,9 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
         if name not in input_names:
             raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
     chosen = {*_ALWAYS_CARRIED, *wanted}
-    return tuple(name for name in input_names if (name in chosen or name.startswith("sweep_")) and name not in own)
+    return tuple(
+        name for name in input_names if (name in chosen or name.startswith(_CARRIED_PREFIX)) and name not in own
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

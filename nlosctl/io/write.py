@@ -164,16 +164,28 @@ class BadRowWriter:
     def __init__(self, writer: TableWriter) -> None:
         self._writer = writer
 
-    @staticmethod
-    def schema(names: Sequence[str]) -> Any:
-        """Return the schema of the file for an input with columns ``names``."""
+    _OWN = ("row", "problem", "line")
+
+    @classmethod
+    def schema(cls, names: Sequence[str]) -> Any:
+        """Return the schema of the file for an input with columns ``names``; those called like ours get a prefix."""
         own = [("row", pa.int64()), ("problem", pa.string()), ("line", pa.string())]
-        return pa.schema([*own, *((name, pa.string()) for name in names if name not in dict(own))])
+        return pa.schema([*own, *((cls._renamed(name), pa.string()) for name in names)])
+
+    @classmethod
+    def _renamed(cls, name: str) -> str:
+        return f"input_{name}" if name in cls._OWN else name
 
     def __call__(self, rows: Sequence[BadRow]) -> None:
         """Write the rows."""
         records = [
-            {**row.values, "row": row.problem.row, "problem": str(row.problem), "line": row.raw_line} for row in rows
+            {
+                **{self._renamed(name): value for name, value in row.values.items()},
+                "row": row.problem.row,
+                "problem": str(row.problem),
+                "line": row.raw_line,
+            }
+            for row in rows
         ]
         self._writer.write(pa.Table.from_pylist(records, schema=self._writer.schema))
 

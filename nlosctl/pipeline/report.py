@@ -49,7 +49,7 @@ class MethodTally:
 
 @dataclass
 class RunReport:
-    """Counts of a run over measurements."""
+    """Counts of a run over measurements. ``snapshots_lost`` had bad rows only: they are not among ``snapshots``."""
 
     kind: str
     inputs: list[dict[str, Any]]
@@ -57,13 +57,16 @@ class RunReport:
     rows_left_out: int = 0
     bad_rows: int = 0
     snapshots: int = 0
+    snapshots_lost: int = 0
     methods: dict[str, MethodTally] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     @property
     def unanswered(self) -> int:
-        """How many estimates, over all methods, have no position."""
-        return sum(sum(tally.statuses.values()) - tally.answered for tally in self.methods.values())
+        """How many estimates, over all methods, have no position; snapshots of bad rows alone count too."""
+        return self.snapshots_lost + sum(
+            sum(tally.statuses.values()) - tally.answered for tally in self.methods.values()
+        )
 
     def lines(self) -> list[str]:
         """Return the summary, a line per input, method and note."""
@@ -90,6 +93,7 @@ class RunReport:
             "rows_left_out": self.rows_left_out,
             "bad_rows": self.bad_rows,
             "snapshots": self.snapshots,
+            "snapshots_lost": self.snapshots_lost,
             "methods": {
                 name: {"statuses": dict(tally.statuses), "answered": tally.answered, "fits_badly": tally.fits_badly}
                 for name, tally in self.methods.items()

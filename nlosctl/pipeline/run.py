@@ -63,7 +63,7 @@ class MeasurementRun:
         self._estimates_layout = EstimatesLayout(
             methods=methods,
             input_schema=reader.schema,
-            carried=carried_columns(reader.schema.names, settings.carry),
+            carried=carried_columns(reader.column_names, settings.carry),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
         )
@@ -164,6 +164,7 @@ class MeasurementRun:
         self.report.snapshots = read.snapshots
         self.report.rows_left_out = read.left_out_rows
         self.report.bad_rows = read.bad_rows
+        self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
         self.report.notes += [*read.remarks, *self._unused_ranges(), *self._hopeless(), *self._advice()]
 

@@ -107,6 +107,31 @@ def test_types_of_own_columns_hold_for_the_whole_file(tmp_path: Path, small_bloc
     assert table.num_rows == 60
 
 
+@pytest.mark.parametrize(
+    ("cells", "kept"),
+    [
+        (["007", "1.5"], ["007", "1.5"]),
+        (["12345678901234567", "0.5"], ["12345678901234567", "0.5"]),
+        (["9" * 20, "1"], ["9" * 20, "1"]),
+        (["1e3", " 2", ""], [1000.0, 2.0, None]),
+        ([" 1", "-2", ""], [1, -2, None]),
+    ],
+)
+def test_numbers_that_are_names_stay_text(tmp_path: Path, cells: list[str], kept: list[object]) -> None:
+    """A column of the user's own becomes numbers only where no digit is lost."""
+    path = save_csv(tmp_path / "a.csv", *(good(n, f",{cell}") for n, cell in enumerate(cells)), header=HEADER + ",own")
+    assert whole(read([path])).table.column("own").to_pylist() == kept
+
+
+def test_a_duplicate_has_its_line_after_bad_rows(tmp_path: Path) -> None:
+    """Rows set aside before it, in the same batch or another, shift no line."""
+    path = save_csv(tmp_path / "a.csv", "1,a,0,0,x,1", "", "1,b,0,0,1,1", "1,c,0,0,1,1", "", "1,b,0,0,1,1")
+    for chunk_rows in (1, 100):
+        aside = Gathered()
+        read([path], aside, chunk_rows=chunk_rows)
+        assert [(row.problem.row, row.problem.line) for row in aside] == [(1, 2), (4, 7)]
+
+
 def test_a_stream_tells_the_cure_for_own_columns(small_blocks: None) -> None:
     """A stream can't be read twice: a later misfit is one line with a cure, if anybody wants the column."""
     lines = [HEADER + ",n", *(good(place, f",{place if place < 40 else 'x'}") for place in range(50))]
