@@ -18,11 +18,13 @@ from nlosctl.geometry.roots import bracketed_roots
 __all__ = [
     "MAX_PATHS",
     "ReflectedPath",
+    "all_points",
     "all_reflections",
     "count_reflections",
     "ray_tube_spread",
     "reflect_at",
     "separatrix",
+    "short_arc_point",
     "short_arc_reflection",
 ]
 
@@ -82,7 +84,15 @@ def ray_tube_spread(first_leg_m: FloatArray, second_leg_m: FloatArray, normal_m:
 def short_arc_reflection(
     sensor_x: FloatArray, sensor_y: FloatArray, source_x: FloatArray, source_y: FloatArray, radius: FloatArray
 ) -> ReflectedPath:
-    """Return the path that reflects on the short arc between sensor and source, shapes (N,) all alike.
+    """Return the path by `short_arc_point`."""
+    hit_x, hit_y = short_arc_point(sensor_x, sensor_y, source_x, source_y, radius)
+    return reflect_at(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y)
+
+
+def short_arc_point(
+    sensor_x: FloatArray, sensor_y: FloatArray, source_x: FloatArray, source_y: FloatArray, radius: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return x, y of the specular point on the short arc between sensor and source, shapes (N,) all alike.
 
     With an opaque concentric circle and a sensor on it, it is the only unblocked one (Lemma 3). The root in
     (0, delta), delta the angle between the two, of R s sin a - R rho sin(delta - a) - s rho sin(2 a - delta): (33)
@@ -111,16 +121,23 @@ def short_arc_reflection(
         guess = delta * (depth / (depth + radius - source_r))
     angle = bracketed_roots(condition, np.zeros_like(delta), delta.copy(), guess)
     cosine, sine = radius * np.cos(angle), np.copysign(radius, cross) * np.sin(angle)
-    hit_x, hit_y = toward_x * cosine - toward_y * sine, toward_y * cosine + toward_x * sine
-    return reflect_at(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y)
+    return toward_x * cosine - toward_y * sine, toward_y * cosine + toward_x * sine
 
 
 def all_reflections(
     sensor_x: FloatArray, sensor_y: FloatArray, source_x: FloatArray, source_y: FloatArray, radius: FloatArray
 ) -> ReflectedPath:
-    """Return every specular path between points inside a circle (Lemma 1), shapes (4, N) from (N,).
+    """Return the paths (4, N) by `all_points`."""
+    hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
+    return reflect_at(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y)
 
-    Two paths always, two more inside the separatrix (one on it): NaN fills up to four. All are NaN where both points
+
+def all_points(
+    sensor_x: FloatArray, sensor_y: FloatArray, source_x: FloatArray, source_y: FloatArray, radius: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return x, y (4, N) of every specular point between two points (N,) inside a circle (Lemma 1).
+
+    Two points always, two more inside the separatrix (one on it): NaN fills up to four. All are NaN where both points
     are the centre (every point of the circle reflects) or one is not inside.
     """
     half_x, half_y, product, flip_x, flip_y, x, y, count = _turned(sensor_x, sensor_y, source_x, source_y, radius)
@@ -140,8 +157,7 @@ def all_reflections(
     angle = bracketed_roots(condition, low, high, guess)
     angle[2] = np.where(count == 3, fold, angle[2])
     cosine, sine = flip_x * np.cos(angle), flip_y * np.sin(angle)
-    hit_x, hit_y = radius * (cosine * half_x - sine * half_y), radius * (cosine * half_y + sine * half_x)
-    return reflect_at(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y)
+    return radius * (cosine * half_x - sine * half_y), radius * (cosine * half_y + sine * half_x)
 
 
 def count_reflections(

@@ -117,10 +117,9 @@ def sees_by_reflection_from_ground(
 
 
 def _dip(outer_radius: FloatArray, inner_radius: FloatArray) -> FloatArray:
-    """Return acos(inner / outer): the angle at the centre from a point to where its tangent touches."""
-    ratio = inner_radius / outer_radius
-    with np.errstate(invalid="ignore"):
-        return np.where(ratio < 1.0, np.arccos(np.minimum(ratio, 1.0)), 0.0)
+    """Return acos(inner / outer): the angle at the centre from a point to where its tangent touches; 0 under it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.arccos(np.minimum(inner_radius / outer_radius, 1.0))
 
 
 def _angle_between(first_x: FloatArray, first_y: FloatArray, second_x: FloatArray, second_y: FloatArray) -> FloatArray:

@@ -9,10 +9,10 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.bearing_problem import BearingProblem
 from nlosctl.solvers.fixes import finish_bearings_fix
 from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield
+from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.mixed_bearing_problem import bearing_problem
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 
@@ -35,8 +35,9 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
-    start = fit_stansfield(lines, first)
-    minimum = minimize(BearingProblem.of_lines(lines), start.x, start.y, max_iterations=options.max_iterations)
+    start = fit_focused(lines, first)
+    start_x, start_y = lines.inside_circles(start.x, start.y)
+    minimum = minimize(bearing_problem(lines), start_x, start_y, max_iterations=options.max_iterations)
     return finish_bearings_fix(
         batch,
         lines,

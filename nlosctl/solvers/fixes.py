@@ -36,14 +36,14 @@ def judge_fixes(
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than a millionth of that distance); behind: behind a ray's origin;
-    infeasible: on another side of a mirror than the sensor.
+    infeasible: where the scene does not allow it, see `SightLines.outside_scene`.
     """
     farthest = survey.farthest_m
     with np.errstate(invalid="ignore", over="ignore"):
         uncertain = ~(covariance.trace <= farthest * farthest)
         on_sensor = survey.nearest_m < np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
-    status[lines.beyond_mirror(x, y)] = Status.INFEASIBLE
+    status[lines.outside_scene(x, y)] = Status.INFEASIBLE
     status[survey.behind] = Status.BEHIND
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status

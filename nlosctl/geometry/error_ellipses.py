@@ -1,4 +1,4 @@
-"""Ellipses of covariances: axes, orientation, circular error probable."""
+"""Error ellipses of covariances: axes, orientation, circular error probable."""
 
 from __future__ import annotations
 
