@@ -142,17 +142,18 @@ class SightLines:
         chi_square = np.zeros(x.shape)
         behind = np.zeros(x.shape, dtype=bool)
         bent = None if self.circles is None else self.residual_rad(x, y)
-        for k in range(self.origin_x.shape[1]):
-            cosine, sine = self.cosine[:, k], self.sine[:, k]
-            dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
-            squared_range = dx * dx + dy * dy
-            np.minimum(nearest, squared_range, out=nearest)
-            np.maximum(farthest, squared_range, out=farthest)
-            along = cosine * dx + sine * dy
-            behind |= along < 0.0
-            scaled = np.arctan2(sine * dx - cosine * dy, along) if bent is None else bent[:, k].copy()
-            scaled /= self.std_rad[:, k]
-            chi_square += scaled * scaled
+        with np.errstate(invalid="ignore", over="ignore"):
+            for k in range(self.origin_x.shape[1]):
+                cosine, sine = self.cosine[:, k], self.sine[:, k]
+                dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
+                squared_range = dx * dx + dy * dy
+                np.minimum(nearest, squared_range, out=nearest)
+                np.maximum(farthest, squared_range, out=farthest)
+                along = cosine * dx + sine * dy
+                behind |= along < 0.0
+                scaled = np.arctan2(sine * dx - cosine * dy, along) if bent is None else bent[:, k].copy()
+                scaled /= self.std_rad[:, k]
+                chi_square += scaled * scaled
         return Survey(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
 
     def residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -162,7 +163,8 @@ class SightLines:
         but where no path leads to the point.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
-        residual = np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
+        with np.errstate(invalid="ignore", over="ignore"):
+            residual = np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
         if self.circles is not None:
             bent = -self.circles.residual_rad(self.circles.paths_from(x, y))
             straight = self.circles.pick_from(residual)
@@ -179,8 +181,8 @@ class SightLines:
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
-        dx *= weight
-        dy *= weight
+            dx *= weight
+            dy *= weight
         if self.circles is not None:
             slope_x, slope_y = self.circles.paths_from(x, y).bearing_gradient()
             inverse_std = 1.0 / self.circles.pick_from(self.std_rad)
@@ -197,7 +199,8 @@ class SightLines:
         outside = np.zeros(x.shape[0], dtype=bool)
         if self.mirrors is not None:
             rows = self.mirrors
-            side = side_of_line(x[:, None], y[:, None], rows.point_x, rows.point_y, rows.angle_rad)
+            with np.errstate(invalid="ignore"):
+                side = side_of_line(x[:, None], y[:, None], rows.point_x, rows.point_y, rows.angle_rad)
             wrong = side * rows.sensor_side_m <= 0.0
             for k in range(wrong.shape[1]):
                 outside |= wrong[:, k]
