@@ -141,10 +141,33 @@ def all_points(
     are the centre (every point of the circle reflects) or one is not inside.
     """
     half_x, half_y, product, flip_x, flip_y, x, y, count = _turned(sensor_x, sensor_y, source_x, source_y, radius)
-    fold = -np.arctan2(np.cbrt(y), np.cbrt(x))
-    low = np.stack([np.zeros_like(x), np.full_like(x, np.pi), np.full_like(x, -0.5 * np.pi), fold])
-    high = np.stack([np.full_like(x, 0.5 * np.pi), np.full_like(x, 1.5 * np.pi), fold, np.zeros_like(x)])
-    orientation = np.array([-1.0, 1.0, -1.0, 1.0])[:, None]
+    angle = np.full((MAX_PATHS, count.shape[0]), np.nan)
+    found, folded = np.flatnonzero(count > 0), np.flatnonzero(count > 2)
+    fold = -np.arctan2(np.cbrt(y[folded]), np.cbrt(x[folded]))
+    quarter = 0.5 * np.pi
+    brackets = (
+        (found, 0.0, quarter, -1.0),
+        (found, np.pi, 3.0 * quarter, 1.0),
+        (folded, -quarter, fold, -1.0),
+        (folded, fold, 0.0, 1.0),
+    )
+    for number, (rows, low, high, orientation) in enumerate(brackets):
+        angle[number, rows] = _turning_root(product[rows], x[rows], y[rows], low, high, orientation)
+    angle[2, folded] = np.where(count[folded] == 3, fold, angle[2, folded])
+    angle[3, count == 3] = np.nan
+    cosine, sine = flip_x * np.cos(angle), flip_y * np.sin(angle)
+    return radius * (cosine * half_x - sine * half_y), radius * (cosine * half_y + sine * half_x)
+
+
+def _turning_root(
+    product: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    low: float | FloatArray,
+    high: float | FloatArray,
+    orientation: float,
+) -> FloatArray:
+    """Return the root of F within the bracket, shapes (N,), where ``orientation`` times F rises through zero."""
 
     def condition(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         cosine, sine = np.cos(angle), np.sin(angle)
@@ -152,12 +175,8 @@ def all_points(
         slope = 2.0 * product * (cosine * cosine - sine * sine) - x * cosine - y * sine
         return orientation * value, orientation * slope
 
-    there = np.arange(MAX_PATHS)[:, None] < count
-    guess = np.where(there, 0.5 * (low + high), np.nan)
-    angle = bracketed_roots(condition, low, high, guess)
-    angle[2] = np.where(count == 3, fold, angle[2])
-    cosine, sine = flip_x * np.cos(angle), flip_y * np.sin(angle)
-    return radius * (cosine * half_x - sine * half_y), radius * (cosine * half_y + sine * half_x)
+    low, high = np.broadcast_to(low, x.shape), np.broadcast_to(high, x.shape)
+    return bracketed_roots(condition, low, high, 0.5 * (low + high))
 
 
 def count_reflections(
