@@ -14,7 +14,7 @@ from nlosctl.models.circle_rows import CircleRows
 from nlosctl.solvers.bearing_problem import BearingProblem
 from nlosctl.solvers.levenberg_marquardt import Evaluation
 
-__all__ = ["MixedBearingProblem", "bearing_problem"]
+__all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -75,7 +75,11 @@ class MixedBearingProblem:
             return residual * self.inverse_std, dy * weight, -dx * weight
 
 
-def bearing_problem(lines: SightLines) -> BearingProblem | MixedBearingProblem:
+BearingLikelihood = BearingProblem | MixedBearingProblem
+"""The likelihood of a block of bearings."""
+
+
+def bearing_problem(lines: SightLines) -> BearingLikelihood:
     """Return the likelihood of a block of sight lines: the plain one where no row is seen on a circle."""
     if lines.circles is None:
         return BearingProblem.of_lines(lines)
