@@ -190,11 +190,18 @@ class SightLines:
             self.circles.place_in(dy, slope_x * inverse_std)
         return Symmetric2x2(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
+    def all_under_horizon(self) -> BoolArray:
+        """Return in which snapshots (B,) every bearing points under its horizon, from where no wave can come."""
+        if self.circles is None:
+            return np.zeros(self.center_x.shape, dtype=bool)
+        under = np.bincount(self.circles.snapshot[self.circles.under_horizon()], minlength=self.center_x.shape[0])
+        return under == self.origin_x.shape[1]
+
     def outside_scene(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return which points (B,) the scene does not allow.
 
-        On another side of a row's mirror than its sensor, or on the mirror; not where a row by a circle or a direct
-        row can come from (regions A2 and A3); or all rows of the snapshot come from under their horizon.
+        On another side of a row's mirror than its sensor, or on the mirror; or not where a row by a circle or a direct
+        row can come from (regions A2 and A3).
         """
         outside = np.zeros(x.shape[0], dtype=bool)
         if self.mirrors is not None:
@@ -204,9 +211,6 @@ class SightLines:
             wrong = side * rows.sensor_side_m <= 0.0
             for k in range(wrong.shape[1]):
                 outside |= wrong[:, k]
-        if self.circles is not None:
-            under = np.bincount(self.circles.snapshot[self.circles.under_horizon()], minlength=x.shape[0])
-            outside |= under == self.origin_x.shape[1]
         for placed in (*self.direct, *(() if self.circles is None else (self.circles,))):
             outside[placed.snapshot[placed.outside(x, y)]] = True
         return outside

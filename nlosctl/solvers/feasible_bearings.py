@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.scene_margins import scene_margins
 from nlosctl.solvers.levenberg_marquardt import Evaluation, minimize
 from nlosctl.solvers.mixed_bearing_problem import BearingLikelihood, bearing_problem
+from nlosctl.solvers.several_optima import Ends
 
-__all__ = ["ConstrainedFix", "minimize_within_scene"]
+__all__ = ["ConstrainedFix", "hold_within_scene", "minimize_within_scene"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
 
 _ROUNDS = 12
 _STIFFNESS = 30.0
@@ -40,6 +43,28 @@ class ConstrainedFix:
     y: FloatArray
     found: BoolArray
     on_edge: BoolArray
+
+
+def hold_within_scene(ends: Ends, max_iterations: int) -> tuple[Ends, StatusArray]:
+    """Return the ends, those outside of what the scene allows replaced by constrained ones, and their status (E,).
+
+    ok, or boundary on an edge; no_candidate where no point within the scene was reached: the end stays where it was.
+    Within the scene but with all bearings under the horizon: infeasible still.
+    """
+    outside = np.flatnonzero(ends.lines.outside_scene(ends.x, ends.y) & np.isfinite(ends.x) & np.isfinite(ends.y))
+    status = np.where(ends.lines.all_under_horizon(), Status.INFEASIBLE, Status.OK).astype(np.uint8)
+    if not outside.size:
+        return ends, status
+    x, y, converged = ends.x.copy(), ends.y.copy(), ends.converged.copy()
+    lines = ends.lines.take(outside)
+    with np.errstate(invalid="ignore"):
+        scale = np.sqrt(lines.information(x[outside], y[outside]).inverse().trace)
+    fix = minimize_within_scene(lines, x[outside], y[outside], scale, max_iterations)
+    held = np.where(fix.found, np.where(fix.on_edge, Status.BOUNDARY, Status.OK), Status.NO_CANDIDATE)
+    status[outside] = held
+    x[outside], y[outside] = np.where(fix.found, fix.x, x[outside]), np.where(fix.found, fix.y, y[outside])
+    converged[outside] |= fix.found
+    return replace(ends, x=x, y=y, converged=converged), status
 
 
 def minimize_within_scene(

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.levenberg_marquardt import Minimum, minimize
+from nlosctl.solvers.levenberg_marquardt import minimize
 from nlosctl.solvers.mixed_bearing_problem import bearing_problem
 
-__all__ = ["MAX_ALTERNATIVES", "Optima", "find_optima", "pairwise_crossings"]
+__all__ = ["MAX_ALTERNATIVES", "Ends", "find_ends", "pairwise_crossings"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 MAX_ALTERNATIVES = 10
 """The largest number of optima that are kept of a snapshot."""
@@ -28,18 +30,40 @@ _DISTINCT = 0.1
 
 
 @dataclass(frozen=True)
-class Optima:
-    """Optima of B snapshots, shapes (A, B), best first; ``cost`` is infinite where there are fewer.
+class Ends:
+    """Where maximum likelihood ended: E points, by snapshot, best first; each snapshot has at least one.
 
-    ``rival_cost`` (B,) is the least cost at which another start stopped at a caustic, where the likelihood ends with a
-    jump and has no smooth optimum; infinite where none did. ``evaluations`` (B,) counts all model evaluations.
+    ``snapshot`` (E,) is the place in the block, None where each snapshot has just one. ``lines`` are the rays of each
+    point's snapshot (E, K), ``x``, ``y`` the points about its local origin, ``converged`` whether they are smooth
+    optima. ``rival_cost`` (E,) is the least cost at which another start of the snapshot stopped at a caustic, where the
+    likelihood ends with a jump and has no smooth optimum; infinite where none did. ``evaluations`` counts all model
+    evaluations of the snapshot.
     """
 
+    snapshot: IntArray | None
+    lines: SightLines
     x: FloatArray
     y: FloatArray
-    cost: FloatArray
+    converged: BoolArray
     rival_cost: FloatArray
     evaluations: IntArray
+
+
+def find_ends(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
+    """Return the optima reached from a start (B,) each, and from all crossings where a row may take several paths."""
+    choice = lines.circles is not None and lines.circles.has_choice.any()
+    if not choice or lines.origin_x.shape[1] < 2:
+        x, y = lines.inside_circles(start_x, start_y)
+        minimum = minimize(bearing_problem(lines), x, y, max_iterations=max_iterations)
+        nothing = np.full(x.shape, np.inf)
+        return Ends(None, lines, minimum.x, minimum.y, minimum.converged, nothing, minimum.evaluations)
+    more_x, more_y = pairwise_crossings(lines)
+    assert lines.circles is not None
+    several = np.zeros(start_x.shape, dtype=bool)
+    several[lines.circles.snapshot[lines.circles.has_choice]] = True
+    all_x = np.concatenate([start_x[None], np.where(several, more_x, np.nan)])
+    all_y = np.concatenate([start_y[None], np.where(several, more_y, np.nan)])
+    return _ends_from_many(lines, all_x, all_y, max_iterations)
 
 
 def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
@@ -60,27 +84,34 @@ def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
     return np.stack([x for x, _ in crossings]), np.stack([y for _, y in crossings])
 
 
-def find_optima(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Optima:
-    """Return the distinct optima reached from starts (S, B) about the local origins; starts may be not finite."""
+def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
+    """Return the distinct ends reached from starts (S, B), which may be not finite."""
     starts, snapshots = start_x.shape
     many = lines.take(np.tile(np.arange(snapshots), starts))
     x, y = many.inside_circles(start_x.ravel(), start_y.ravel())
     minimum = minimize(bearing_problem(many), x, y, max_iterations=max_iterations)
-    cost = np.where(minimum.converged, minimum.cost, np.inf).reshape(start_x.shape)
+    shape = start_x.shape
+    cost = np.where(minimum.converged, minimum.cost, np.inf).reshape(shape)
+    stopped = np.where(minimum.converged | np.isnan(minimum.cost), np.inf, minimum.cost).reshape(shape)
     order = np.argsort(cost, axis=0, kind="stable")
 
-    def ranked(values: FloatArray) -> FloatArray:
-        return np.take_along_axis(values.reshape(start_x.shape), order, axis=0)
+    def ranked(values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        return np.take_along_axis(values.reshape(shape), order, axis=0)
 
-    x, y, cost = ranked(minimum.x), ranked(minimum.y), ranked(cost.ravel())
+    x, y, cost = ranked(minimum.x), ranked(minimum.y), np.take_along_axis(cost, order, axis=0)
     metric = Symmetric2x2(*(ranked(part) for part in vars(minimum.hessian).values()))
-    cost = np.where(_repeated(x, y, cost, metric), np.inf, cost)
-    order = np.argsort(cost, axis=0, kind="stable")[:MAX_ALTERNATIVES]
-    rival = np.where(minimum.converged | np.isnan(minimum.cost), np.inf, minimum.cost).reshape(start_x.shape)
-    return Optima(
-        *(np.take_along_axis(values, order, axis=0) for values in (x, y, cost)),
-        rival_cost=rival.min(axis=0),
-        evaluations=minimum.evaluations.reshape(start_x.shape).sum(axis=0),
+    kept = np.isfinite(cost) & ~_repeated(x, y, cost, metric)
+    kept &= np.cumsum(kept, axis=0) <= MAX_ALTERNATIVES
+    kept[0] = True
+    snapshot, rank = np.nonzero(kept.T)
+    return Ends(
+        snapshot,
+        lines.take(snapshot),
+        x[rank, snapshot],
+        y[rank, snapshot],
+        np.isfinite(cost)[rank, snapshot],
+        stopped.min(axis=0)[snapshot],
+        minimum.evaluations.reshape(shape).sum(axis=0)[snapshot],
     )
 
 
