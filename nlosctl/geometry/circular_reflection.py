@@ -144,12 +144,12 @@ def all_points(
     angle = np.full((MAX_PATHS, count.shape[0]), np.nan)
     found, folded = np.flatnonzero(count > 0), np.flatnonzero(count > 2)
     fold = -np.arctan2(np.cbrt(y[folded]), np.cbrt(x[folded]))
-    quarter = 0.5 * np.pi
-    brackets = (
-        (found, 0.0, quarter, -1.0),
-        (found, np.pi, 3.0 * quarter, 1.0),
-        (folded, -quarter, fold, -1.0),
-        (folded, fold, 0.0, 1.0),
+    quarter = np.full(found.shape, 0.5 * np.pi)
+    brackets: tuple[tuple[IntArray, FloatArray, FloatArray, float], ...] = (
+        (found, 0.0 * quarter, quarter, -1.0),
+        (found, 2.0 * quarter, 3.0 * quarter, 1.0),
+        (folded, np.full_like(fold, -0.5 * np.pi), fold, -1.0),
+        (folded, fold, np.zeros_like(fold), 1.0),
     )
     for number, (rows, low, high, orientation) in enumerate(brackets):
         angle[number, rows] = _turning_root(product[rows], x[rows], y[rows], low, high, orientation)
@@ -163,8 +163,8 @@ def _turning_root(
     product: FloatArray,
     x: FloatArray,
     y: FloatArray,
-    low: float | FloatArray,
-    high: float | FloatArray,
+    low: FloatArray,
+    high: FloatArray,
     orientation: float,
 ) -> FloatArray:
     """Return the root of F within the bracket, shapes (N,), where ``orientation`` times F rises through zero."""
@@ -175,7 +175,6 @@ def _turning_root(
         slope = 2.0 * product * (cosine * cosine - sine * sine) - x * cosine - y * sine
         return orientation * value, orientation * slope
 
-    low, high = np.broadcast_to(low, x.shape), np.broadcast_to(high, x.shape)
     return bracketed_roots(condition, low, high, 0.5 * (low + high))
 
 

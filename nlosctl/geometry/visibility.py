@@ -16,9 +16,9 @@ __all__ = [
     "elevation",
     "horizon_elevation",
     "reach_by_reflection",
-    "sees_directly",
     "sees_by_reflection",
     "sees_by_reflection_from_ground",
+    "sees_directly",
 ]
 
 FloatArray = npt.NDArray[np.float64]

@@ -65,6 +65,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     return finish_alternatives(
         batch,
         ends,
+        ends.snapshot,
         first.normal,
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,

@@ -36,9 +36,7 @@ def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     fit = fit_stansfield(lines, first)
     matched = lines.focusing is None
     covariance = fit.normal.inverse() if matched else sandwich_covariance(lines, fit, first)
-    return finish_bearings_fix(
-        batch, lines, fit.x, fit.y, covariance, first.normal, min_range_m=options.min_range_m
-    )
+    return finish_bearings_fix(batch, lines, fit.x, fit.y, covariance, first.normal, min_range_m=options.min_range_m)
 
 
 METHOD = MethodSpec(

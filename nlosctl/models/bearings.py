@@ -15,45 +15,20 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.scene import LineReflector, Scene
+from nlosctl.contract.scene import Scene
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
-from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import short_arc_reflection
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.circle_rows import CircleRows, circle_table, locate_circle_rows
 from nlosctl.models.direct_rows import DirectRows, locate_direct_rows
+from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
 
-__all__ = ["Focusing", "MirrorRows", "SightLines", "Survey", "predict_bearings", "sight_lines"]
+__all__ = ["SightLines", "Survey", "predict_bearings", "sight_lines"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class MirrorRows:
-    """The mirror of each row: a point on it (about the local origin), its angle, and the side of the sensor.
-
-    Shape (B, K). ``sensor_side_m`` is the sensor's signed distance from it, NaN for direct rows and for circle rows
-    (whose mirror is the tangent where the bearing meets the circle).
-    """
-
-    point_x: FloatArray
-    point_y: FloatArray
-    angle_rad: FloatArray
-    sensor_side_m: FloatArray
-
-
-@dataclass(frozen=True)
-class Focusing:
-    """How circles focus rays (B, K): spread = range - ``strength`` (range - ``first_leg_m``); 0 for other rows.
-
-    ``strength`` is 2 l1 / (R cos i) with l1 the first leg, from the sensor to the circle.
-    """
-
-    first_leg_m: FloatArray
-    strength: FloatArray
 
 
 @dataclass(frozen=True)
@@ -90,20 +65,20 @@ class SightLines:
 
     def take(self, rows: IntArray) -> SightLines:
         """Return the rays of some snapshots, in any order and as often as named."""
-
-        def block(array: FloatArray) -> FloatArray:
-            return gather_rows(array, rows)
-
         mirrors, focusing, circles = self.mirrors, self.focusing, self.circles
         return SightLines(
-            self.center_x[rows],
-            self.center_y[rows],
-            *(block(array) for array in (self.origin_x, self.origin_y, self.cosine, self.sine, self.std_rad)),
-            None if self.handedness is None else block(self.handedness),
-            None if mirrors is None else MirrorRows(*(block(array) for array in vars(mirrors).values())),
-            None if focusing is None else Focusing(*(block(array) for array in vars(focusing).values())),
-            None if circles is None else circles.take(rows, *self.origin_x.shape),
-            tuple(direct.take(rows, *self.origin_x.shape) for direct in self.direct),
+            center_x=self.center_x[rows],
+            center_y=self.center_y[rows],
+            origin_x=gather_rows(self.origin_x, rows),
+            origin_y=gather_rows(self.origin_y, rows),
+            cosine=gather_rows(self.cosine, rows),
+            sine=gather_rows(self.sine, rows),
+            std_rad=gather_rows(self.std_rad, rows),
+            handedness=None if self.handedness is None else gather_rows(self.handedness, rows),
+            mirrors=None if mirrors is None else mirrors.take(rows),
+            focusing=None if focusing is None else focusing.take(rows),
+            circles=None if circles is None else circles.take(rows, *self.origin_x.shape),
+            direct=tuple(direct.take(rows, *self.origin_x.shape) for direct in self.direct),
         )
 
     def range_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -195,7 +170,7 @@ class SightLines:
         if self.circles is None:
             return np.zeros(self.center_x.shape, dtype=bool)
         under = np.bincount(self.circles.snapshot[self.circles.under_horizon()], minlength=self.center_x.shape[0])
-        return under == self.origin_x.shape[1]
+        return np.asarray(under == self.origin_x.shape[1])
 
     def outside_scene(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return which points (B,) the scene does not allow.
@@ -203,14 +178,7 @@ class SightLines:
         On another side of a row's mirror than its sensor, or on the mirror; or not where a row by a circle or a direct
         row can come from (regions A2 and A3).
         """
-        outside = np.zeros(x.shape[0], dtype=bool)
-        if self.mirrors is not None:
-            rows = self.mirrors
-            with np.errstate(invalid="ignore"):
-                side = side_of_line(x[:, None], y[:, None], rows.point_x, rows.point_y, rows.angle_rad)
-            wrong = side * rows.sensor_side_m <= 0.0
-            for k in range(wrong.shape[1]):
-                outside |= wrong[:, k]
+        outside = np.zeros(x.shape[0], dtype=bool) if self.mirrors is None else self.mirrors.beyond(x, y)
         for placed in (*self.direct, *(() if self.circles is None else (self.circles,))):
             outside[placed.snapshot[placed.outside(x, y)]] = True
         return outside
@@ -226,10 +194,10 @@ def sight_lines(batch: BearingBatch) -> SightLines:
     direct = locate_direct_rows(batch.scene, batch.reflector, x, y)
     handedness, mirrors, focusing, circles = None, None, None, None
     if reflected.any():
-        point_x, point_y, angle = _gather_mirrors(batch.scene, batch.reflector)
+        point_x, point_y, angle = gather_mirrors(batch.scene, batch.reflector)
         circles = locate_circle_rows(batch.scene, batch.reflector, x, y, direction)
         if circles is not None:
-            focusing = _place_tangents(circles, point_x, point_y, angle)
+            focusing = place_tangents(circles, point_x, point_y, angle)
         sensor_side = side_of_line(x, y, point_x, point_y, angle)
         image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
         x, y = np.where(reflected, image_x, x), np.where(reflected, image_y, y)
@@ -240,13 +208,6 @@ def sight_lines(batch: BearingBatch) -> SightLines:
             circles.place_in(mirrors.sensor_side_m, np.full(circles.snapshot.shape, np.nan))
     center_x = sum_measurements(x) / x.shape[1]
     center_y = sum_measurements(y) / y.shape[1]
-    if mirrors is not None:
-        mirrors = MirrorRows(
-            mirrors.point_x - center_x[:, None],
-            mirrors.point_y - center_y[:, None],
-            mirrors.angle_rad,
-            mirrors.sensor_side_m,
-        )
     return SightLines(
         center_x=center_x,
         center_y=center_y,
@@ -256,24 +217,11 @@ def sight_lines(batch: BearingBatch) -> SightLines:
         sine=np.sin(direction),
         std_rad=batch.bearing_std_rad,
         handedness=handedness,
-        mirrors=mirrors,
+        mirrors=None if mirrors is None else mirrors.about(center_x, center_y),
         focusing=focusing,
         circles=None if circles is None else circles.about(center_x, center_y),
         direct=tuple(rows.about(center_x, center_y) for rows in direct),
     )
-
-
-def _place_tangents(circles: CircleRows, point_x: FloatArray, point_y: FloatArray, angle: FloatArray) -> Focusing:
-    """Write the tangents where the bearings meet their circles, equations (41)-(45), into the mirrors (B, K)."""
-    bearing = circles.bearing_rad
-    hit = leave_circle(circles.sensor_x, circles.sensor_y, np.cos(bearing), np.sin(bearing), circles.radius)
-    circles.place_in(point_x, hit.x + circles.center_x)
-    circles.place_in(point_y, hit.y + circles.center_y)
-    circles.place_in(angle, np.arctan2(hit.x, -hit.y))
-    first_leg, strength = np.zeros_like(point_x), np.zeros_like(point_x)
-    circles.place_in(first_leg, hit.distance_m)
-    circles.place_in(strength, 2.0 * hit.distance_m / hit.normal_m)
-    return Focusing(first_leg, strength)
 
 
 def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene, source_xy_m: FloatArray) -> FloatArray:
@@ -285,7 +233,7 @@ def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene,
     x, y = source_xy_m[..., 0], source_xy_m[..., 1]
     if not (reflector >= 0).any():
         return np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
-    point_x, point_y, angle = _gather_mirrors(scene, reflector)
+    point_x, point_y, angle = gather_mirrors(scene, reflector)
     image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
     x, y = np.where(reflector >= 0, image_x, x), np.where(reflector >= 0, image_y, y)
     bearing = np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
@@ -297,17 +245,3 @@ def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene,
             sensor[:, 0] - middle_x, sensor[:, 1] - middle_y, source[:, 0] - middle_x, source[:, 1] - middle_y, radius
         ).bearing_rad
     return bearing
-
-
-def _gather_mirrors(scene: Scene, reflector: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return point x, point y and angle of the mirror of each row; NaN on circles, whatever for direct rows (-1)."""
-    table = np.array(
-        [
-            [*mirror.point, np.arctan2(mirror.direction[1], mirror.direction[0])]
-            if isinstance(mirror, LineReflector)
-            else [np.nan] * 3
-            for mirror in scene.reflectors
-        ]
-    )
-    point_x, point_y, angle = table.T
-    return point_x[reflector], point_y[reflector], angle[reflector]

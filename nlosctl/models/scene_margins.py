@@ -13,6 +13,7 @@ from nlosctl.geometry.visibility import elevation, horizon_elevation
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.direct_rows import DirectRows
+from nlosctl.models.mirror_rows import MirrorRows
 
 __all__ = ["Margins", "scene_margins"]
 
@@ -41,7 +42,7 @@ def scene_margins(lines: SightLines, x: FloatArray, y: FloatArray) -> list[Margi
     above the sensor's horizon (zero at the edge of A3). NaN where no path leads to the point, infinite where there is
     no such limit.
     """
-    margins = [] if lines.mirrors is None else [_beside_mirrors(lines, x, y)]
+    margins = [] if lines.mirrors is None else [_beside_mirrors(lines.mirrors, x, y)]
     for rows in lines.direct:
         margins += _above_horizon(rows, x, y)
     if lines.circles is not None:
@@ -49,9 +50,7 @@ def scene_margins(lines: SightLines, x: FloatArray, y: FloatArray) -> list[Margi
     return margins
 
 
-def _beside_mirrors(lines: SightLines, x: FloatArray, y: FloatArray) -> Margins:
-    rows = lines.mirrors
-    assert rows is not None
+def _beside_mirrors(rows: MirrorRows, x: FloatArray, y: FloatArray) -> Margins:
     measurement, snapshot = np.nonzero(np.isfinite(rows.sensor_side_m).T)
     place = (snapshot, measurement)
     angle, sensor_side = rows.angle_rad[place], rows.sensor_side_m[place]

@@ -23,25 +23,22 @@ StatusArray = npt.NDArray[np.uint8]
 def finish_alternatives(
     batch: BearingBatch,
     ends: Ends,
+    snapshot: IntArray,
     normal: Symmetric2x2,
     *,
     min_range_m: float,
     ambiguous_within: float,
     held: StatusArray | None = None,
 ) -> Solution:
-    """Return the solution of ends of which snapshots may have several; ``normal`` (B,) is that of the lines.
+    """Return the solution of ends of which a ``snapshot`` (E,) may have several; ``normal`` (B,) is that of the lines.
 
     Ends without an answer are left out unless a snapshot has no other. The first is ``ambiguous`` where the next is
     less than ``ambiguous_within`` nats worse, or another start stopped at a caustic within that; it counts as not
     converged where one stopped at a caustic more than that below it.
     """
-    snapshot = ends.snapshot
-    assert snapshot is not None
     covariance = ends.lines.information(ends.x, ends.y).inverse()
     of_end = Symmetric2x2(normal.xx[snapshot], normal.xy[snapshot], normal.yy[snapshot])
-    status, survey = judge_ends(
-        ends.lines, ends.x, ends.y, covariance, of_end, min_range_m, ends.converged, held
-    )
+    status, survey = judge_ends(ends.lines, ends.x, ends.y, covariance, of_end, min_range_m, ends.converged, held)
     cost = 0.5 * survey.chi_square
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]

@@ -52,7 +52,7 @@ def hold_within_scene(ends: Ends, max_iterations: int) -> tuple[Ends, StatusArra
     Within the scene but with all bearings under the horizon: infeasible still.
     """
     outside = np.flatnonzero(ends.lines.outside_scene(ends.x, ends.y) & np.isfinite(ends.x) & np.isfinite(ends.y))
-    status = np.where(ends.lines.all_under_horizon(), Status.INFEASIBLE, Status.OK).astype(np.uint8)
+    status: StatusArray = np.where(ends.lines.all_under_horizon(), Status.INFEASIBLE, Status.OK).astype(np.uint8)
     if not outside.size:
         return ends, status
     x, y, converged = ends.x.copy(), ends.y.copy(), ends.converged.copy()
@@ -123,7 +123,7 @@ class _Penalized:
         for snapshot, shortfall, slope_x, slope_y, stiffness in self._shortfalls(x, y):
 
             def total(values: FloatArray, snapshot: IntArray = snapshot) -> FloatArray:
-                return np.bincount(snapshot, weights=values, minlength=x.shape[0])
+                return np.asarray(np.bincount(snapshot, weights=values, minlength=x.shape[0]), dtype=np.float64)
 
             cost = cost + total(0.5 * stiffness * shortfall * shortfall)
             gradient_x = gradient_x - total(stiffness * shortfall * slope_x)

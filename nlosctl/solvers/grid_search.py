@@ -42,8 +42,8 @@ def search_grid(
     The centre is a vertex; the grid has floor(size / step / 2) steps to each side. Of equal vertices the first counts.
     """
     half_x, half_y = int(0.5 * width_m / step_m), int(0.5 * height_m / step_m)
-    offset_x, offset_y = np.meshgrid(np.arange(-half_x, half_x + 1), np.arange(-half_y, half_y + 1), indexing="ij")
-    offset_x, offset_y = offset_x.ravel(), offset_y.ravel()
+    offset_x = np.repeat(np.arange(-half_x, half_x + 1), 2 * half_y + 1)
+    offset_y = np.tile(np.arange(-half_y, half_y + 1), 2 * half_x + 1)
     size = center_x.shape[0]
     best, cost = np.full(size, -1, dtype=np.int64), np.full(size, np.inf)
     evaluations = np.zeros(size, dtype=np.int64)

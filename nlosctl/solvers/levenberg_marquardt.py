@@ -18,17 +18,14 @@ BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
 
 _ROUNDING_DECREASE = 1e-8
-"""A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may be
-below the rounding of the cost."""
+"""A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may
+be below the rounding of the cost."""
 
 _NEARLY_FULL = 0.1
 """Up to this damping a step counts as a full one."""
 
 _STALLED = 8
 """A row is given up after so many refused steps: the cost has a jump where it would go, as at a sensor."""
-
-_SHORT = 1e-4
-"""A full step so short (in standard deviations) that is refused found no lower cost but for rounding: settled."""
 
 _WORTH_DROPPING = 0.75
 """Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
@@ -70,10 +67,7 @@ class Minimum:
 
 @dataclass
 class _State:
-    """The rows still in the work: their place in the block, point, damping, steps refused, evaluation, settled.
-
-    ``exhausted`` rows had a short full step refused: their cost can't be told from that of their neighbourhood.
-    """
+    """The rows still in the work: their place in the block, point, damping, steps refused, evaluation, settled."""
 
     rows: IntArray
     x: FloatArray
@@ -82,7 +76,6 @@ class _State:
     refused: IntArray
     at: Evaluation
     settled: BoolArray
-    exhausted: BoolArray
 
     def keep(self, mask: BoolArray) -> _State:
         return _State(
@@ -93,7 +86,6 @@ class _State:
             self.refused[mask],
             _choose(self.at, mask),
             self.settled[mask],
-            self.exhausted[mask],
         )
 
 
@@ -108,10 +100,9 @@ def minimize(
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
     A row has settled when its next full step is shorter than ``tolerance`` standard deviations (the step in the
-    metric of the second derivatives); cost and matrix are those before that last step. It has settled too where a
-    full step shorter than 1e-4 of them brings no lower cost: residuals of long distances are only so exact. Rows whose
-    start is not finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations``
-    steps are marked not converged and keep their last point.
+    metric of the second derivatives); cost and matrix are those before that last step. Rows whose start is not
+    finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations`` steps are
+    marked not converged and keep their last point.
     """
     minimum = _unsettled(start_x, start_y)
     rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
@@ -125,26 +116,25 @@ def minimize(
         np.zeros(rows.shape, dtype=np.int64),
         active.evaluate(x, y),
         np.zeros(rows.shape, dtype=bool),
-        np.zeros(rows.shape, dtype=bool),
     )
     minimum.evaluations[rows] = 1
     for _ in range(max_iterations):
         step_x, step_y, length = _step(state)
-        arrived = (length <= tolerance) & ~state.settled & ~state.exhausted
-        stalled = ((state.refused >= _STALLED) | state.exhausted) & ~state.settled
+        arrived = (length <= tolerance) & ~state.settled
+        stalled = (state.refused >= _STALLED) & ~state.settled
         if arrived.any() or stalled.any():
             _record(minimum, state, state.x, state.y, stalled)
             _record(minimum, state, state.x + step_x, state.y + step_y, arrived)
-            minimum.converged[state.rows[arrived | (stalled & state.exhausted)]] = True
+            minimum.converged[state.rows[arrived]] = True
             state.settled |= arrived | stalled
             open_rows = ~state.settled
             if not open_rows.any():
                 break
             if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
                 active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
-                step_x, step_y, length = step_x[open_rows], step_y[open_rows], length[open_rows]
+                step_x, step_y = step_x[open_rows], step_y[open_rows]
         minimum.evaluations[state.rows[~state.settled]] += 1
-        state = _try_step(active, state, step_x, step_y, length <= _SHORT)
+        state = _try_step(active, state, step_x, step_y)
     _record(minimum, state, state.x, state.y, ~state.settled)
     return minimum
 
@@ -183,9 +173,7 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
     return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
 
 
-def _try_step(
-    problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray, short: BoolArray
-) -> _State:
+def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray) -> _State:
     x, y = state.x + step_x, state.y + step_y
     trial = problem.evaluate(x, y)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -201,7 +189,6 @@ def _try_step(
         state.refused + ~better,
         trial if better.all() else _merge(better, trial, state.at),
         state.settled,
-        state.exhausted | (short & ~better),
     )
 
 

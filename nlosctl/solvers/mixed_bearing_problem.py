@@ -24,18 +24,20 @@ IntArray = npt.NDArray[np.int64]
 class MixedBearingProblem:
     """Half the chi-square of bearings (B, K), direct, by lines and by circles, as a function of a local point.
 
-    ``lines`` must have circle rows. Where a circle has no blocker, each row takes the path that fits best at the
-    point. The cost is NaN where no path leads to the point, or (with a blocker) the point lies beyond a focus: the
-    likelihood ends at the caustic, and a step across it is refused.
+    ``circles`` are the circle rows of ``lines``. Where a circle has no blocker, each row takes the path that fits best
+    at the point. The cost is NaN where no path leads to the point, or (with a blocker) the point lies beyond a focus:
+    the likelihood ends at the caustic, and a step across it is refused.
     """
 
     lines: SightLines
+    circles: CircleRows
     inverse_std: FloatArray
 
     def take(self, rows: IntArray) -> MixedBearingProblem:
         """Return the problems of some rows."""
         lines = self.lines.take(rows)
-        return MixedBearingProblem(lines, 1.0 / lines.std_rad)
+        circles = self.circles if lines.circles is None else lines.circles
+        return MixedBearingProblem(lines, circles, 1.0 / lines.std_rad)
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and Gauss-Newton matrix, with the closed-form gradient of reflected bearings."""
@@ -54,8 +56,7 @@ class MixedBearingProblem:
 
     def _linearize(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the scaled residuals (B, K) and their derivatives by x and y."""
-        circles = self.lines.circles
-        assert circles is not None
+        circles = self.circles
         if circles.snapshot.shape[0] < self.inverse_std.size:
             residual, slope_x, slope_y = self._linearize_straight(x, y)
         else:
@@ -83,7 +84,7 @@ def bearing_problem(lines: SightLines) -> BearingLikelihood:
     """Return the likelihood of a block of sight lines: the plain one where no row is seen on a circle."""
     if lines.circles is None:
         return BearingProblem.of_lines(lines)
-    return MixedBearingProblem(lines, 1.0 / lines.std_rad)
+    return MixedBearingProblem(lines, lines.circles, 1.0 / lines.std_rad)
 
 
 def _linearize_circles(circles: CircleRows, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -51,16 +51,15 @@ class Ends:
 
 def find_ends(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
     """Return the optima reached from a start (B,) each, and from all crossings where a row may take several paths."""
-    choice = lines.circles is not None and lines.circles.has_choice.any()
-    if not choice or lines.origin_x.shape[1] < 2:
+    several = np.zeros(start_x.shape, dtype=bool)
+    if lines.circles is not None and lines.origin_x.shape[1] > 1:
+        several[lines.circles.snapshot[lines.circles.has_choice]] = True
+    if not several.any():
         x, y = lines.inside_circles(start_x, start_y)
         minimum = minimize(bearing_problem(lines), x, y, max_iterations=max_iterations)
         nothing = np.full(x.shape, np.inf)
         return Ends(None, lines, minimum.x, minimum.y, minimum.converged, nothing, minimum.evaluations)
     more_x, more_y = pairwise_crossings(lines)
-    assert lines.circles is not None
-    several = np.zeros(start_x.shape, dtype=bool)
-    several[lines.circles.snapshot[lines.circles.has_choice]] = True
     all_x = np.concatenate([start_x[None], np.where(several, more_x, np.nan)])
     all_y = np.concatenate([start_y[None], np.where(several, more_y, np.nan)])
     return _ends_from_many(lines, all_x, all_y, max_iterations)
