@@ -53,6 +53,11 @@ class Scene:
     reflectors: tuple[Reflector, ...] = field(default=())
 
     @property
+    def has_circles(self) -> bool:
+        """Whether any reflector is a circle."""
+        return any(isinstance(reflector, CircleReflector) for reflector in self.reflectors)
+
+    @property
     def reflector_names(self) -> tuple[str, ...]:
         """The names of the reflectors; a batch refers to them by their place in it."""
         return tuple(reflector.name for reflector in self.reflectors)

@@ -83,5 +83,5 @@ METHOD = MethodSpec(
     solve=solve,
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
-    flags=("residual_rad",),
+    flags=("residual_rad", "under_horizon"),
 )

@@ -62,6 +62,6 @@ METHOD = MethodSpec(
     solve=solve,
     cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
-    flags=("residual_rad",),
+    flags=("residual_rad", "under_horizon"),
     exempt_from=frozenset({"frame"}),
 )

@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield, sandwich_covariance
+from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield, stansfield_covariance
 
 __all__ = ["METHOD", "StansfieldOptions", "solve"]
 
@@ -34,8 +34,7 @@ def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     fit = fit_stansfield(lines, first)
-    matched = lines.focusing is None
-    covariance = fit.normal.inverse() if matched else sandwich_covariance(lines, fit, first)
+    covariance = stansfield_covariance(lines, fit, first)
     return finish_bearings_fix(batch, lines, fit.x, fit.y, covariance, first.normal, min_range_m=options.min_range_m)
 
 
@@ -49,5 +48,5 @@ METHOD = MethodSpec(
     solve=solve,
     cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
-    flags=("residual_rad",),
+    flags=("residual_rad", "under_horizon"),
 )

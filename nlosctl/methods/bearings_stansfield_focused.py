@@ -49,5 +49,5 @@ METHOD = MethodSpec(
     solve=solve,
     cost="half the chi-square of the bearing residuals",
     minimum_measurements=2,
-    flags=("residual_rad",),
+    flags=("residual_rad", "under_horizon"),
 )

@@ -16,7 +16,7 @@ from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, refl
 from nlosctl.geometry.visibility import elevation, horizon_elevation, sees_by_reflection
 from nlosctl.models.placed_rows import PlacedRows
 
-__all__ = ["CircleRows", "circle_table", "locate_circle_rows"]
+__all__ = ["CircleRows", "circle_table", "locate_circle_rows", "misplaced_sensors"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -96,7 +96,8 @@ def locate_circle_rows(
     middle_x, middle_y, radius, blocker, least = (column[reflector[place]] for column in table)
     x, y = sensor_x[place] - middle_x, sensor_y[place] - middle_y
     distance = np.hypot(x, y)
-    impossible = ~(distance < radius) | (distance < blocker * (1.0 - _GROUND_TOLERANCE))
+    outside, under = misplaced_sensors(distance, radius, blocker)
+    impossible = outside | under
     horizon = horizon_elevation(distance, blocker)
     return CircleRows(
         snapshot=snapshot,
@@ -110,6 +111,16 @@ def locate_circle_rows(
         least_elevation_rad=np.fmax(horizon, least),
         bearing_rad=bearing_rad[place],
     )
+
+
+def misplaced_sensors(
+    distance_m: FloatArray, radius: FloatArray, blocker_radius: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """Return which sensors, by their distance from the centre, are not inside the circle, and which under the blocker.
+
+    ``blocker_radius`` is NaN where there is none.
+    """
+    return ~(distance_m < radius), distance_m < blocker_radius * (1.0 - _GROUND_TOLERANCE)
 
 
 def circle_table(scene: Scene) -> tuple[FloatArray, ...]:

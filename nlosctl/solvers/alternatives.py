@@ -60,7 +60,7 @@ def finish_alternatives(
     flags = None
     if batch.want_flags:
         best = np.flatnonzero(alternative == 0)
-        flags = bearing_flags(lines.take(best), status[best], x[best], y[best])
+        flags = bearing_flags(batch, lines.take(best), status[best], x[best], y[best])
     return Solution(estimates=estimates, flags=flags)
 
 

@@ -86,7 +86,7 @@ def finish_bearings_fix(
         n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
         status=status,
     )
-    return Solution(estimates=estimates, flags=bearing_flags(lines, status, x, y) if batch.want_flags else None)
+    return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y) if batch.want_flags else None)
 
 
 def judge_ends(
@@ -114,14 +114,15 @@ def judge_ends(
     return status, survey
 
 
-def bearing_flags(lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:
-    """Return the flags of fixes (B,): ``used``, ``residual_rad``, and ``under_horizon`` where there are circle rows."""
+def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:
+    """Return the flags of fixes (B,): ``used``, ``residual_rad``, and ``under_horizon`` where the scene has circles."""
     answered = (status <= Status.BOUNDARY)[:, None]
     residual = lines.bearing_residual_rad(x, y)
     used = np.broadcast_to(answered, residual.shape).copy()
     columns: dict[str, npt.NDArray[np.generic]] = {"residual_rad": np.where(answered, residual, np.nan)}
-    if lines.circles is not None:
+    if batch.scene.has_circles:
         under = np.zeros(residual.shape, dtype=bool)
-        lines.circles.place_in(under, lines.circles.under_horizon())
+        if lines.circles is not None:
+            lines.circles.place_in(under, lines.circles.under_horizon())
         columns["under_horizon"] = under
     return Flags(used=used, columns=columns)

@@ -7,11 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 
-__all__ = ["LineFit", "fit_focused", "fit_least_squares", "fit_stansfield", "sandwich_covariance"]
+__all__ = [
+    "LineFit",
+    "fit_focused",
+    "fit_least_squares",
+    "fit_stansfield",
+    "sandwich_covariance",
+    "stansfield_covariance",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -68,6 +75,21 @@ def sandwich_covariance(lines: SightLines, fit: LineFit, first: LineFit | None =
             sum_measurements(normal_y * normal_y),
         )
     return fit.normal.inverse().congruence(middle)
+
+
+def stansfield_covariance(lines: SightLines, fit: LineFit, first: LineFit) -> Symmetric2x2:
+    """Return the covariance (B,) of Stansfield's fix: the inverse normal matrix, or the sandwich on circles.
+
+    Where a snapshot has rows on a circle its weights do not match the errors of the lines.
+    """
+    matched = fit.normal.inverse()
+    if lines.focusing is None:
+        return matched
+    focused = max_measurements(lines.focusing.strength) != 0.0
+    sandwich = sandwich_covariance(lines, fit, first)
+    return Symmetric2x2(
+        *(np.where(focused, a, b) for a, b in zip(vars(sandwich).values(), vars(matched).values(), strict=True))
+    )
 
 
 def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:

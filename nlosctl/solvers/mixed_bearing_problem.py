@@ -26,24 +26,43 @@ class MixedBearingProblem:
 
     ``circles`` are the circle rows of ``lines``. Where a circle has no blocker, each row takes the path that fits best
     at the point. The cost is NaN where no path leads to the point, or (with a blocker) the point lies beyond a focus:
-    the likelihood ends at the caustic, and a step across it is refused.
+    the likelihood ends at the caustic, and a step across it is refused. ``plain_rows`` are the snapshots without a
+    circle row, and ``plain`` is their problem: it is solved as it would be alone.
     """
 
     lines: SightLines
     circles: CircleRows
     inverse_std: FloatArray
+    plain_rows: IntArray
+    plain: BearingProblem
+
+    @classmethod
+    def of_lines(cls, lines: SightLines, circles: CircleRows) -> MixedBearingProblem:
+        """Return the problem of a block of sight lines and its circle rows."""
+        has_circles = np.zeros(lines.center_x.shape, dtype=bool)
+        has_circles[circles.snapshot] = True
+        plain_rows = np.flatnonzero(~has_circles)
+        return cls(
+            lines=lines,
+            circles=circles,
+            inverse_std=1.0 / lines.std_rad,
+            plain_rows=plain_rows,
+            plain=BearingProblem.of_lines(lines.take(plain_rows)),
+        )
 
     def take(self, rows: IntArray) -> MixedBearingProblem:
         """Return the problems of some rows."""
         lines = self.lines.take(rows)
-        circles = self.circles if lines.circles is None else lines.circles
-        return MixedBearingProblem(lines, circles, 1.0 / lines.std_rad)
+        return MixedBearingProblem.of_lines(lines, self.circles if lines.circles is None else lines.circles)
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
-        """Return cost, gradient and Gauss-Newton matrix, with the closed-form gradient of reflected bearings."""
+        """Return cost, gradient and Gauss-Newton matrix, with the closed-form gradient of reflected bearings.
+
+        Of snapshots without a circle row the exact second derivatives, as `BearingProblem` has them.
+        """
         residual, slope_x, slope_y = self._linearize(x, y)
         with np.errstate(invalid="ignore", over="ignore"):
-            return Evaluation(
+            at = Evaluation(
                 0.5 * sum_measurements(residual * residual),
                 sum_measurements(residual * slope_x),
                 sum_measurements(residual * slope_y),
@@ -53,6 +72,13 @@ class MixedBearingProblem:
                     sum_measurements(slope_y * slope_y),
                 ),
             )
+        if self.plain_rows.size:
+            rows = self.plain_rows
+            plain = self.plain.evaluate(x[rows], y[rows])
+            at.cost[rows], at.gradient_x[rows], at.gradient_y[rows] = plain.cost, plain.gradient_x, plain.gradient_y
+            for block, values in zip(vars(at.hessian).values(), vars(plain.hessian).values(), strict=True):
+                block[rows] = values
+        return at
 
     def _linearize(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the scaled residuals (B, K) and their derivatives by x and y."""
@@ -84,7 +110,7 @@ def bearing_problem(lines: SightLines) -> BearingLikelihood:
     """Return the likelihood of a block of sight lines: the plain one where no row is seen on a circle."""
     if lines.circles is None:
         return BearingProblem.of_lines(lines)
-    return MixedBearingProblem(lines, lines.circles, 1.0 / lines.std_rad)
+    return MixedBearingProblem.of_lines(lines, lines.circles)
 
 
 def _linearize_circles(circles: CircleRows, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
