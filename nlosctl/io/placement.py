@@ -24,16 +24,17 @@ def placement_faults(scene: Scene, plan: ColumnPlan, columns: Mapping[str, npt.N
     if not scene.has_circles or "reflector" not in columns:
         return []
     place = columns["reflector"]
-    rows = np.flatnonzero((place >= 0) & (place < len(scene.reflectors)))
     table = circle_table(scene)
+    known = (place >= 0) & np.isfinite(columns["sensor_x_m"]) & np.isfinite(columns["sensor_y_m"])
+    rows = np.flatnonzero(known & np.isfinite(table[0])[place])
     center_x, center_y, radius, blocker, _ = (column[place[rows]] for column in table)
     distance = np.hypot(columns["sensor_x_m"][rows] - center_x, columns["sensor_y_m"][rows] - center_y)
     outside, under = misplaced_sensors(distance, radius, blocker)
     name = plan.found["sensor_x_m"].name if "sensor_x_m" in plan.found else "sensor_x_m"
     faults = []
     for wrong, limit, expected in (
-        (outside, radius, "less than the radius of its circle"),
-        (under, blocker, "no less than the radius of the blocker"),
+        (outside, radius, "less than its radius"),
+        (under, blocker, "at least the radius of its blocker"),
     ):
         if wrong.any():
             faults.append(_fault(name, place.shape[0], rows[wrong], distance[wrong], limit[wrong], expected))
@@ -53,8 +54,7 @@ def _fault(
     told = {int(row): (float(d), float(r)) for row, d, r in zip(rows, distance, limit, strict=True)}
 
     def describe(row: int) -> str:
-        return (
-            f"the sensor is {told[row][0]:.10g} m from the reflector's centre, expected {expected}, {told[row][1]:g} m"
-        )
+        away, radius = told[row]
+        return f"the sensor is {away:.10g} m from the centre of its circle, expected {expected}, {radius:.10g} m"
 
     return Fault(mask=mask, column=column, describe=describe)
