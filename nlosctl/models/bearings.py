@@ -151,7 +151,10 @@ class SightLines:
         return residual if self.handedness is None else residual * self.handedness
 
     def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
-        """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29)."""
+        """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
+
+        Rows of infinite std give none; NaN where another row has no path to the point.
+        """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
@@ -160,8 +163,9 @@ class SightLines:
         if self.circles is not None:
             slope_x, slope_y = self.circles.paths_from(x, y).bearing_gradient()
             inverse_std = 1.0 / self.circles.pick_from(self.std_rad)
-            self.circles.place_in(dx, -slope_y * inverse_std)
-            self.circles.place_in(dy, slope_x * inverse_std)
+            says_something = inverse_std > 0.0
+            self.circles.place_in(dx, np.where(says_something, -slope_y * inverse_std, 0.0))
+            self.circles.place_in(dy, np.where(says_something, slope_x * inverse_std, 0.0))
         return Symmetric2x2(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
     def all_under_horizon(self) -> BoolArray:
@@ -177,10 +181,20 @@ class SightLines:
         On another side of a row's mirror than its sensor, or on the mirror; or not where a row by a circle or a direct
         row can come from (regions A2 and A3).
         """
-        outside = np.zeros(x.shape[0], dtype=bool) if self.mirrors is None else self.mirrors.beyond(x, y)
-        for placed in (*self.direct, *(() if self.circles is None else (self.circles,))):
-            outside[placed.snapshot[placed.outside(x, y)]] = True
-        return outside
+        if self.mirrors is None and not self.direct:
+            return np.zeros(x.shape[0], dtype=bool)
+        return np.asarray(self.unseen(x, y).any(axis=1))
+
+    def unseen(self, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return to which rows (B, K) a point (B,) cannot be visible, as the scene is."""
+        unseen = np.zeros(self.origin_x.shape, dtype=bool, order="F")
+        if self.mirrors is not None:
+            unseen |= self.mirrors.beyond(x, y)
+        for direct in self.direct:
+            direct.place_in(unseen, direct.pick_from(unseen) | direct.outside(x, y))
+        if self.circles is not None:
+            self.circles.place_in(unseen, self.circles.outside(x, y))
+        return unseen
 
 
 def sight_lines(batch: BearingBatch) -> SightLines:
