@@ -37,7 +37,6 @@ from nlosctl.cli.options import (
 )
 from nlosctl.cli.reading import Opened, ReadWords, open_measurements, open_output
 from nlosctl.cli.terminal import Preview, Terminal, write_report
-from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
     from nlosctl.io.write import TableWriter
@@ -86,8 +85,9 @@ def localize(
 ) -> int:
     """Estimate positions from bearings, with covariances and a status for every snapshot.
 
-    Without -o a terminal shows a preview, a pipe gets CSV. Exit codes: 0 done, 1 bad data or files, 2 the words of
-    the command line, 3 under --strict when some snapshot got no estimate, 130 interrupted.
+    The columns that a file needs: 'nlosctl schema bearings'. Without -o a terminal shows a preview, a pipe gets CSV.
+    Exit codes: 0 done, 1 bad data or files, 2 the words of the command line, 3 under --strict when some snapshot got
+    no estimate, 130 interrupted.
     """
     from nlosctl.pipeline.parameters import method_runs
     from nlosctl.pipeline.run import MeasurementRun, RunSettings
@@ -108,6 +108,8 @@ def localize(
         bad_rows=bad_rows,
         overwrite=overwrite,
         one_thread=jobs == 1,
+        config=config,
+        outputs=(output, flags_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
         runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
@@ -120,6 +122,8 @@ def localize(
             want_flags=flags_out is not None,
         )
         run = MeasurementRun(opened.reader, runs, settings)
+        for line in run.plan():
+            terminal.detail(line)
         _write(run, opened, Outputs(output, flags_out, format, overwrite, hash), terminal)
     for line in run.report.lines():
         terminal.note(line)
@@ -140,8 +144,6 @@ class Outputs:
 
 
 def _write(run: MeasurementRun, opened: Opened, outputs: Outputs, terminal: Terminal) -> None:
-    if outputs.flags == outputs.estimates:
-        raise UsageError(f"-o and --flags-out both name {outputs.flags!r}; give two names")
     preview = Preview.wanted(outputs.estimates, outputs.format)
     metadata = run.metadata("localize", opened.inputs, with_hash=outputs.with_hash)
     with ExitStack() as stack:
@@ -159,7 +161,7 @@ def _write(run: MeasurementRun, opened: Opened, outputs: Outputs, terminal: Term
             )
 
         estimates = preview or open_sink(outputs.estimates, run.estimates_schema, outputs.format)
-        flags = None if outputs.flags is None else open_sink(outputs.flags, run.flags_schema, None)
+        flags = None if outputs.flags is None else open_sink(outputs.flags, run.flags_schema, outputs.format)
         progress = stack.enter_context(terminal.progress("localize"))
         rows = 0
         for tables in run.tables():

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-__all__ = ["EstimateSummary", "FlagSummary", "plain_dict"]
+__all__ = ["EstimateSummary", "FlagSummary"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,11 +68,3 @@ class FlagSummary:
     recall: float
     false_alarm: float
     accuracy: float
-
-
-def plain_dict(summary: EstimateSummary | FlagSummary) -> dict[str, Any]:
-    """Return a summary as a dict that JSON can hold: what is not finite becomes None."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in dataclasses.asdict(summary).items()
-    }

@@ -169,7 +169,7 @@ def test_unsorted_ids_are_fine(tmp_path: Path) -> None:
 
 def test_unsorted_ids_are_remembered_for_a_while() -> None:
     """At least the last so many snapshots are remembered, and memory stays bounded."""
-    watch = ReturnWatch("f", remembered=4)
+    watch = ReturnWatch("snapshot", "sort the file", remembered=4)
     for identity in [9, 1, 8, 2, 7, 3, 6, 4]:
         watch.add("f", pa.array([identity]), np.array([1]))
     with pytest.raises(DataError, match="3 comes back"):
