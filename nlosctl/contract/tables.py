@@ -334,5 +334,5 @@ TRUTH = Table(
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS,)}
 """The kinds of measurement, by name."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, BOUND, TRUTH)}}
+TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (BOUND, ESTIMATES, FLAGS, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""
