@@ -13,6 +13,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from nlosctl.cli.bound import bound
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
@@ -82,7 +83,7 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, simulate, evaluate, validate, schema):
+for _command in (localize, bound, simulate, evaluate, validate, schema):
     _name = _command.__name__
     app.command(_name, context_settings={"auto_envvar_prefix": f"NLOSCTL_{_name.upper()}"})(_guarded(_command))
 app.add_typer(methods_app, name="methods")

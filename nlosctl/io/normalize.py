@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,25 +16,16 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.columns import SNAPSHOT, ColumnPlan, FoundColumn
+from nlosctl.io.faults import Describe, Fault
 from nlosctl.io.names import NULL_CODE, NameCodes, plain, text_at
+from nlosctl.io.placement import placement_faults
 
-__all__ = ["Fault", "Normalized", "Normalizer", "RunNames"]
-
-Describe = Callable[[int], str]
+__all__ = ["Normalized", "Normalizer", "RunNames"]
 
 _LARGEST_INTEGER = 2**63 - 1
 _SLACK = 1e-6
 _FEWEST_TOO_LARGE = 5
 _SHARE_TOO_LARGE = 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fault:
-    """Rows of a batch at fault in one column: ``mask`` (N,), and what to say of a row."""
-
-    mask: BoolArray
-    column: str
-    describe: Describe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +76,7 @@ class Normalizer:
                 columns[column.name] = values
         self._check_booleans(batch, faults)
         left_out = np.zeros(batch.num_rows, dtype=np.bool_) if self._all_rows else self._left_out(batch)
+        faults += placement_faults(self._names.scene, self._plan, columns)
         return Normalized(columns=columns, left_out=left_out, faults=faults)
 
     def _column(

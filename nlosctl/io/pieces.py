@@ -13,9 +13,10 @@ import pyarrow as pa
 from nlosctl.contract.batches import BoolArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT
+from nlosctl.io.faults import Fault
 from nlosctl.io.lost_snapshots import LostSnapshots
 from nlosctl.io.names import plain, text_at
-from nlosctl.io.normalize import Fault, Normalizer
+from nlosctl.io.normalize import Normalizer
 from nlosctl.io.open_tables import OpenedPart
 from nlosctl.io.problems import BadRow, Problem, ProblemLog
 from nlosctl.io.raw import RawBatch

@@ -70,7 +70,7 @@ class MeasurementRun:
         self._flags_layout = FlagsLayout(
             methods=methods,
             input_schema=reader.schema,
-            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags)),
+            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags_in(reader.scene))),
             constants=reader.constants,
             with_source=reader.has_several_sources,
         )

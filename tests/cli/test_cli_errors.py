@@ -35,6 +35,8 @@ BAD = {
     "bad_truncated.parquet": ["Parquet", "cut short"],
     "bad_ragged_line.csv": ["row 5", "12 fields", "expected 11"],
     "bad_encoding.csv": ["row 5", "'sensor'", "UTF-8"],
+    "bad_sensor_outside_circle.csv": ["row 5", "'sensor_x_m'", "7070593.979 m from the centre", "6671000 m"],
+    "bad_blocker_outside_circle.csv": ["bad_blocker_outside_circle.scene.toml", "blocker_radius", "(0, 6.481e+06)"],
     "bad_snapshot_comes_back.csv": ["row 13", "'snapshot'", "row 1", "sort"],
 }
 ROW_FAULTS = [name for name, told in BAD.items() if "row 5" in told]

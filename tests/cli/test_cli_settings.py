@@ -51,7 +51,8 @@ def test_what_is_told_can_be_told_as_json(cli: Cli, words: list[Any]) -> None:
 def test_parameters_are_typed(cli: Cli, tmp_path: Path, words: list[str], expected: dict[str, Any]) -> None:
     """A parameter arrives as its type, the others keep their defaults; the provenance tells all."""
     assert cli("localize", GOOD, *words, "-o", "e.parquet").code == 0
-    assert parameters(tmp_path / "e.parquet") == {"bearings.ml": expected}
+    (told,) = parameters(tmp_path / "e.parquet").values()
+    assert expected.items() <= told.items()
 
 
 def parameters(path: Path) -> dict[str, Any]:
@@ -75,7 +76,7 @@ def test_parameters_of_several_methods(cli: Cli, tmp_path: Path) -> None:
     assert cli("localize", GOOD, *methods, *given, "-o", "e.parquet").code == 0
     told = parameters(tmp_path / "e.parquet")
     assert list(told) == ["bearings.ml", "bearings.ls", "bearings.stansfield"]
-    assert told["bearings.ml"] == {"max_iterations": 9, "min_range_m": 1.0}
+    assert {"max_iterations": 9, "min_range_m": 1.0}.items() <= told["bearings.ml"].items()
     assert (told["bearings.ls"]["min_range_m"], told["bearings.stansfield"]["min_range_m"]) == (3.0, 2.0)
     assert "max_iterations" not in told["bearings.ls"]
 

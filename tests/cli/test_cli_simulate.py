@@ -10,7 +10,7 @@ import pytest
 from cli_support import Outcome, read_parquet
 
 Cli = Callable[..., Outcome]
-SCENARIOS = ["random", "ring", "song-flat"]
+SCENARIOS = ["mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
 
 
 def test_the_list_and_a_scenarios_parameters(cli: Cli) -> None:
