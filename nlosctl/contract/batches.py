@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray"]
+__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -62,6 +62,28 @@ class BearingBatch(Batch):
         return int(self.bearing_rad.shape[1])
 
 
+@dataclass(frozen=True, kw_only=True)
+class RangeBatch(Batch):
+    """B snapshots of K ranges each; a sensor may have any number of them (unlabelled echoes).
+
+    ``sensor`` numbers the sensors, ``path`` the measurements of one sensor (-1: not numbered). ``sensor_xy_m``,
+    ``range_m`` and ``range_std_m`` are in metres; all are finite, ranges and stds positive. ``sensor_height_m`` is
+    the sensor's height over the plane of the targets: 0 where ranges are measured in the plane, else they are slant.
+    """
+
+    sensor: IntArray
+    sensor_xy_m: FloatArray
+    range_m: FloatArray
+    range_std_m: FloatArray
+    path: IntArray
+    sensor_height_m: FloatArray
+
+    @property
+    def measurements(self) -> int:
+        """The number of measurements of each snapshot, K."""
+        return int(self.range_m.shape[1])
+
+
 def batch_class(kind: str) -> type[Any]:
     """Return the batch class of a kind of measurement."""
-    return {"bearings": BearingBatch}[kind]
+    return {"bearings": BearingBatch, "ranges": RangeBatch}[kind]

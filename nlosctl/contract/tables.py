@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 __all__ = [
     "ESTIMATES",
     "FLAGS",
     "KINDS",
+    "RANGES",
     "TABLES",
     "Column",
     "ColumnType",
@@ -204,6 +205,38 @@ BEARINGS = Table(
     ),
 )
 
+RANGES = Table(
+    name="ranges",
+    title="Ranges: path lengths from targets to sensors, any number for a sensor",
+    primary_kind=True,
+    columns=(
+        _SNAPSHOT,
+        *_SENSOR,
+        *(replace(column, required=True, nullable=False) for column in _RANGE),
+        Column(
+            name="sensor_z_m",
+            type="number",
+            unit="m",
+            meaning="sensor height; with --target-z-m the ranges are slant and are reduced to the targets' plane",
+        ),
+        Column(
+            name="path",
+            type="integer",
+            nullable=True,
+            meaning="numbers several measurements of one sensor in one snapshot (resolved multipath)",
+        ),
+        *_TRUTH,
+        Column(
+            name="truth_target",
+            type="integer",
+            nullable=True,
+            carried=True,
+            meaning="number of the target that the echo is of, from 0; null for a false echo",
+        ),
+        *_EARLIER_FLAGS,
+    ),
+)
+
 ESTIMATES = Table(
     name="estimates",
     title="Estimates: a row per snapshot, method, target and alternative",
@@ -278,6 +311,19 @@ FLAGS = Table(
             meaning="bearing, measured minus predicted at the estimate",
         ),
         Column(
+            name="residual_m",
+            type="number",
+            unit="m",
+            nullable=True,
+            meaning="range, measured minus predicted at the estimate",
+        ),
+        Column(
+            name="target",
+            type="integer",
+            nullable=True,
+            meaning="number of the target that the row is given to, from 0",
+        ),
+        Column(
             name="los",
             type="boolean",
             nullable=True,
@@ -286,7 +332,7 @@ FLAGS = Table(
     ),
 )
 
-KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS,)}
+KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES)}
 """The kinds of measurement, by name."""
 
 TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS)}}
