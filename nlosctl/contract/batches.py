@@ -16,11 +16,7 @@ import numpy.typing as npt
 
 from nlosctl.contract.scene import Scene
 
-<<<<<<< HEAD
 __all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch", "batch_class"]
-=======
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "batch_class"]
->>>>>>> main
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -28,7 +28,7 @@ _SWEEPS = 2
 
 @dataclass(frozen=True)
 class StructuredSets:
-    """S sets by rising spread, of which some may be equal: the spread (S,) in metres, a circle per sensor (S, N), and roots (S, T).
+    """S sets by rising spread (S,) in metres, of which some may be equal; ``circles`` (S, N) has one per sensor.
 
     There are T = N (N - 1) / 2 points in a set, one of each type; ``points`` (S, T) numbers them within their type.
     """
