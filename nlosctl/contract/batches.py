@@ -7,12 +7,14 @@ measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
 __all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray"]
@@ -27,10 +29,12 @@ class Batch:
     """What batches of every kind of measurement have.
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
-    when nobody will read the flags: a method may then leave them out.
+    when nobody will read the flags: a method may then leave them out. ``field`` is where a source is searched for
+    by the methods that search (`nlosctl.solvers.search_regions` makes regions of it).
     """
 
-    scene: Scene = field(default_factory=Scene)
+    scene: Scene = dataclasses.field(default_factory=Scene)
+    field: Field = dataclasses.field(default_factory=SensorsField)
     seed: npt.NDArray[np.uint64]
     want_flags: bool = True
 
