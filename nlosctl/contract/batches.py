@@ -8,8 +8,9 @@ measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray"]
+__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "batch_class"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -29,9 +30,12 @@ class Batch:
     """What batches of every kind of measurement have.
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
-    when nobody will read the flags: a method may then leave them out. ``field`` is where a source is searched for
-    by the methods that search (`nlosctl.solvers.search_regions` makes regions of it).
+    when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
+    look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``SOURCES`` says of which columns of
+    the file each array is made.
     """
+
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     scene: Scene = dataclasses.field(default_factory=Scene)
     field: Field = dataclasses.field(default_factory=SensorsField)
@@ -53,6 +57,15 @@ class BearingBatch(Batch):
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
     """
 
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "sensor": ("sensor",),
+        "sensor_xy_m": ("sensor_x_m", "sensor_y_m"),
+        "bearing_rad": ("bearing_rad",),
+        "bearing_std_rad": ("bearing_std_rad",),
+        "path": ("path",),
+        "reflector": ("reflector",),
+    }
+
     sensor: IntArray
     sensor_xy_m: FloatArray
     bearing_rad: FloatArray
@@ -66,6 +79,9 @@ class BearingBatch(Batch):
         return int(self.bearing_rad.shape[1])
 
 
+_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch}
+
+
 def batch_class(kind: str) -> type[Any]:
     """Return the batch class of a kind of measurement."""
-    return {"bearings": BearingBatch}[kind]
+    return _CLASSES[kind]
