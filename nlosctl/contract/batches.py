@@ -7,13 +7,15 @@ measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
 __all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch", "batch_class"]
@@ -28,13 +30,15 @@ class Batch:
     """What batches of every kind of measurement have.
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
-    when nobody will read the flags: a method may then leave them out. ``SOURCES`` says of which columns of the
-    file each array is made.
+    when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
+    look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``SOURCES`` says of which columns of
+    the file each array is made.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
-    scene: Scene = field(default_factory=Scene)
+    scene: Scene = dataclasses.field(default_factory=Scene)
+    field: Field = dataclasses.field(default_factory=SensorsField)
     seed: npt.NDArray[np.uint64]
     want_flags: bool = True
 

@@ -8,10 +8,13 @@ from typing import Any, Literal
 
 from nlosctl.contract.results import Solution
 
-__all__ = ["CONTRACT_VERSION", "Job", "Law", "MethodSpec"]
+__all__ = ["CONTRACT_VERSION", "HALF_CHI_SQUARE", "Job", "Law", "MethodSpec"]
 
 CONTRACT_VERSION = 1
 """Raised when a plugin written for the version before would no longer work."""
+
+HALF_CHI_SQUARE = "half the chi-square of the residuals"
+"""The ``cost`` of methods whose cost is that; others say in their own words what theirs is."""
 
 Job = Literal["localize", "detect-ip", "identify-los"]
 
@@ -44,6 +47,11 @@ class MethodSpec:
     randomized: bool = False
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int = CONTRACT_VERSION
+
+    @property
+    def cost_is_half_chi_square(self) -> bool:
+        """Whether the cost can be held against the chi-square distribution of a good fit."""
+        return self.cost == HALF_CHI_SQUARE
 
     @property
     def full_name(self) -> str:
