@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlosctl.contract.batches import FloatArray, RangeBatch
+from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.ranges import RangeCircles, range_circles
-from nlosctl.solvers.gtrs import fit_squared_ranges
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.range_fixes import RangeOptimum, finish_range_fix
-from nlosctl.solvers.range_problem import RangeProblem
+from nlosctl.models.ranges import range_circles
+from nlosctl.solvers.range_fixes import finish_range_fix, optimize_ranges
 
 __all__ = ["METHOD", "RangeLeastSquaresOptions", "solve"]
 
@@ -37,20 +34,10 @@ def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
     covariance is the inverse Fisher information at the estimate.
     """
     circles = range_circles(batch)
-    start = fit_squared_ranges(
-        circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
-    )
-    one = _optimize(circles, start.x, start.y, options.max_iterations)
-    other = _optimize(circles, start.mirror_x, start.mirror_y, options.max_iterations)
+    one, other = optimize_ranges(circles, options.max_iterations)
     return finish_range_fix(
         batch, circles, one, other, min_range_m=options.min_range_m, ambiguous_within=options.ambiguous_within
     )
-
-
-def _optimize(circles: RangeCircles, x: FloatArray, y: FloatArray, max_iterations: int) -> RangeOptimum:
-    minimum = minimize(RangeProblem.of_circles(circles), x, y, max_iterations=max_iterations)
-    covariance = circles.information(minimum.x, minimum.y).inverse()
-    return RangeOptimum(minimum.x, minimum.y, covariance, minimum.cost, minimum.converged)
 
 
 METHOD = MethodSpec(

@@ -91,9 +91,7 @@ def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> Int
     chosen = np.empty((x.shape[0], echoes.sensors), dtype=np.int64)
     distance = np.empty(chosen.shape)
     for sensor in range(echoes.sensors):
-        predicted = np.hypot(
-            np.hypot(x - echoes.sensor_x[sensor], y - echoes.sensor_y[sensor]), echoes.height[sensor]
-        )
+        predicted = np.hypot(np.hypot(x - echoes.sensor_x[sensor], y - echoes.sensor_y[sensor]), echoes.height[sensor])
         ranges = echoes.range_m[sensor]
         ranges = ranges[np.isfinite(ranges)]
         above = np.searchsorted(ranges, predicted)
@@ -109,7 +107,7 @@ def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> Int
 
 
 def fit_candidates(echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray) -> Candidates:
-    """Return the range least-squares fits (C,) to echoes (C, N), from points (C,); those that do not settle are left out."""
+    """Return the range least-squares fits (C,) to echoes (C, N), from points (C,), that settle."""
     problem = _problem(echoes, echo)
     minimum = minimize(problem, x, y)
     settled = np.flatnonzero(minimum.converged)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.blocks import take_rows
+from nlosctl.geometry.blocks import sum_measurements, take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.levenberg_marquardt import Evaluation

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ __all__ = ["Echoes", "read_echoes"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def read_echoes(batch: RangeBatch, snapshot: int, max_echoes: int) -> Echoes:
     radius = np.sqrt(np.maximum(range_m * range_m - height * height, 0.0))
     center_x, center_y = x[order][first].mean(), y[order][first].mean()
 
-    def spread(values: npt.NDArray[np.generic], empty: float) -> npt.NDArray[np.generic]:
+    def spread(values: npt.NDArray[ScalarT], empty: float) -> npt.NDArray[ScalarT]:
         table = np.full((first.shape[0], most), empty, dtype=values.dtype)
         table[number, place] = values[order]
         return table

@@ -13,8 +13,11 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.gtrs import fit_squared_ranges
+from nlosctl.solvers.levenberg_marquardt import minimize
+from nlosctl.solvers.range_problem import RangeProblem
 
-__all__ = ["RangeOptimum", "finish_range_fix"]
+__all__ = ["RangeOptimum", "finish_range_fix", "optimize_ranges"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -35,6 +38,25 @@ class RangeOptimum:
     covariance: Symmetric2x2
     cost: FloatArray
     converged: BoolArray
+
+
+def optimize_ranges(circles: RangeCircles, max_iterations: int) -> tuple[RangeOptimum, RangeOptimum]:
+    """Return the range least-squares optima reached from the squared-range fit and from its mirror image; (8).
+
+    The covariance is the inverse Fisher information at the optimum.
+    """
+    weight = 1.0 / (circles.std_m * circles.std_m)
+    start = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
+    return (
+        _optimize(circles, start.x, start.y, max_iterations),
+        _optimize(circles, start.mirror_x, start.mirror_y, max_iterations),
+    )
+
+
+def _optimize(circles: RangeCircles, x: FloatArray, y: FloatArray, max_iterations: int) -> RangeOptimum:
+    minimum = minimize(RangeProblem.of_circles(circles), x, y, max_iterations=max_iterations)
+    covariance = circles.information(minimum.x, minimum.y).inverse()
+    return RangeOptimum(minimum.x, minimum.y, covariance, minimum.cost, minimum.converged)
 
 
 def finish_range_fix(
@@ -101,7 +123,8 @@ def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> 
 def _single_place(circles: RangeCircles) -> BoolArray:
     """Return which snapshots (B,) have all their sensors at one place."""
     away = np.hypot(circles.sensor_x - circles.sensor_x[:, :1], circles.sensor_y - circles.sensor_y[:, :1])
-    return max_measurements(away) == 0.0
+    single: BoolArray = max_measurements(away) == 0.0
+    return single
 
 
 def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.solvers.type_sets import CrossingTable, Seeds
 
 __all__ = ["StructuredSets", "Uniqueness", "build_sets", "cut_at_elbow", "unique_sets"]
@@ -51,7 +52,7 @@ def build_sets(table: CrossingTable, circles: IntArray, seeds: Seeds) -> Structu
         roots, x, y = _choose_roots(table, circles, _mean(x), _mean(y))
     dx, dy = x - _mean(x)[:, None], y - _mean(y)[:, None]
     # Equation (3): a root of a sum, so that it grows with the number of sensors.
-    spread = np.sqrt(_sum(dx * dx) + _sum(dy * dy))
+    spread = np.sqrt(sum_measurements(dx * dx) + sum_measurements(dy * dy))
     order = np.argsort(spread, kind="stable")
     return StructuredSets(spread[order], circles[order], _number_points(table, circles[order], roots[order]))
 
@@ -106,12 +107,6 @@ def _number_points(table: CrossingTable, circles: IntArray, roots: IntArray) -> 
     return points
 
 
-def _sum(values: FloatArray) -> FloatArray:
-    total = np.zeros(values.shape[0])
-    for column in values.T:
-        total += column
-    return total
-
-
 def _mean(values: FloatArray) -> FloatArray:
-    return _sum(values) / values.shape[1]
+    mean: FloatArray = sum_measurements(values) / values.shape[1]
+    return mean

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.geometry.circle_crossings import cross_circles
+from nlosctl.geometry.regions import Region
 from nlosctl.solvers.echoes import Echoes
 
 __all__ = ["CrossingTable", "Gate", "Seeds", "cross_all", "find_seeds", "gather_circles"]
@@ -26,16 +27,15 @@ _CHUNK = 1 << 16
 
 @dataclass(frozen=True)
 class Gate:
-    """Where points may lie: a rectangle in metres about the local origin, margin included."""
+    """Where points of one snapshot may lie: its search region (of one row) and ``margin_m`` around it."""
 
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
+    region: Region
+    margin_m: float
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return which points (...) lie within; NaN does not."""
-        inside: BoolArray = (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
+        distance = self.region.edge_distance_m(x.reshape(1, -1), y.reshape(1, -1))
+        inside: BoolArray = distance.reshape(x.shape) >= -self.margin_m
         return inside
 
 
@@ -63,7 +63,7 @@ class Seeds:
         return Seeds(self.x[rows], self.y[rows], self.parent_1[rows], self.parent_2[rows])
 
 
-def cross_all(echoes: Echoes, gap_tolerance_m: float, gate: Gate | None) -> CrossingTable:
+def cross_all(echoes: Echoes, gap_tolerance_m: float, gate: Gate) -> CrossingTable:
     """Return the crossings of all circles of different sensors that lie within the gate; equation (2).
 
     Circles that miss each other by at most ``gap_tolerance_m`` have one, the middle of their closest approach.
@@ -81,9 +81,7 @@ def cross_all(echoes: Echoes, gap_tolerance_m: float, gate: Gate | None) -> Cros
             echoes.radius[one + 1 :].reshape(1, -1),
             gap_tolerance=gap_tolerance_m,
         )
-        keep = np.isfinite(points[..., 0])
-        if gate is not None:
-            keep &= gate.holds(points[..., 0], points[..., 1])
+        keep = gate.holds(points[..., 0], points[..., 1])
         own = slice(one * most, (one + 1) * most)
         for table, axis in ((x, 0), (y, 1)):
             found = np.where(keep, points[..., axis], np.inf)
@@ -139,4 +137,5 @@ def _nearest_squared(table: CrossingTable, parent: IntArray, seeds: Seeds) -> Fl
         np.multiply(dx, dx, out=dx)
         np.multiply(dy, dy, out=dy)
         np.add(dx, dy, out=nearest[root])
-    return np.minimum(nearest[0], nearest[1])
+    np.minimum(nearest[0], nearest[1], out=nearest[0])
+    return nearest[0]
