@@ -137,5 +137,5 @@ def _nearest_squared(table: CrossingTable, parent: IntArray, seeds: Seeds) -> Fl
         np.multiply(dx, dx, out=dx)
         np.multiply(dy, dy, out=dy)
         np.add(dx, dy, out=nearest[root])
-    np.minimum(nearest[0], nearest[1], out=nearest[0])
-    return nearest[0]
+    smaller: FloatArray = np.minimum(nearest[0], nearest[1], out=nearest[0])
+    return smaller
