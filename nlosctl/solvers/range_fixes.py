@@ -25,6 +25,9 @@ BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
+_ROUNDING = 1e-12
+"""Determinants of covariances below this share of xx yy are rounding: the information was singular."""
+
 _DISTINCT_STANDARD_DEVIATIONS = 1e-3
 """Optima nearer to each other than this are one, found twice."""
 
@@ -112,7 +115,10 @@ def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> 
     distance = circles.horizontal_m(optimum.x, optimum.y)
     farthest, nearest = max_measurements(distance), -max_measurements(-distance)
     with np.errstate(invalid="ignore"):
-        uncertain = ~((optimum.covariance.trace <= farthest * farthest) & (optimum.covariance.determinant > 0.0))
+        covariance = optimum.covariance
+        proper = (covariance.xx > 0.0) & (covariance.yy > 0.0)
+        proper &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+        uncertain = ~(proper & (covariance.trace <= farthest * farthest))
         on_sensor = nearest < np.maximum(min_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
     status = np.full(optimum.x.shape, Status.OK, dtype=np.uint8)
     status[~optimum.converged] = Status.NOT_CONVERGED
