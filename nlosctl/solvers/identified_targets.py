@@ -13,7 +13,8 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.models.ranges import RangeCircles, range_circles
+from nlosctl.geometry.regions import Region
+from nlosctl.models.ranges import range_circles
 from nlosctl.solvers.echoes import Echoes, read_echoes
 from nlosctl.solvers.range_fixes import finish_range_fix, optimize_ranges
 from nlosctl.solvers.search_regions import search_region
@@ -58,35 +59,44 @@ def identify(batch: RangeBatch, options: IdentificationOptions, find: Callable[[
     targets take is told to be of the first of them.
     """
     parts: list[Estimates] = []
-    shape = batch.range_m.shape
-    los, target, residual = np.zeros(shape, dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
-    for snapshot in range(batch.size):
-        echoes = read_echoes(batch, snapshot, options.max_echoes)
-        gate = _gate(batch, echoes, options.field_margin_m)
+    targets: list[_Target] = []
+    everything = [read_echoes(batch, snapshot, options.max_echoes) for snapshot in range(batch.size)]
+    region = _regions(batch, everything)
+    for snapshot, echoes in enumerate(everything):
+        gate = Gate(region.take(np.array([snapshot])), options.field_margin_m)
         found = Status.TOO_FEW if echoes.sensors < 3 else find(echoes, gate)
         if isinstance(found, Status) or not found.shape[0]:
             parts.append(_nothing(snapshot, found if isinstance(found, Status) else Status.NO_TARGET))
             continue
-        counts = (found >= 0).sum(axis=1)
-        for count in np.unique(counts)[::-1]:
-            numbers = np.flatnonzero(counts == count)
-            rows = np.array([_rows(echoes, found[number]) for number in numbers])
-            estimates, left_over = _locate(batch, snapshot, rows, echoes, gate, options)
-            parts.append(replace(estimates, row=np.full_like(estimates.row, snapshot), target=numbers[estimates.row]))
-            for place in range(numbers.shape[0]):
-                free = ~(target[snapshot, rows[place]] < numbers[place])
-                own = rows[place][free]
-                los[snapshot, own], target[snapshot, own] = True, numbers[place]
-                residual[snapshot, own] = left_over[place][free]
-    columns = {"los": los, "target": target, "residual_m": residual}
-    flags = Flags(used=los & np.isfinite(residual), columns=columns) if batch.want_flags else None
-    return Solution(estimates=_join(parts), flags=flags)
+        targets += [
+            _Target(snapshot, number, _rows(echoes, echo), echoes.center_x, echoes.center_y)
+            for number, echo in enumerate(found)
+        ]
+    residuals: dict[_Target, FloatArray] = {}
+    for count in sorted({len(target.rows) for target in targets}):
+        chosen = [target for target in targets if len(target.rows) == count]
+        estimates, left_over = _locate(batch, chosen, region, options)
+        parts.append(estimates)
+        residuals.update(zip(chosen, left_over, strict=True))
+    return Solution(estimates=_join(parts), flags=_flags(batch, targets, residuals) if batch.want_flags else None)
 
 
-def _gate(batch: RangeBatch, echoes: Echoes, margin_m: float) -> Gate:
-    center_x, center_y = np.array([echoes.center_x]), np.array([echoes.center_y])
-    sensor_x, sensor_y = echoes.sensor_x + echoes.center_x, echoes.sensor_y + echoes.center_y
-    return Gate(search_region(batch.field, sensor_x[None], sensor_y[None], center_x, center_y), margin_m)
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """A found target: its snapshot, its number there, the rows of its echoes, and the snapshot's local origin."""
+
+    snapshot: int
+    number: int
+    rows: IntArray
+    center_x: float
+    center_y: float
+
+
+def _regions(batch: RangeBatch, everything: list[Echoes]) -> Region:
+    """Return the search regions (B,) about the local origins of the echoes."""
+    center_x = np.array([echoes.center_x for echoes in everything])
+    center_y = np.array([echoes.center_y for echoes in everything])
+    return search_region(batch.field, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], center_x, center_y)
 
 
 def _rows(echoes: Echoes, echo: IntArray) -> IntArray:
@@ -95,49 +105,62 @@ def _rows(echoes: Echoes, echo: IntArray) -> IntArray:
 
 
 def _locate(
-    batch: RangeBatch, snapshot: int, rows: IntArray, echoes: Echoes, gate: Gate, options: IdentificationOptions
+    batch: RangeBatch, targets: list[_Target], region: Region, options: IdentificationOptions
 ) -> tuple[Estimates, FloatArray]:
-    """Return the estimates (and alternatives) of the targets that rows (T, n) are of, and the residuals (T, n).
+    """Return the estimates (and alternatives) of targets of n echoes each, and the residuals (T, n).
 
-    An optimum outside the gate gives way to one inside.
+    An optimum outside the field and its margin gives way to one inside.
     """
-    targets = _targets_batch(batch, snapshot, rows)
-    circles = range_circles(targets)
+    snapshot = np.array([target.snapshot for target in targets])
+    dense = _targets_batch(batch, snapshot, np.array([target.rows for target in targets]))
+    circles = range_circles(dense)
     one, other = optimize_ranges(circles, _MAX_ITERATIONS)
-    offset_x, offset_y = circles.center_x - echoes.center_x, circles.center_y - echoes.center_y
-    inside = [gate.holds(optimum.x + offset_x, optimum.y + offset_y) for optimum in (one, other)]
-    solution = finish_range_fix(
-        targets,
+    offset_x = circles.center_x - np.array([target.center_x for target in targets])
+    offset_y = circles.center_y - np.array([target.center_y for target in targets])
+    own_region = region.take(snapshot)
+    inside = [
+        own_region.edge_distance_m(optimum.x + offset_x, optimum.y + offset_y) >= -options.field_margin_m
+        for optimum in (one, other)
+    ]
+    estimates = finish_range_fix(
+        dense,
         circles,
         replace(one, converged=one.converged & (inside[0] | ~inside[1])),
         replace(other, converged=other.converged & (inside[1] | ~inside[0])),
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,
-    )
-    return solution.estimates, circles.residual_m(*_best_positions(solution.estimates, circles))
-
-
-def _best_positions(estimates: Estimates, circles: RangeCircles) -> tuple[FloatArray, FloatArray]:
+    ).estimates
     best = estimates.position_m[estimates.alternative == 0]
-    return best[:, 0] - circles.center_x, best[:, 1] - circles.center_y
+    residual = circles.residual_m(best[:, 0] - circles.center_x, best[:, 1] - circles.center_y)
+    number = np.array([target.number for target in targets])
+    return replace(estimates, row=snapshot[estimates.row], target=number[estimates.row]), residual
 
 
-def _targets_batch(batch: RangeBatch, snapshot: int, rows: IntArray) -> RangeBatch:
-    """Return a batch whose snapshots are the targets: rows (T, n) of one snapshot."""
+def _flags(batch: RangeBatch, targets: list[_Target], residuals: dict[_Target, FloatArray]) -> Flags:
+    """Return the flags; where targets share a row, the first of them speaks."""
+    shape = batch.range_m.shape
+    los, number, residual = np.zeros(shape, dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
+    for target in reversed(targets):
+        los[target.snapshot, target.rows] = True
+        number[target.snapshot, target.rows] = target.number
+        residual[target.snapshot, target.rows] = residuals[target]
+    columns = {"los": los, "target": number, "residual_m": residual}
+    return Flags(used=los & np.isfinite(residual), columns=columns)
 
-    def take(values: FloatArray) -> FloatArray:
-        return np.asfortranarray(values[snapshot][rows])
 
+def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> RangeBatch:
+    """Return a batch whose snapshots are targets: ``rows`` (T, n) of the snapshots (T,)."""
+    place = snapshot[:, None], rows
     return replace(
         batch,
-        seed=np.repeat(batch.seed[snapshot], rows.shape[0]),
+        seed=batch.seed[snapshot],
         want_flags=False,
-        sensor=np.asfortranarray(batch.sensor[snapshot][rows]),
-        sensor_xy_m=take(batch.sensor_xy_m),
-        range_m=take(batch.range_m),
-        range_std_m=take(batch.range_std_m),
-        path=np.asfortranarray(batch.path[snapshot][rows]),
-        sensor_height_m=take(batch.sensor_height_m),
+        sensor=np.asfortranarray(batch.sensor[place]),
+        sensor_xy_m=np.asfortranarray(batch.sensor_xy_m[place]),
+        range_m=np.asfortranarray(batch.range_m[place]),
+        range_std_m=np.asfortranarray(batch.range_std_m[place]),
+        path=np.asfortranarray(batch.path[place]),
+        sensor_height_m=np.asfortranarray(batch.sensor_height_m[place]),
     )
 
 

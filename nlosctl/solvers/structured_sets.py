@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations, islice
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ __all__ = ["StructuredSets", "Uniqueness", "build_sets", "cut_at_elbow", "unique
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 Uniqueness = Literal["points", "circles"]
 """What two sets may not share: a point, as the paper has it, or a circle."""
@@ -45,16 +46,19 @@ def build_sets(table: CrossingTable, circles: IntArray, seeds: Seeds) -> Structu
     Of two roots the one nearest to the centre is taken: the seed at first, then twice the mean of the points. A
     tuple two of whose circles have no point is dropped.
     """
-    roots, x, y = _choose_roots(table, circles, seeds.x, seeds.y)
-    complete = np.flatnonzero(np.isfinite(x).all(axis=1))
-    circles, x, y = circles[complete], x[complete], y[complete]
+    crossings = _crossings_of(table, circles)
+    complete = np.flatnonzero(np.isfinite(crossings.x).any(axis=0).all(axis=1))
+    crossings, circles, seeds = crossings.take(complete), circles[complete], seeds.take(complete)
+    second = crossings.nearest_root(seeds.x, seeds.y)
     for _ in range(_SWEEPS):
-        roots, x, y = _choose_roots(table, circles, _mean(x), _mean(y))
+        x, y = crossings.points(second)
+        second = crossings.nearest_root(_mean(x), _mean(y))
+    x, y = crossings.points(second)
     dx, dy = x - _mean(x)[:, None], y - _mean(y)[:, None]
     # Equation (3): a root of a sum, so that it grows with the number of sensors.
     spread = np.sqrt(sum_measurements(dx * dx) + sum_measurements(dy * dy))
     order = np.argsort(spread, kind="stable")
-    return StructuredSets(spread[order], circles[order], _number_points(table, circles[order], roots[order]))
+    return StructuredSets(spread[order], circles[order], (2 * crossings.pair + second)[order])
 
 
 def unique_sets(sets: StructuredSets, unique: Uniqueness) -> Iterator[int]:
@@ -80,31 +84,35 @@ def cut_at_elbow(sets: StructuredSets, kept: Iterator[int], elbow_m: float) -> l
     return chosen
 
 
-def _choose_roots(
-    table: CrossingTable, circles: IntArray, center_x: FloatArray, center_y: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the root nearest to the centre for every type, and the points' x and y; shapes (S, T)."""
-    types = list(combinations(range(table.sensors), 2))
-    shape = (circles.shape[0], len(types))
-    roots = np.empty(shape, dtype=np.int64, order="F")
-    x, y = np.empty(shape, order="F"), np.empty(shape, order="F")
-    for t, (one, other) in enumerate(types):
-        place = circles[:, one] * table.x.shape[1] + circles[:, other]
-        (x0, x1), (y0, y1) = (
-            [np.take(root.reshape(-1), place) for root in coordinate] for coordinate in (table.x, table.y)
-        )
-        with np.errstate(invalid="ignore"):
-            second = (x1 - center_x) ** 2 + (y1 - center_y) ** 2 < (x0 - center_x) ** 2 + (y0 - center_y) ** 2
-        roots[:, t] = second
-        x[:, t], y[:, t] = np.where(second, x1, x0), np.where(second, y1, y0)
-    return roots, x, y
+@dataclass(frozen=True)
+class _Crossings:
+    """The crossings of the circles of each tuple: ``x`` and ``y`` (2, S, T) by root, and the pair's number (S, T)."""
+
+    x: FloatArray
+    y: FloatArray
+    pair: IntArray
+
+    def take(self, rows: IntArray) -> _Crossings:
+        """Return those of some tuples."""
+        return _Crossings(self.x[:, rows], self.y[:, rows], self.pair[rows])
+
+    def nearest_root(self, center_x: FloatArray, center_y: FloatArray) -> BoolArray:
+        """Return where the second root (S, T) is nearer to the centre (S,) than the first."""
+        dx, dy = self.x - center_x[:, None], self.y - center_y[:, None]
+        squared = dx * dx + dy * dy
+        nearer: BoolArray = squared[1] < squared[0]
+        return nearer
+
+    def points(self, second: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return x and y (S, T) of the chosen roots."""
+        return np.where(second, self.x[1], self.x[0]), np.where(second, self.y[1], self.y[0])
 
 
-def _number_points(table: CrossingTable, circles: IntArray, roots: IntArray) -> IntArray:
-    points = np.empty(roots.shape, dtype=np.int64, order="F")
-    for t, (one, other) in enumerate(combinations(range(table.sensors), 2)):
-        points[:, t] = (circles[:, one] * table.x.shape[1] + circles[:, other]) * 2 + roots[:, t]
-    return points
+def _crossings_of(table: CrossingTable, circles: IntArray) -> _Crossings:
+    count = table.x.shape[1]
+    one, other = np.triu_indices(table.sensors, 1)
+    pair = circles[:, one] * count + circles[:, other]
+    return _Crossings(table.x.reshape(2, -1)[:, pair], table.y.reshape(2, -1)[:, pair], pair)
 
 
 def _mean(values: FloatArray) -> FloatArray:

@@ -70,24 +70,24 @@ def cross_all(echoes: Echoes, gap_tolerance_m: float, gate: Gate) -> CrossingTab
     """
     sensors, most = echoes.radius.shape
     count = sensors * most
-    x, y = np.full((2, count, count), np.inf), np.full((2, count, count), np.inf)
+    circle = np.flatnonzero(np.isfinite(echoes.radius))
+    sensor = circle // most
+    one, other = np.nonzero(sensor[:, None] < sensor[None, :])
+    one, other = circle[one], circle[other]
     centers = np.stack([echoes.sensor_x, echoes.sensor_y], axis=-1)
-    for one in range(sensors - 1):
-        rest = slice((one + 1) * most, count)
-        points = cross_circles(
-            centers[one],
-            echoes.radius[one][:, None],
-            np.repeat(centers[one + 1 :], most, axis=0)[None],
-            echoes.radius[one + 1 :].reshape(1, -1),
-            gap_tolerance=gap_tolerance_m,
-        )
-        keep = gate.holds(points[..., 0], points[..., 1])
-        own = slice(one * most, (one + 1) * most)
-        for table, axis in ((x, 0), (y, 1)):
-            found = np.where(keep, points[..., axis], np.inf)
-            for root in (0, 1):
-                table[root, own, rest] = found[..., root]
-                table[root, rest, own] = found[..., root].T
+    radius = echoes.radius.reshape(-1)
+    points = cross_circles(
+        centers[one // most], radius[one], centers[other // most], radius[other], gap_tolerance=gap_tolerance_m
+    )
+    keep = gate.holds(points[..., 0], points[..., 1])
+    x, y = np.full((2, count * count), np.inf), np.full((2, count * count), np.inf)
+    there, back = one * count + other, other * count + one
+    for table, axis in ((x, 0), (y, 1)):
+        for root in (0, 1):
+            found = np.where(keep[:, root], points[:, root, axis], np.inf)
+            table[root][there] = found
+            table[root][back] = found
+    x, y = x.reshape(2, count, count), y.reshape(2, count, count)
     return CrossingTable(sensors, most, x, y)
 
 

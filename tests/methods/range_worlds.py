@@ -124,3 +124,10 @@ def irregular_world(generator: np.random.Generator, std_m: float = 0.3) -> EchoW
     sensors, targets, scatterers = (generator.uniform(0.0, 1.0, (count, 2)) * size for count in counts)
     field = BoxField(xmin_m=0.0, xmax_m=1000.0, ymin_m=0.0, ymax_m=600.0)
     return echo_world(generator, sensors, targets, scatterers, std_m, field)
+
+
+def join_batches(batches: list[RangeBatch]) -> RangeBatch:
+    """Return one batch of snapshots that have the same number of rows and the same field."""
+    names = ("seed", "sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "sensor_height_m")
+    joined = {name: np.asfortranarray(np.concatenate([getattr(one, name) for one in batches])) for name in names}
+    return RangeBatch(field=batches[0].field, **joined)
