@@ -26,6 +26,7 @@ __all__ = [
     "Jobs",
     "Json",
     "Kind",
+    "MaxSnapshotRows",
     "Output",
     "Overwrite",
     "Params",
@@ -37,7 +38,6 @@ __all__ = [
     "Verbose",
     "key_values",
 ]
-
 
 
 def _load_config(context: typer.Context, value: str | None) -> str | None:
@@ -144,7 +144,12 @@ Carry = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random; each snapshot draws its own from it.")]
 Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
-BlockSize = Annotated[int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")]
+BlockSize = Annotated[
+    int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")
+]
+MaxSnapshotRows = Annotated[
+    int, typer.Option("--max-snapshot-rows", min=1, help="A snapshot with more rows than this is an error.")
+]
 Report = Annotated[
     str | None, typer.Option("--report", metavar="FILE", help="Write the summary as JSON (- is standard error).")
 ]

@@ -30,7 +30,7 @@ class MethodSpec:
     with `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the
     flags besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with
     which it can answer, ``covariance_kinds`` what its covariance may account for where that is not simply the
-    noise, ``randomized`` whether it draws random numbers. ``solve(batch, options)`` is pure: it changes nothing, draws only from ``batch.seed``.
+    noise, ``randomized`` whether it draws random numbers, ``reads`` the optional columns that it uses. ``solve(batch, options)`` is pure: it changes nothing, draws only from ``batch.seed``.
     """
 
     name: str
@@ -45,6 +45,7 @@ class MethodSpec:
     flags: tuple[str, ...] = ()
     covariance_kinds: tuple[str, ...] = ()
     randomized: bool = False
+    reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int = CONTRACT_VERSION
 

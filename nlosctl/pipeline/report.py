@@ -65,6 +65,21 @@ class RunReport:
         """How many estimates, over all methods, have no position."""
         return sum(sum(tally.statuses.values()) - tally.answered for tally in self.methods.values())
 
+    def lines(self) -> list[str]:
+        """Return the summary, a line per input, method and note."""
+        rows = f"{self.rows} rows"
+        if self.rows_left_out:
+            rows += f" ({self.rows_left_out} left out: flagged by an earlier step)"
+        if self.bad_rows:
+            rows += f", {self.bad_rows} bad rows set aside"
+        names = ", ".join(str(given["name"]) for given in self.inputs[:3])
+        more = f" and {len(self.inputs) - 3} more" if len(self.inputs) > 3 else ""
+        lines = [f"{names}{more}: {self.snapshots} snapshots of {self.kind}, {rows}"]
+        for name, tally in self.methods.items():
+            counts = ", ".join(f"{count} {word}" for word, count in sorted(tally.statuses.items(), key=_by_status))
+            lines.append(f"{name}: {counts or 'nothing to solve'}")
+        return [*lines, *(f"note: {note}" for note in self.notes)]
+
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain values for JSON."""
         return {
@@ -80,3 +95,7 @@ class RunReport:
             },
             "notes": self.notes,
         }
+
+
+def _by_status(item: tuple[str, int]) -> int:
+    return Status[item[0].upper()]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.scene import Scene
+from nlosctl import registry
+from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, carried_columns
+from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, MethodRun, Problem, solve_flat
@@ -47,10 +50,8 @@ class MeasurementRun:
     The schemas of the results are known before the first chunk; ``report`` is complete when ``tables`` has ended.
     """
 
-    def __init__(
-        self, reader: MeasurementReader, runs: Sequence[MethodRun], scene: Scene, settings: RunSettings
-    ) -> None:
-        self._reader, self._runs, self._scene, self._settings = reader, tuple(runs), scene, settings
+    def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
+        self._reader, self._runs, self._settings = reader, tuple(runs), settings
         methods = tuple(run.spec.name for run in self._runs)
         self._estimates_layout = EstimatesLayout(
             methods=methods,
@@ -77,6 +78,13 @@ class MeasurementRun:
         """The Arrow schema of the flags."""
         return self._flags_layout.schema
 
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+        """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
+        methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
+        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
+        content = {"methods": methods, "seed": self._settings.seed, "inputs": described}
+        return file_metadata(command, content, self._reader.scene)
+
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
         solved = map_in_order(self._solve, self._reader.chunks(), self._settings.jobs)
@@ -89,7 +97,7 @@ class MeasurementRun:
         settings = self._settings
         problem = Problem(
             kind=self._reader.kind,
-            scene=self._scene,
+            scene=self._reader.scene,
             columns=chunk.columns,
             offsets=chunk.offsets,
             kept=~chunk.left_out,
@@ -102,7 +110,7 @@ class MeasurementRun:
             alternatives=settings.alternatives,
             want_flags=settings.want_flags,
         )
-        arrays = {field.name: getattr(estimates, field.name) for field in fields(estimates)}
+        arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
         estimates_table = self._estimates_layout.table(
             arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
         )
@@ -137,4 +145,20 @@ class MeasurementRun:
         self.report.rows_left_out = read.left_out_rows
         self.report.bad_rows = read.bad_rows
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        self.report.notes += read.remarks
+        self.report.notes += [*read.remarks, *self._unused_ranges(), *self._advice()]
+
+    def _unused_ranges(self) -> list[str]:
+        takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]
+        if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
+            return []
+        return [f"the column 'range_m' is not used by {', '.join(takers)}"]
+
+    def _advice(self) -> list[str]:
+        robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}
+        advised = "; try --method mixture-ml" if "mixture-ml" in robust - self.report.methods.keys() else ""
+        return [
+            f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
+            f"their standard deviations explain{advised}"
+            for name, tally in self.report.methods.items()
+            if tally.fits_badly
+        ]

@@ -17,8 +17,12 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
 
-_ROUNDING = 1e-14
-"""Relative rise of the cost that may be rounding alone: near the minimum such a step is still a good one."""
+_ROUNDING_DECREASE = 1e-8
+"""A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may be
+below the rounding of the cost."""
+
+_NEARLY_FULL = 0.1
+"""Up to this damping a step counts as a full one."""
 
 _STALLED = 8
 """A row is given up after so many refused steps: the cost has a jump where it would go, as at a sensor."""
@@ -166,15 +170,16 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
         length = np.sqrt(np.maximum(decrease, 0.0))
     unusable = ~np.isfinite(length)
     step_x, step_y = np.where(unusable, 0.0, step_x), np.where(unusable, 0.0, step_y)
-    return step_x, step_y, np.where(unusable | (state.damping > 0.1), np.inf, length)
+    return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
 
 
 def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray) -> _State:
     x, y = state.x + step_x, state.y + step_y
     trial = problem.evaluate(x, y)
-    with np.errstate(invalid="ignore"):
-        not_worse = trial.cost <= state.at.cost * (1.0 + _ROUNDING)
-        better = not_worse & ((step_x != 0.0) | (step_y != 0.0))
+    with np.errstate(invalid="ignore", over="ignore"):
+        foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+        short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
+        better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
     eased = np.where(state.damping > 1e-3, state.damping * 0.1, 0.0)
     return _State(
         state.rows,
