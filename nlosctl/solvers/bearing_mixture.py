@@ -1,4 +1,4 @@
-"""Bearings, with or without ranges, as rows of a mixture (equations (1), (4), (5), (23) of Ananthasubramaniam, Madhow)."""
+"""Bearings, with or without ranges, as rows of a mixture (equations (1)-(5), (23) of Ananthasubramaniam, Madhow)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class DirectBearings:
         *,
         lognormal: bool = False,
     ) -> DirectBearings:
-        """Return the rows of a block of sight lines; ``measured_m`` and ``std_m`` (B, K) hold NaN where there is no range."""
+        """Return the rows of a block of sight lines; ``measured_m`` and ``std_m`` (B, K) are NaN in rows without."""
         precision = None
         if measured_m is not None and std_m is not None:
             known = np.isfinite(measured_m) & np.isfinite(std_m)
@@ -138,8 +138,8 @@ class DirectBearings:
             gauss,
             Symmetric2x2(gauss.xx - bend, gauss.xy - twist, gauss.yy + bend),
         )
-        if self.precision is not None:
-            row = self._with_range(k, row, dx, dy, squared_range)
+        if self.precision is not None and self.measured_m is not None:
+            row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
         impossible = (along <= 0.0) | (squared_range < self.squared_minimum)
         if lines.mirrors is not None:
             impossible |= _beyond(lines.mirrors, k, x, y)
@@ -152,15 +152,12 @@ class DirectBearings:
         return (measured_m - range_m) * precision
 
     def _with_range(
-        self, k: int, row: RowDerivatives, dx: FloatArray, dy: FloatArray, squared_range: FloatArray
+        self, measured_m: FloatArray, precision: FloatArray, row: RowDerivatives, dx: FloatArray, dy: FloatArray
     ) -> RowDerivatives:
         """Return the derivatives with those of half the range's chi-square added."""
-        assert self.measured_m is not None
-        assert self.precision is not None
-        precision = self.precision[:, k]
-        range_m = np.sqrt(np.maximum(squared_range, self.squared_minimum))
+        range_m = np.sqrt(np.maximum(dx * dx + dy * dy, self.squared_minimum))
         x, y = dx / range_m, dy / range_m
-        scaled = self._range_misfit(range_m, self.measured_m[:, k], precision)
+        scaled = self._range_misfit(range_m, measured_m, precision)
         slope = precision / range_m if self.lognormal else precision
         # second derivatives of the range: (I - n n^T) / R, of its logarithm: (I - 2 n n^T) / R^2
         bend = -scaled * slope / range_m
