@@ -55,6 +55,7 @@ class BearingBatch(Batch):
     ``sensor`` numbers the sensors (equal numbers: the same sensor), ``path`` numbers the measurements of one
     sensor, ``reflector`` is a place in ``scene.reflectors`` or -1 for the direct path. ``sensor_xy_m`` is in
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
+    ``range_m`` and ``range_std_m`` are None where no row has a range, and NaN in rows that have none.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -72,6 +73,8 @@ class BearingBatch(Batch):
     bearing_std_rad: FloatArray
     path: IntArray
     reflector: IntArray
+    range_m: FloatArray | None = None
+    range_std_m: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

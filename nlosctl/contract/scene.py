@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["LineReflector", "Reflector", "Scene", "Sensor"]
+__all__ = ["LineReflector", "Reflector", "Scene", "SegmentReflector", "Sensor"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,26 @@ class LineReflector:
     direction: tuple[float, float]
 
 
-Reflector = LineReflector
+@dataclass(frozen=True, kw_only=True)
+class SegmentReflector:
+    """A finite wall from ``start`` to ``end`` (metres, not equal): mirrors within it, blocks what would pass it."""
+
+    name: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """A point of its line."""
+        return self.start
+
+    @property
+    def direction(self) -> tuple[float, float]:
+        """The direction of its line."""
+        return self.end[0] - self.start[0], self.end[1] - self.start[1]
+
+
+Reflector = LineReflector | SegmentReflector
 """Any kind of reflector."""
 
 

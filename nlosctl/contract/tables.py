@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 __all__ = [
@@ -214,7 +214,7 @@ RANGES = Table(
     columns=(
         _SNAPSHOT,
         *_SENSOR,
-        *(replace(column, required=True, nullable=False) for column in _RANGE),
+        *(dataclasses.replace(column, required=True, nullable=False) for column in _RANGE),
         Column(
             name="sensor_z_m",
             type="number",

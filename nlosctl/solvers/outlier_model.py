@@ -1,0 +1,149 @@
+"""The outlier model of a block of bearings: shares, densities, groups of paths, minimum ranges, the search field."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from math import log, pi, radians, sqrt
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import erf
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.regions import Region
+from nlosctl.models.bearings import SightLines, sight_lines
+from nlosctl.solvers.bearing_mixture import DirectBearings
+from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares
+from nlosctl.solvers.search_regions import search_region
+
+__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "range_columns", "restore_rows"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+_MINIMUM_RANGE_SHARE = 0.005
+"""Minimum range, unless given, in units of the larger side of the box of the sensors."""
+
+
+@dataclass(frozen=True)
+class OutlierModel:
+    """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
+
+    ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the
+    diagonal of the search field, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN
+    in rows without a range, None where no row has one.
+    """
+
+    lines: SightLines
+    mixture: Mixture
+    leader: IntArray
+    share: FloatArray
+    region: Region
+    minimum_range_m: FloatArray
+    extent_m: FloatArray
+    sensor_extent_m: FloatArray
+    measured_m: FloatArray | None
+    range_std_m: FloatArray | None
+
+    def residuals(self, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
+        """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where rows have ranges."""
+        residuals = {"residual_rad": self.lines.bearing_residual_rad(x, y)}
+        if self.measured_m is not None:
+            residuals["residual_m"] = self.measured_m - self.lines.range_m(x, y)
+        return residuals
+
+
+def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
+    """Return range and standard deviation (B, K) in metres, both NaN in rows without; None where no row has them."""
+    if not use_ranges or batch.range_m is None or batch.range_std_m is None:
+        return None
+    known = np.isfinite(batch.range_m) & np.isfinite(batch.range_std_m)
+    if not known.any():
+        return None
+    return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
+
+
+def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
+    """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
+    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
+    groups = group_paths(keys, batch.path)
+    if groups.order is None:
+        return batch, groups
+    order = groups.order
+
+    def sort(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        places = order if array.ndim == 2 else order[..., None]
+        return np.asfortranarray(np.take_along_axis(array, places, axis=1))
+
+    names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
+    arrays = {name: getattr(batch, name) for name in names}
+    return dataclasses.replace(
+        batch, **{name: sort(array) for name, array in arrays.items() if array is not None}
+    ), groups
+
+
+def restore_rows(values: npt.NDArray[np.generic], groups: PathGroups) -> npt.NDArray[np.generic]:
+    """Return values (B, K) of a grouped batch in the file's order."""
+    if groups.order is None:
+        return values
+    restored = np.empty_like(values)
+    np.put_along_axis(restored, groups.order, values, axis=1)
+    return restored
+
+
+def outlier_model(
+    batch: BearingBatch,
+    groups: PathGroups,
+    *,
+    alpha: float,
+    field_of_view_deg: float,
+    path_prior: str,
+    use_ranges: bool,
+    lognormal: bool,
+    min_range_m: float | None,
+) -> OutlierModel:
+    """Return the model of a grouped batch: outlier share ``alpha`` and density 1 / field of view, equation (23).
+
+    The direct density is (1), Gaussian and truncated to a right angle on either side. A row with a range has the
+    product of both densities, as an outlier too: its range is then uniform over the search field's diagonal.
+    """
+    lines = sight_lines(batch)
+    sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
+    region = search_region(batch.field, sensor_x, sensor_y, lines.center_x, lines.center_y)
+    xmin, xmax, ymin, ymax = region.bounds_m
+    extent = np.hypot(xmax - xmin, ymax - ymin)
+    sensor_extent = np.maximum(
+        max_measurements(sensor_x) + max_measurements(-sensor_x),
+        max_measurements(sensor_y) + max_measurements(-sensor_y),
+    )
+    minimum = _MINIMUM_RANGE_SHARE * sensor_extent if min_range_m is None else np.full(extent.shape, min_range_m)
+    minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
+    share = _sorted(path_shares(groups, path_prior), groups)
+    fov = radians(field_of_view_deg)
+    with np.errstate(divide="ignore"):
+        log_direct = np.log(share * (1.0 - alpha)) - np.log(
+            lines.std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * lines.std_rad))
+        )
+    log_nlos = np.full(extent.shape, -batch.measurements * log(fov))
+    ranges = range_columns(batch, use_ranges)
+    if ranges is not None:
+        known = np.isfinite(ranges[0])
+        with np.errstate(divide="ignore"):
+            log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
+            log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
+    rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=lognormal)
+    mixture = Mixture.of(rows, log_direct, np.full(extent.shape, alpha), groups.last, log_nlos)
+    leader = _sorted(groups.leader, groups)
+    return OutlierModel(
+        lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
+    )
+
+
+def _sorted(values: npt.NDArray[np.generic], groups: PathGroups) -> npt.NDArray[np.generic]:
+    if groups.order is None:
+        return values
+    return np.asfortranarray(np.take_along_axis(values, groups.order, axis=1))
