@@ -16,10 +16,10 @@ from nlosctl.geometry.regions import Region
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.mixture import Mixture
-from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares
+from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.search_regions import search_region
 
-__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "range_columns", "restore_rows"]
+__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "range_columns"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -71,28 +71,10 @@ def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
     groups = group_paths(keys, batch.path)
-    if groups.order is None:
-        return batch, groups
-    order = groups.order
-
-    def sort(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-        places = order if array.ndim == 2 else order[..., None]
-        return np.asfortranarray(np.take_along_axis(array, places, axis=1))
-
     names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
     arrays = {name: getattr(batch, name) for name in names}
-    return dataclasses.replace(
-        batch, **{name: sort(array) for name, array in arrays.items() if array is not None}
-    ), groups
-
-
-def restore_rows(values: npt.NDArray[np.generic], groups: PathGroups) -> npt.NDArray[np.generic]:
-    """Return values (B, K) of a grouped batch in the file's order."""
-    if groups.order is None:
-        return values
-    restored = np.empty_like(values)
-    np.put_along_axis(restored, groups.order, values, axis=1)
-    return restored
+    sorted_arrays = {name: sort_rows(array, groups) for name, array in arrays.items() if array is not None}
+    return dataclasses.replace(batch, **sorted_arrays), groups
 
 
 def outlier_model(
@@ -122,7 +104,7 @@ def outlier_model(
     )
     minimum = _MINIMUM_RANGE_SHARE * sensor_extent if min_range_m is None else np.full(extent.shape, min_range_m)
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
-    share = _sorted(path_shares(groups, path_prior), groups)
+    share = sort_rows(path_shares(groups, path_prior), groups)
     fov = radians(field_of_view_deg)
     with np.errstate(divide="ignore"):
         log_direct = np.log(share * (1.0 - alpha)) - np.log(
@@ -137,13 +119,7 @@ def outlier_model(
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
     rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=lognormal)
     mixture = Mixture.of(rows, log_direct, np.full(extent.shape, alpha), groups.last, log_nlos)
-    leader = _sorted(groups.leader, groups)
+    leader = sort_rows(groups.leader, groups)
     return OutlierModel(
         lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
     )
-
-
-def _sorted(values: npt.NDArray[np.generic], groups: PathGroups) -> npt.NDArray[np.generic]:
-    if groups.order is None:
-        return values
-    return np.asfortranarray(np.take_along_axis(values, groups.order, axis=1))

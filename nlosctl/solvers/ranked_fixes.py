@@ -11,8 +11,10 @@ import numpy.typing as npt
 from nlosctl.contract.results import Estimates, Flags
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.modes import Modes
 
-__all__ = ["RankedFixes", "ranked_estimates", "ranked_flags", "ranked_status"]
+__all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -29,6 +31,23 @@ class RankedFixes:
     cost: FloatArray
     covariance: Symmetric2x2
     n_used: IntArray
+
+
+def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:
+    """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
+    snapshot, place = np.nonzero(np.isfinite(modes.cost))
+    probability, information = mixture.take(snapshot).responsibilities(
+        modes.x[snapshot, place], modes.y[snapshot, place]
+    )
+    covariance = information.inverse()
+    parts = [np.full(modes.cost.shape, np.nan) for _ in range(3)]
+    for part, values in zip(parts, (covariance.xx, covariance.xy, covariance.yy), strict=True):
+        part[snapshot, place] = values
+    n_used = np.zeros(modes.cost.shape, dtype=np.int64)
+    n_used[snapshot, place] = np.count_nonzero(probability > 0.5, axis=1)
+    best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
+    best[snapshot[place == 0]] = probability[place == 0]
+    return RankedFixes(modes.x, modes.y, modes.cost, Symmetric2x2(*parts), n_used), best
 
 
 def ranked_status(
