@@ -97,7 +97,7 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         gap=options.mode_gap * batch.measurements,
     )
     fixes, probability = rank_modes(model.mixture, modes)
-    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within)
+    status = ranked_status(fixes, modes.candidates, model.uninformative(), options.ambiguous_within, modes.held)
     if candidates.count == 0:
         status[:] = Status.TOO_FEW
     if options.covariance == "posterior":

@@ -83,7 +83,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         gap=options.mode_gap * batch.measurements,
     )
     fixes, probability = rank_modes(model.mixture, modes)
-    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within)
+    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within, modes.held)
     status[candidates.degenerate] = Status.TOO_FEW
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, candidates.allowed)

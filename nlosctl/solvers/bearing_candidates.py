@@ -11,8 +11,6 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.solvers.bearing_mixture import take_lines
 from nlosctl.solvers.crossings import Candidates, choose_pairs, cross_rays, end_rays
-from nlosctl.solvers.fixes import nearly_singular
-from nlosctl.solvers.line_fits import fit_least_squares
 from nlosctl.solvers.outlier_model import OutlierModel
 from nlosctl.solvers.walls import hidden_by_walls
 
@@ -28,15 +26,13 @@ class BearingCandidates:
     """Where to start from: crossings of all pairs that may both be direct, and the ends of rays that have a range.
 
     ``first`` and ``second`` (P,) or (B, P) are the pairs of rows; ``range_m`` (B, K) is NaN in rows without one, None
-    where no row has one. ``degenerate`` (B,) tells where no row pair says anything: parallel lines, or all sensors
-    at one place, and no range.
+    where no row has one.
     """
 
     model: OutlierModel
     first: IntArray
     second: IntArray
     range_m: FloatArray | None
-    degenerate: BoolArray
     scene: Scene | None
     sensor_x: FloatArray
     sensor_y: FloatArray
@@ -46,19 +42,12 @@ class BearingCandidates:
         cls, batch: BearingBatch, model: OutlierModel, *, max_pairs: int, exclude_behind_walls: bool
     ) -> BearingCandidates:
         """Return the candidates of a grouped batch with its model."""
-        degenerate = nearly_singular(fit_least_squares(model.lines).normal)
-        if model.lines.mirrors is None:
-            degenerate |= model.sensor_extent_m <= 0.0
-        measured = model.measured_m
-        if measured is not None:
-            degenerate = degenerate & np.isnan(measured).all(axis=1)
         first, second = choose_pairs(batch.seed, batch.measurements, max_pairs)
         return cls(
             model,
             first,
             second,
-            measured,
-            degenerate,
+            model.measured_m,
             batch.scene if exclude_behind_walls else None,
             batch.sensor_xy_m[..., 0] - model.lines.center_x[:, None],
             batch.sensor_xy_m[..., 1] - model.lines.center_y[:, None],

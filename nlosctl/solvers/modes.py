@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.crossings import Candidates
-from nlosctl.solvers.levenberg_marquardt import minimize
+from nlosctl.solvers.levenberg_marquardt import Evaluation, minimize
 from nlosctl.solvers.mixture import Mixture
 
 __all__ = ["Modes", "find_modes"]
@@ -26,6 +26,9 @@ _POINTS = 8192
 _APART = 1.0
 """Starts are at least so many standard deviations apart."""
 
+_TIE_DIGITS = 5
+"""Costs that agree to so many digits after the point, in nats, are equal."""
+
 _SAME = 0.05
 """Modes closer than so many standard deviations are one."""
 
@@ -35,8 +38,8 @@ class Modes:
     """Up to T modes (B, T) of each snapshot, the most likely first.
 
     x, y in metres about the local origin; ``cost`` in nats, infinite where there is no such mode. ``hessian`` holds
-    the second derivatives of the cost. ``candidates`` (B,) tells whether there was any candidate,
-    ``settled`` (B,) whether any start came to rest.
+    the second derivatives of the cost. ``candidates`` (B,) tells whether there was any candidate, ``held`` (B,) that
+    every way downhill left the search field and the points are where it was held back at the edge.
     """
 
     x: FloatArray
@@ -44,7 +47,7 @@ class Modes:
     cost: FloatArray
     hessian: Symmetric2x2
     candidates: BoolArray
-    settled: BoolArray
+    held: BoolArray
 
 
 def find_modes(
@@ -127,29 +130,60 @@ def _squared_distance(information: Symmetric2x2, dx: FloatArray, dy: FloatArray)
 
 
 def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, allowed: Allowed) -> Modes:
-    """Follow every start (B, T) downhill; rank what comes to rest in the field, without repetitions."""
-    snapshot, place = np.nonzero(usable)
-    minimum = minimize(mixture.take(snapshot), x[snapshot, place], y[snapshot, place])
-    good = minimum.converged & allowed(snapshot, minimum.x[:, None], minimum.y[:, None])[:, 0]
+    """Follow every start (B, T) downhill; rank what comes to rest in the field, without repetitions.
+
+    Where nothing does, the starts are followed again and held back at the field's edge.
+    """
     cost = np.full(x.shape, np.inf)
-    cost[snapshot[good], place[good]] = (minimum.cost + mixture.least_cost[snapshot])[good]
     parts = [np.full(x.shape, np.nan) for _ in range(5)]
-    values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
-    order = np.argsort(cost, axis=1, kind="stable")
-    for part, value in zip(parts, values, strict=True):
-        part[snapshot, place] = value
-        part[...] = np.take_along_axis(part, order, axis=1)
-    cost = np.take_along_axis(cost, order, axis=1)
-    return _without_repetitions(parts, cost, usable.any(axis=1), _any(good, snapshot, x.shape[0]))
+    held = np.zeros(x.shape[0], dtype=bool)
+    for edge in (False, True):
+        lost = usable.any(axis=1) & ~np.isfinite(cost).any(axis=1)
+        snapshot, place = np.nonzero(usable & lost[:, None])
+        if not snapshot.size:
+            break
+        problem: Mixture | _Bounded = mixture.take(snapshot)
+        if edge:
+            problem = _Bounded(problem, snapshot, allowed)
+            held |= lost
+        minimum = minimize(problem, x[snapshot, place], y[snapshot, place])
+        good = np.isfinite(minimum.cost) & allowed(snapshot, minimum.x[:, None], minimum.y[:, None])[:, 0]
+        cost[snapshot[good], place[good]] = (minimum.cost + mixture.least_cost[snapshot])[good]
+        values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
+        for part, value in zip(parts, values, strict=True):
+            part[snapshot, place] = value
+    order = _order(cost, x=parts[0], y=parts[1])
+    parts = [np.take_along_axis(part, order, axis=1) for part in parts]
+    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), usable.any(axis=1), held)
 
 
-def _any(good: BoolArray, snapshot: IntArray, size: int) -> BoolArray:
-    found = np.zeros(size, dtype=bool)
-    found[snapshot[good]] = True
-    return found
+def _order(cost: FloatArray, x: FloatArray, y: FloatArray) -> IntArray:
+    """Return the order (B, T) of rising cost; modes that are equally likely but for rounding, by their distance.
+
+    Where two circles cross, both crossings are equally likely when every other row is an outlier.
+    """
+    order: IntArray = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
+    return order
 
 
-def _without_repetitions(parts: list[FloatArray], cost: FloatArray, candidates: BoolArray, settled: BoolArray) -> Modes:
+@dataclass(frozen=True)
+class _Bounded:
+    """Mixtures (N,) of some snapshots whose cost is infinite outside the search field."""
+
+    mixture: Mixture
+    snapshot: IntArray
+    allowed: Allowed
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        at = self.mixture.evaluate(x, y)
+        inside = self.allowed(self.snapshot, x[:, None], y[:, None])[:, 0]
+        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian)
+
+    def take(self, rows: IntArray) -> _Bounded:
+        return _Bounded(self.mixture.take(rows), self.snapshot[rows], self.allowed)
+
+
+def _without_repetitions(parts: list[FloatArray], cost: FloatArray, candidates: BoolArray, held: BoolArray) -> Modes:
     x, y, xx, xy, yy = parts
     repeated = np.zeros(cost.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
@@ -158,6 +192,6 @@ def _without_repetitions(parts: list[FloatArray], cost: FloatArray, candidates: 
             near = _squared_distance(hessian, x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None])
             repeated[:, t + 1 :] |= near < _SAME * _SAME
     cost[repeated] = np.inf
-    order = np.argsort(cost, axis=1, kind="stable")
+    order = _order(cost, x, y)
     x, y, xx, xy, yy, cost = (np.take_along_axis(part, order, axis=1) for part in (x, y, xx, xy, yy, cost))
-    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), candidates, settled)
+    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), candidates, held)

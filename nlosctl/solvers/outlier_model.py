@@ -14,8 +14,10 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.regions import Region
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.solvers.bearing_mixture import DirectBearings
-from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.bearing_mixture import DirectBearings, take_lines
+from nlosctl.solvers.fixes import nearly_singular
+from nlosctl.solvers.line_fits import fit_least_squares
+from nlosctl.solvers.mixture import Mixture, take_rows
 from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.search_regions import search_region
 
@@ -48,6 +50,33 @@ class OutlierModel:
     sensor_extent_m: FloatArray
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
+
+    def take(self, rows: IntArray) -> OutlierModel:
+        """Return the model of some snapshots."""
+        return OutlierModel(
+            lines=take_lines(self.lines, rows),
+            mixture=self.mixture.take(rows),
+            leader=take_rows(self.leader, rows),
+            share=take_rows(self.share, rows),
+            region=self.region.take(rows),
+            minimum_range_m=self.minimum_range_m[rows],
+            extent_m=self.extent_m[rows],
+            sensor_extent_m=self.sensor_extent_m[rows],
+            measured_m=None if self.measured_m is None else take_rows(self.measured_m, rows),
+            range_std_m=None if self.range_std_m is None else take_rows(self.range_std_m, rows),
+        )
+
+    def uninformative(self) -> BoolArray:
+        """Return where the rows (B,) can't say where a source is, whatever they read.
+
+        That is: parallel lines, or all sensors at one place, and no range.
+        """
+        nothing = nearly_singular(fit_least_squares(self.lines).normal)
+        if self.lines.mirrors is None:
+            nothing |= self.sensor_extent_m <= 0.0
+        if self.measured_m is not None:
+            nothing &= np.isnan(self.measured_m).all(axis=1)
+        return nothing
 
     def residuals(self, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
         """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where rows have ranges."""

@@ -18,7 +18,7 @@ def random_keys(seed: SeedArray, count: int, stream: int = 0) -> SeedArray:
 
     SplitMix64 (Steele, Lea, Flood 2014), as a counter-based generator.
     """
-    start = _mix(seed + _GOLDEN * np.uint64(2 * stream + 1))
+    start = _mix(seed + np.array([2 * stream + 1], dtype=np.uint64) * _GOLDEN)
     steps = np.arange(1, count + 1, dtype=np.uint64) * _GOLDEN
     return _mix(start[:, None] + steps)
 

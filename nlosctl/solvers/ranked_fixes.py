@@ -21,6 +21,9 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
 
+_ROUNDING = 1e-12
+"""Determinants of covariances below this share of xx yy are rounding: the information was singular."""
+
 
 @dataclass(frozen=True)
 class RankedFixes:
@@ -51,20 +54,26 @@ def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]
 
 
 def ranked_status(
-    fixes: RankedFixes, candidates: BoolArray, degenerate: BoolArray, ambiguous_within: float
+    fixes: RankedFixes,
+    candidates: BoolArray,
+    degenerate: BoolArray,
+    ambiguous_within: float,
+    held: BoolArray | None = None,
 ) -> StatusArray:
     """Return the status (B,).
 
     ``candidates`` (B,) tells whether there was any point to start from in the search field, ``degenerate`` (B,)
-    whether the rows can't say where the source is, whatever they read.
+    whether the rows can't say where the source is, whatever they read, ``held`` (B,) whether the fixes were held back
+    at the edge of the search field.
     """
     status = np.full(candidates.shape, Status.OK, dtype=np.uint8)
     covariance = fixes.covariance
     with np.errstate(invalid="ignore"):
         if fixes.cost.shape[1] > 1:
             status[fixes.cost[:, 1] - fixes.cost[:, 0] <= ambiguous_within] = Status.AMBIGUOUS
-        positive = (covariance.xx[:, 0] > 0.0) & (covariance.determinant[:, 0] > 0.0)
-    status[~(positive & np.isfinite(covariance.trace[:, 0]))] = Status.DEGENERATE
+    status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
+    if held is not None:
+        status[held] = Status.BOUNDARY
     status[~np.isfinite(fixes.cost[:, 0])] = Status.NOT_CONVERGED
     status[~candidates] = Status.NO_CANDIDATE
     status[degenerate] = Status.DEGENERATE
@@ -77,9 +86,8 @@ def ranked_estimates(
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status."""
     answered = status <= Status.BOUNDARY
     covariance = fixes.covariance
-    with np.errstate(invalid="ignore"):
-        sound = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.determinant > 0.0)
-    written = np.isfinite(fixes.cost) & answered[:, None] & sound
+    written = np.isfinite(fixes.cost) & answered[:, None] & _sound(covariance)
+    written &= (status != Status.BOUNDARY)[:, None]
     written[:, 0] = True
     row, alternative = np.nonzero(written)
     has_position = answered[row]
@@ -87,18 +95,27 @@ def ranked_estimates(
     def pick(values: FloatArray) -> FloatArray:
         return np.where(has_position, values[row, alternative], np.nan)
 
+    spread = np.stack([pick(covariance.xx), pick(covariance.xy), pick(covariance.yy)], axis=1)
     before = np.cumsum(written, axis=1) - 1
     return Estimates(
         row=row.astype(np.int64),
         target=np.zeros(row.shape, dtype=np.int64),
         alternative=before[row, alternative].astype(np.int64),
         position_m=np.stack([pick(fixes.x) + center_x[row], pick(fixes.y) + center_y[row]], axis=1),
-        covariance_m2=np.stack([pick(covariance.xx), pick(covariance.xy), pick(covariance.yy)], axis=1),
+        covariance_m2=np.where((status <= Status.INFEASIBLE)[row][:, None], spread, np.nan),
         cost=pick(fixes.cost),
         n_used=np.where(has_position, fixes.n_used[row, alternative], 0),
         status=status[row],
         covariance_kind=covariance_kind,
     )
+
+
+def _sound(covariance: Symmetric2x2) -> BoolArray:
+    """Return which covariances are of an ellipse, with more to their determinant than rounding."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)
+        sound &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+    return sound
 
 
 def ranked_flags(status: StatusArray, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:
