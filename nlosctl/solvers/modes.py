@@ -66,6 +66,8 @@ def find_modes(
     followed.
     """
     size = mixture.obstructed.shape[0]
+    if size == 0 or points == 0:
+        return _no_modes(size, most)
     block = max(1, _POINTS // max(points, 1))
     starts = [
         _starts(mixture, candidates, allowed, np.arange(first, min(first + block, size)), most, gap)
@@ -73,6 +75,14 @@ def find_modes(
     ]
     x, y, usable = (np.concatenate([part[number] for part in starts]) for number in range(3))
     return _polish(mixture, x, y, usable, allowed)
+
+
+def _no_modes(size: int, most: int) -> Modes:
+    nothing = [np.full((size, most), np.nan) for _ in range(5)]
+    nowhere = np.zeros(size, dtype=bool)
+    return Modes(
+        nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), nowhere, nowhere.copy()
+    )
 
 
 def _starts(

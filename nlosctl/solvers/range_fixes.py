@@ -25,7 +25,7 @@ BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
-_ROUNDING = 1e-12
+_ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
 
 _DISTINCT_STANDARD_DEVIATIONS = 1e-3

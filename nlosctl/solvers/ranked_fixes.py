@@ -21,7 +21,7 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
 
-_ROUNDING = 1e-12
+_ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from nlosctl.contract.batches import FloatArray, IntArray, RangeBatch
@@ -39,7 +37,8 @@ def draw_ranges(generator: np.random.Generator, snapshots: int, measurements: in
     if fault == "do not meet":
         range_m *= 0.1
     sensor = np.tile(np.arange(measurements), (snapshots, 1))
-    return Trial(batch=_batch(generator, sensor, sensor_xy, range_m, std, height), size_m=3.0 * scale)
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=6.0 * scale)
+    return Trial(batch=_batch(generator, sensor, sensor_xy, range_m, std, height, field), size_m=3.0 * scale)
 
 
 def draw_echoes(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
@@ -72,9 +71,10 @@ def _batch(
     range_m: FloatArray,
     std: FloatArray,
     height: FloatArray,
-    field: CircleField | None = None,
+    field: CircleField,
 ) -> RangeBatch:
-    batch = RangeBatch(
+    return RangeBatch(
+        field=field,
         seed=np.asarray(generator.integers(0, 2**63, range_m.shape[0]), dtype=np.uint64),
         sensor=np.asfortranarray(sensor, dtype=np.int64),
         sensor_xy_m=np.asfortranarray(sensor_xy),
@@ -83,7 +83,6 @@ def _batch(
         path=np.full(range_m.shape, -1, dtype=np.int64, order="F"),
         sensor_height_m=np.asfortranarray(height),
     )
-    return batch if field is None else replace(batch, field=field)
 
 
 RANGE_DRAWS: dict[tuple[str, str], Draw] = {
