@@ -7,15 +7,16 @@ measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray"]
+__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "batch_class"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -27,8 +28,11 @@ class Batch:
     """What batches of every kind of measurement have.
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
-    when nobody will read the flags: a method may then leave them out.
+    when nobody will read the flags: a method may then leave them out. ``SOURCES`` says of which columns of the
+    file each array is made.
     """
+
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     scene: Scene = field(default_factory=Scene)
     seed: npt.NDArray[np.uint64]
@@ -49,6 +53,15 @@ class BearingBatch(Batch):
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
     """
 
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "sensor": ("sensor",),
+        "sensor_xy_m": ("sensor_x_m", "sensor_y_m"),
+        "bearing_rad": ("bearing_rad",),
+        "bearing_std_rad": ("bearing_std_rad",),
+        "path": ("path",),
+        "reflector": ("reflector",),
+    }
+
     sensor: IntArray
     sensor_xy_m: FloatArray
     bearing_rad: FloatArray
@@ -62,6 +75,9 @@ class BearingBatch(Batch):
         return int(self.bearing_rad.shape[1])
 
 
+_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch}
+
+
 def batch_class(kind: str) -> type[Any]:
     """Return the batch class of a kind of measurement."""
-    return {"bearings": BearingBatch}[kind]
+    return _CLASSES[kind]

@@ -26,7 +26,8 @@ class MethodSpec:
     ``kind`` is the kind of measurement that it consumes, ``options`` a frozen dataclass whose fields (declared
     with `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the
     flags besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with
-    which it can answer. ``solve(batch, options)`` is pure: it changes nothing, draws only from ``batch.seed``.
+    which it can answer, ``covariance_kinds`` what its covariance may account for where that is not simply the
+    noise, ``randomized`` whether it draws random numbers. ``solve(batch, options)`` is pure: it changes nothing, draws only from ``batch.seed``.
     """
 
     name: str
@@ -39,7 +40,8 @@ class MethodSpec:
     cost: str
     minimum_measurements: int
     flags: tuple[str, ...] = ()
-    uses_ranges: bool = False
+    covariance_kinds: tuple[str, ...] = ()
+    randomized: bool = False
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int = CONTRACT_VERSION
 

@@ -97,8 +97,8 @@ _SNAPSHOT = Column(
 )
 
 _TRUTH = (
-    Column(name="truth_x_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"),
-    Column(name="truth_y_m", type="number", unit="m", nullable=True, meaning="true source position, for evaluate"),
+    Column(name="truth_x_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position"),
+    Column(name="truth_y_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position"),
     Column(
         name="truth_los",
         type="boolean",
@@ -123,13 +123,13 @@ _EARLIER_FLAGS = (
         carried=True,
         meaning="flag of an earlier step: rows with true (indirect path) are left out unless --all-rows",
     ),
-    Column(name="used", type="boolean", nullable=True, meaning="flag of an earlier step: the row was used there"),
+    Column(name="used", type="boolean", nullable=True, carried=True, meaning="flag of an earlier step: used there"),
 )
 
 _SENSOR = (
     Column(name="sensor", type="identifier", required=True, meaning="name of the sensor"),
-    Column(name="sensor_x_m", type="number", unit="m", required=True, meaning="sensor position, x to the east"),
-    Column(name="sensor_y_m", type="number", unit="m", required=True, meaning="sensor position, y to the north"),
+    Column(name="sensor_x_m", type="number", unit="m", required=True, scene_axis=0, meaning="sensor position, x"),
+    Column(name="sensor_y_m", type="number", unit="m", required=True, scene_axis=1, meaning="sensor position, y"),
 )
 
 _RANGE = (
@@ -167,7 +167,7 @@ BEARINGS = Table(
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,
-            too_large_means="plainly degrees: name the column bearing_deg (or azimuth_deg, if compass bearings)",
+            too_large_means="plainly degrees: name the column bearing_deg (or azimuth_deg for compass bearings)",
             meaning="direction from the sensor to where the wave comes from, counter-clockwise from +x",
             spellings=(
                 Spelling(name="bearing_deg", scale=_DEGREE),

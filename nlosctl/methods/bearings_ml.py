@@ -37,13 +37,12 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     first = fit_least_squares(lines)
     start = fit_stansfield(lines, first)
     minimum = minimize(BearingProblem.of_lines(lines), start.x, start.y, max_iterations=options.max_iterations)
-    covariance = lines.information(minimum.x, minimum.y).inverse()
     return finish_bearings_fix(
         batch,
         lines,
         minimum.x,
         minimum.y,
-        covariance,
+        lines.information(minimum.x, minimum.y).inverse(),
         first.normal,
         min_range_m=options.min_range_m,
         converged=minimum.converged,

@@ -17,7 +17,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
 
-__all__ = ["MirrorRows", "SightLines", "predict_bearings", "sight_lines"]
+__all__ = ["MirrorRows", "SightLines", "Survey", "predict_bearings", "sight_lines"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -35,6 +35,16 @@ class MirrorRows:
     point_y: FloatArray
     angle_rad: FloatArray
     sensor_side_m: FloatArray
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the rays say of a point (B,): unfolded distances in metres, whether it is behind any, chi-square."""
+
+    nearest_m: FloatArray
+    farthest_m: FloatArray
+    behind: BoolArray
+    chi_square: FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,11 +67,26 @@ class SightLines:
 
     def range_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the unfolded distance (B, K) of points (B,), given about the local origin, from the origins."""
-        return np.hypot(x[:, None] - self.origin_x, y[:, None] - self.origin_y)
+        dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
+        return np.sqrt(dx * dx + dy * dy)
 
-    def along_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return how far along each ray (B, K) the points (B,) are; negative behind the origin."""
-        return self.cosine * (x[:, None] - self.origin_x) + self.sine * (y[:, None] - self.origin_y)
+    def survey(self, x: FloatArray, y: FloatArray) -> Survey:
+        """Return what the rays of each snapshot say of a point (B,), in one pass over the measurements."""
+        nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
+        chi_square = np.zeros(x.shape)
+        behind = np.zeros(x.shape, dtype=bool)
+        for k in range(self.origin_x.shape[1]):
+            cosine, sine = self.cosine[:, k], self.sine[:, k]
+            dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
+            squared_range = dx * dx + dy * dy
+            np.minimum(nearest, squared_range, out=nearest)
+            np.maximum(farthest, squared_range, out=farthest)
+            along = cosine * dx + sine * dy
+            behind |= along < 0.0
+            scaled = np.arctan2(sine * dx - cosine * dy, along)
+            scaled /= self.std_rad[:, k]
+            chi_square += scaled * scaled
+        return Survey(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
 
     def residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the ray's direction minus that of the points (B,) from the origins, (B, K) in (-pi, pi].

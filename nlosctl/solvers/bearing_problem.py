@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.levenberg_marquardt import Evaluation
@@ -16,6 +15,9 @@ __all__ = ["BearingProblem"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+_LEAST_SHARE = 0.1
+"""The exact second derivatives are trusted when their determinant is at least this share of Gauss-Newton's."""
 
 
 @dataclass(frozen=True)
@@ -43,25 +45,43 @@ class BearingProblem:
         )
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
-        """Return cost, gradient and Gauss-Newton matrix; the gradient of a bearing is (23) of Song et al."""
-        dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
-        across = self.sine * dx - self.cosine * dy
-        along = self.cosine * dx + self.sine * dy
-        residual = np.arctan2(across, along)
-        residual *= self.inverse_std
+        """Return cost, gradient (from (23) of Song et al.) and the exact second derivatives.
+
+        Where those are not positive definite, far from the minimum, the Gauss-Newton matrix stands in for them.
+        One measurement after the other, so that all temporaries stay in the first cache.
+        """
+        cost, gradient_x, gradient_y, xx, xy, yy, bend, twist = (np.zeros(x.shape) for _ in range(8))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            weight = self.inverse_std / (dx * dx + dy * dy)
-            slope_x, slope_y = dy * weight, -dx * weight
-            return Evaluation(
-                0.5 * sum_measurements(residual * residual),
-                sum_measurements(residual * slope_x),
-                sum_measurements(residual * slope_y),
-                Symmetric2x2(
-                    sum_measurements(slope_x * slope_x),
-                    sum_measurements(slope_x * slope_y),
-                    sum_measurements(slope_y * slope_y),
-                ),
-            )
+            for k in range(self.origin_x.shape[1]):
+                cosine, sine, inverse_std = self.cosine[:, k], self.sine[:, k], self.inverse_std[:, k]
+                dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
+                residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
+                scaled = residual * inverse_std
+                weight = inverse_std / (dx * dx + dy * dy)
+                across, along = dy * weight, dx * weight
+                cost += scaled * scaled
+                gradient_x += scaled * across
+                gradient_y -= scaled * along
+                product, across_squared, along_squared = across * along, across * across, along * along
+                xx += across_squared
+                xy -= product
+                yy += along_squared
+                bend += residual * product
+                twist += residual * (across_squared - along_squared)
+            hessian = _positive_hessian(xx, xy, yy, 2.0 * bend, twist)
+        cost *= 0.5
+        return Evaluation(cost, gradient_x, gradient_y, hessian)
+
+
+def _positive_hessian(
+    xx: FloatArray, xy: FloatArray, yy: FloatArray, bend: FloatArray, twist: FloatArray
+) -> Symmetric2x2:
+    """Return Gauss-Newton matrix plus curvature of the bearings, or the former alone where that is not positive."""
+    exact = Symmetric2x2(xx - bend, xy - twist, yy + bend)
+    positive = (exact.xx > 0.0) & (exact.determinant > _LEAST_SHARE * (xx * yy - xy * xy))
+    if positive.all():
+        return exact
+    return Symmetric2x2(*(np.where(positive, a, b) for a, b in ((exact.xx, xx), (exact.xy, xy), (exact.yy, yy))))
 
 
 def _take_rows(array: FloatArray, rows: IntArray) -> FloatArray:

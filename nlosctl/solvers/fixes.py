@@ -8,9 +8,8 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Flags, Solution, single_estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.models.bearings import SightLines
+from nlosctl.models.bearings import SightLines, Survey
 
 __all__ = ["CONDITION_LIMIT", "finish_bearings_fix", "judge_fixes", "nearly_singular"]
 
@@ -31,24 +30,21 @@ def nearly_singular(normal: Symmetric2x2) -> BoolArray:
 
 
 def judge_fixes(
-    lines: SightLines, x: FloatArray, y: FloatArray, covariance: Symmetric2x2, minimum_range_m: float
+    lines: SightLines, x: FloatArray, y: FloatArray, survey: Survey, covariance: Symmetric2x2, minimum_range_m: float
 ) -> StatusArray:
-    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their covariance.
+    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their survey and covariance.
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than a millionth of that distance); behind: behind a ray's origin;
     infeasible: on another side of a mirror than the sensor.
     """
-    range_m = lines.range_m(x, y)
-    farthest = max_measurements(range_m)
-    nearest = -max_measurements(-range_m)
-    with np.errstate(invalid="ignore"):
+    farthest = survey.farthest_m
+    with np.errstate(invalid="ignore", over="ignore"):
         uncertain = ~(covariance.trace <= farthest * farthest)
-        on_sensor = nearest < np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
-        behind = max_measurements(-lines.along_m(x, y)) > 0.0
+        on_sensor = survey.nearest_m < np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
     status[lines.beyond_mirror(x, y)] = Status.INFEASIBLE
-    status[behind] = Status.BEHIND
+    status[survey.behind] = Status.BEHIND
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status
 
@@ -69,22 +65,22 @@ def finish_bearings_fix(
     ``normal`` is the unweighted normal matrix of the lines (B,), which tells whether they cross at all;
     ``converged`` (B,) is given by iterative methods. The cost is half the chi-square of the residuals.
     """
-    status = judge_fixes(lines, x, y, covariance, min_range_m)
+    survey = lines.survey(x, y)
+    status = judge_fixes(lines, x, y, survey, covariance, min_range_m)
     if converged is not None:
         status[~converged & (status != Status.BEHIND)] = Status.NOT_CONVERGED
     status[nearly_singular(normal)] = Status.DEGENERATE
     if batch.measurements < 2:
         status[:] = Status.TOO_FEW
-    residual = lines.bearing_residual_rad(x, y)
-    scaled = residual / lines.std_rad
     estimates = single_estimates(
         position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
         covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
-        cost=0.5 * sum_measurements(scaled * scaled),
+        cost=0.5 * survey.chi_square,
         n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
         status=status,
     )
-    return Solution(estimates=estimates, flags=_flags(status, residual) if batch.want_flags else None)
+    flags = _flags(status, lines.bearing_residual_rad(x, y)) if batch.want_flags else None
+    return Solution(estimates=estimates, flags=flags)
 
 
 def _flags(status: StatusArray, residual: FloatArray) -> Flags:

@@ -20,10 +20,13 @@ ProblemT = TypeVar("ProblemT", bound="Problem")
 _ROUNDING = 1e-14
 """Relative rise of the cost that may be rounding alone: near the minimum such a step is still a good one."""
 
+_WORTH_DROPPING = 0.75
+"""Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
+
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Cost, gradient and Gauss-Newton matrix (B,) of the problems at one point each."""
+    """Cost, gradient and a positive matrix of second derivatives (B,), exact or Gauss-Newton's, at one point each."""
 
     cost: FloatArray
     gradient_x: FloatArray
@@ -45,7 +48,7 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where each problem (B,) ended, the cost and the Gauss-Newton matrix there, and whether it settled."""
+    """Where each problem (B,) ended, the cost and the second derivatives there, and whether it settled."""
 
     x: FloatArray
     y: FloatArray
@@ -57,14 +60,19 @@ class Minimum:
 
 @dataclass
 class _State:
+    """The rows still in the work: their place in the block, point, damping, evaluation, and which have settled."""
+
     rows: IntArray
     x: FloatArray
     y: FloatArray
     damping: FloatArray
     at: Evaluation
+    settled: BoolArray
 
     def keep(self, mask: BoolArray) -> _State:
-        return _State(self.rows[mask], self.x[mask], self.y[mask], self.damping[mask], _choose(self.at, mask))
+        return _State(
+            self.rows[mask], self.x[mask], self.y[mask], self.damping[mask], _choose(self.at, mask), self.settled[mask]
+        )
 
 
 def minimize(
@@ -72,39 +80,59 @@ def minimize(
     start_x: FloatArray,
     start_y: FloatArray,
     *,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-8,
     max_iterations: int = 100,
 ) -> Minimum:
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
     A row has settled when its next full step is shorter than ``tolerance`` standard deviations (the step in the
-    metric of the Gauss-Newton matrix). Rows whose start is not finite, and rows that have not settled after
-    ``max_iterations`` steps, are marked not converged and keep their last point.
+    metric of the second derivatives); cost and matrix are those before that last step. Rows whose start is not
+    finite (cost NaN), and rows that have not settled after ``max_iterations`` steps, are marked not converged and
+    keep their last point.
     """
-    x, y = start_x.copy(), start_y.copy()
-    converged = np.zeros(x.shape, dtype=bool)
-    evaluations = np.zeros(x.shape, dtype=np.int64)
-    rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    minimum = _unsettled(start_x, start_y)
+    rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
     active = problem.take(rows)
-    state = _State(rows, x[rows], y[rows], np.zeros(rows.shape), active.evaluate(x[rows], y[rows]))
-    evaluations[rows] += 1
+    x, y = start_x[rows], start_y[rows]
+    state = _State(rows, x, y, np.zeros(rows.shape), active.evaluate(x, y), np.zeros(rows.shape, dtype=bool))
+    minimum.evaluations[rows] = 1
     for _ in range(max_iterations):
-        if not state.rows.size:
-            break
         step_x, step_y, length = _step(state)
-        settled = length <= tolerance
-        if settled.any():
-            done = state.rows[settled]
-            x[done], y[done] = (state.x + step_x)[settled], (state.y + step_y)[settled]
-            converged[done] = True
-            active = active.take(np.flatnonzero(~settled))
-            state = state.keep(~settled)
-            step_x, step_y = step_x[~settled], step_y[~settled]
-        evaluations[state.rows] += 1
+        arrived = (length <= tolerance) & ~state.settled
+        if arrived.any():
+            _record(minimum, state, state.x + step_x, state.y + step_y, arrived)
+            minimum.converged[state.rows[arrived]] = True
+            state.settled |= arrived
+            open_rows = ~state.settled
+            if not open_rows.any():
+                break
+            if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
+                active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
+                step_x, step_y = step_x[open_rows], step_y[open_rows]
+        minimum.evaluations[state.rows[~state.settled]] += 1
         state = _try_step(active, state, step_x, step_y)
-    x[state.rows], y[state.rows] = state.x, state.y
-    final = problem.evaluate(x, y)
-    return Minimum(x, y, final.cost, final.hessian, converged, evaluations)
+    _record(minimum, state, state.x, state.y, ~state.settled)
+    return minimum
+
+
+def _unsettled(start_x: FloatArray, start_y: FloatArray) -> Minimum:
+    nothing = [np.full(start_x.shape, np.nan) for _ in range(4)]
+    return Minimum(
+        x=start_x.copy(),
+        y=start_y.copy(),
+        cost=nothing[0],
+        hessian=Symmetric2x2(*nothing[1:]),
+        converged=np.zeros(start_x.shape, dtype=bool),
+        evaluations=np.zeros(start_x.shape, dtype=np.int64),
+    )
+
+
+def _record(minimum: Minimum, state: _State, x: FloatArray, y: FloatArray, which: BoolArray) -> None:
+    rows, at = state.rows[which], state.at
+    minimum.x[rows], minimum.y[rows] = x[which], y[which]
+    minimum.cost[rows] = at.cost[which]
+    minimum.hessian.xx[rows], minimum.hessian.xy[rows] = at.hessian.xx[which], at.hessian.xy[which]
+    minimum.hessian.yy[rows] = at.hessian.yy[which]
 
 
 def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -133,7 +161,8 @@ def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: Float
         np.where(better, x, state.x),
         np.where(better, y, state.y),
         np.where(better, eased, np.maximum(state.damping * 10.0, 1e-3)),
-        _merge(better, trial, state.at),
+        trial if better.all() else _merge(better, trial, state.at),
+        state.settled,
     )
 
 

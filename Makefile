@@ -1,0 +1,41 @@
+# README's two commands: `make demo` and `make test` set up everything they need in .venv, then run.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test format schemas fixtures benchmark clean
+
+.venv/runtime: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	touch $@
+
+.venv/dev: .venv/runtime
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	touch $@
+
+demo: .venv/runtime ## solve a bundled file of bearings and compare with its truth
+	$(BIN)/nlosctl localize --method ml fixtures/good_bearings.parquet -o out/fixes.parquet --overwrite
+	$(BIN)/nlosctl evaluate out/fixes.parquet
+
+test: .venv/dev ## lint, format, types, import contract, tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -n auto
+
+format: .venv/dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+schemas: .venv/runtime ## write schemas/ again from contract/tables.py
+	$(BIN)/nlosctl schema --write schemas
+
+fixtures: .venv/runtime ## make fixtures/ again
+	$(BIN)/python fixtures/builders/build_bearings.py
+
+benchmark: .venv/dev
+	$(BIN)/python benchmarks/run.py
+
+clean:
+	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

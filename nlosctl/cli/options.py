@@ -1,0 +1,166 @@
+"""The options that several commands share, with one help text each."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from nlosctl.errors import DataError, UsageError, did_you_mean
+
+__all__ = [
+    "AllRows",
+    "BadRows",
+    "BearingStdDeg",
+    "BlockSize",
+    "Carry",
+    "Columns",
+    "ConfigFile",
+    "Debug",
+    "Format",
+    "Hash",
+    "InputFormat",
+    "Inputs",
+    "Jobs",
+    "Json",
+    "Kind",
+    "Output",
+    "Overwrite",
+    "Params",
+    "Quiet",
+    "RangeStdM",
+    "Report",
+    "SceneFile",
+    "Seed",
+    "Verbose",
+    "key_values",
+]
+
+
+
+def _load_config(context: typer.Context, value: str | None) -> str | None:
+    """Take defaults from a TOML file: one table per command, keys as the long options."""
+    if value is None:
+        return None
+    try:
+        content = tomllib.loads(Path(value).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"--config {value}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DataError(f"--config {value}: not TOML: {error}") from error
+    command = context.info_name or ""
+    section = content.get(command, {})
+    known = {parameter.name for parameter in context.command.params if parameter.name}
+    defaults: dict[str, Any] = {}
+    for key, setting in section.items():
+        name = key.replace("-", "_")
+        if name not in known:
+            raise UsageError(f"--config {value}: [{command}] has no setting {key!r}{did_you_mean(name, known)}")
+        is_table = isinstance(setting, dict)
+        defaults[name] = [f"{word}={_text(item)}" for word, item in setting.items()] if is_table else setting
+    context.default_map = defaults
+    return value
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def key_values(words: list[str], option: str) -> dict[str, str]:
+    """Return ``KEY=VALUE`` words as a dictionary; raises UsageError for a word of another form or a repeated key."""
+    pairs: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            raise UsageError(f"{option} takes KEY=VALUE. Got {word!r} instead.")
+        if key in pairs:
+            raise UsageError(f"{option} {key} is given twice")
+        pairs[key] = value
+    return pairs
+
+
+Inputs = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="INPUT...",
+        help="Files (Parquet, CSV, CSV.gz, Arrow, JSON Lines), folders, globs, or - for standard input.",
+        show_default=False,
+    ),
+]
+Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Format = Annotated[
+    str | None,
+    typer.Option("--format", metavar="FORMAT", help="Format of the output, where its name does not tell."),
+]
+InputFormat = Annotated[
+    str | None,
+    typer.Option("--input-format", metavar="FORMAT", help="Format of the input, where neither name nor bytes tell."),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Kind = Annotated[
+    str | None, typer.Option("--kind", metavar="KIND", help="Kind of the measurements, where the columns mislead.")
+]
+SceneFile = Annotated[
+    str | None,
+    typer.Option(
+        "--scene",
+        metavar="FILE",
+        help="Scene (TOML): sensors and reflectors. Else the table's metadata, STEM.scene.toml or scene.toml beside it.",
+    ),
+]
+Columns = Annotated[
+    list[str],
+    typer.Option("--column", metavar="NAME=HEADER", help="Read the column HEADER of the file as NAME. Repeatable."),
+]
+BearingStdDeg = Annotated[
+    float | None,
+    typer.Option("--bearing-std-deg", metavar="DEG", help="Std of every bearing, where the file has no such column."),
+]
+RangeStdM = Annotated[
+    float | None,
+    typer.Option("--range-std-m", metavar="M", help="Std of every range, where the file has no such column."),
+]
+BadRows = Annotated[
+    str | None,
+    typer.Option("--bad-rows", metavar="FILE", help="Set bad rows aside in FILE and go on with the rest."),
+]
+AllRows = Annotated[
+    bool, typer.Option("--all-rows", help="Use also the rows that an earlier step flagged (los false, ip true).")
+]
+Params = Annotated[
+    list[str],
+    typer.Option(
+        "--param",
+        "-p",
+        metavar="KEY=VALUE",
+        help="A parameter (see 'nlosctl methods show NAME'); METHOD:KEY=VALUE for one of several. Repeatable.",
+    ),
+]
+Carry = Annotated[
+    list[str],
+    typer.Option("--carry", metavar="COLUMN", help="Carry an input column over to the estimates. Repeatable."),
+]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random; each snapshot draws its own from it.")]
+Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
+BlockSize = Annotated[int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")]
+Report = Annotated[
+    str | None, typer.Option("--report", metavar="FILE", help="Write the summary as JSON (- is standard error).")
+]
+Hash = Annotated[bool, typer.Option("--hash", help="Put hashes of the inputs' content into the output's provenance.")]
+Json = Annotated[bool, typer.Option("--json", help="Tell it as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more on standard error.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+ConfigFile = Annotated[
+    str | None,
+    typer.Option(
+        "--config",
+        metavar="FILE",
+        envvar="NLOSCTL_CONFIG",
+        is_eager=True,
+        callback=_load_config,
+        help="Defaults from a TOML file, a table per command. A flag beats NLOSCTL_<COMMAND>_<OPTION>, that beats FILE.",
+    ),
+]

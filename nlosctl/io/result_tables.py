@@ -1,0 +1,174 @@
+"""Estimates and flags as Arrow tables: from flat arrays and the input's own columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nlosctl.contract.statuses import Status
+from nlosctl.contract.tables import ESTIMATES, FLAGS, Column
+from nlosctl.errors import DataError, did_you_mean
+
+__all__ = ["EstimatesLayout", "FlagsLayout", "carried_columns"]
+
+IntArray = npt.NDArray[np.int64]
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+_TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
+_ALWAYS_CARRIED = ("truth_x_m", "truth_y_m", "scene")
+_KEPT_FLAGS = ("los", "ip")
+_STATUS_WORDS = pa.array([status.word for status in Status])
+
+
+def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+    """Return the input's columns that estimates carry over: truth, scene, ``sweep_*``, and the ``wanted`` ones.
+
+    Raises DataError where a wanted column is not there.
+    """
+    for name in wanted:
+        if name not in input_names:
+            raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
+    chosen = {*_ALWAYS_CARRIED, *wanted}
+    taken = {column.name for column in ESTIMATES.columns if column.name not in _ALWAYS_CARRIED}
+    return tuple(
+        name for name in input_names if (name in chosen or name.startswith("sweep_")) and name not in {*taken, "source"}
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatesLayout:
+    """How the estimates table of a run looks: same columns in every chunk."""
+
+    methods: tuple[str, ...]
+    input_schema: pa.Schema
+    snapshot_type: pa.DataType
+    carried: tuple[str, ...]
+    with_covariance_kind: bool
+    with_source: bool
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema."""
+        fields = [pa.field("snapshot", self.snapshot_type)]
+        for column in ESTIMATES.columns[1:]:
+            if column.name in _ALWAYS_CARRIED or (column.name == "covariance_kind" and not self.with_covariance_kind):
+                continue
+            fields.append(pa.field(column.name, _TYPES[column.type]))
+        fields += [self.input_schema.field(name).with_metadata(None) for name in self.carried]
+        if self.with_source:
+            fields.append(pa.field("source", pa.string()))
+        return pa.schema([_plain(field) for field in fields])
+
+    def table(self, arrays: Arrays, *, ids: pa.Array, first_row: IntArray, rows: pa.Table, source: str) -> pa.Table:
+        """Return the table of a chunk's estimates.
+
+        ``arrays`` holds the fields of flat estimates (E,), ``ids`` (S,) the snapshot ids, ``first_row`` (S,) each
+        snapshot's first row in ``rows``, the chunk's input.
+        """
+        snapshot = arrays["snapshot"]
+        values: dict[str, Any] = {
+            "snapshot": ids.take(pa.array(snapshot)),
+            "method": pa.array(self.methods).take(pa.array(arrays["method"])),
+            "x_m": _nullable(arrays["position_m"][:, 0]),
+            "y_m": _nullable(arrays["position_m"][:, 1]),
+            "cov_xx_m2": _nullable(arrays["covariance_m2"][:, 0]),
+            "cov_xy_m2": _nullable(arrays["covariance_m2"][:, 1]),
+            "cov_yy_m2": _nullable(arrays["covariance_m2"][:, 2]),
+            "cost": _nullable(arrays["cost"]),
+            "status": _STATUS_WORDS.take(pa.array(arrays["status"])),
+        }
+        for name in ("target", "alternative", "n_measurements", "n_used"):
+            values[name] = pa.array(arrays[name])
+        if self.with_covariance_kind:
+            values["covariance_kind"] = pa.array(arrays["covariance_kind"], pa.string())
+        places = pa.array(first_row[snapshot])
+        for name in self.carried:
+            values[name] = rows.column(name).take(places)
+        if self.with_source:
+            values["source"] = pa.array([source]).take(pa.array(np.zeros(snapshot.shape[0], dtype=np.int64)))
+        schema = self.schema
+        return pa.table([_cast(values[field.name], field.type) for field in schema], schema=schema)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlagsLayout:
+    """How the flags table of a run looks: the input's columns, and what the methods say of each row."""
+
+    methods: tuple[str, ...]
+    input_schema: pa.Schema
+    said: tuple[str, ...]
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema; earlier flags are replaced, but ``los`` and ``ip`` are kept where nothing new is said."""
+        replaced = {column.name for column in FLAGS.columns if column.name not in ("snapshot", *_KEPT_FLAGS)}
+        replaced |= set(self.said)
+        fields = [field for field in self.input_schema.remove_metadata() if field.name not in replaced]
+        if len(self.methods) > 1:
+            fields.append(pa.field("method", pa.string()))
+        fields.append(pa.field("used", pa.bool_()))
+        fields += [pa.field(name, _said_type(name)) for name in self.said]
+        return pa.schema([_plain(field) for field in fields])
+
+    def table(self, flags: Sequence[tuple[Any, Arrays]], *, rows: pa.Table, snapshot_of_row: IntArray) -> pa.Table:
+        """Return the table of a chunk's flags: for each snapshot, the rows by the first method, then the next.
+
+        ``flags`` holds for each method ``used`` (N,) and its columns (N,).
+        """
+        tables = [self._of_method(number, used, columns, rows) for number, (used, columns) in enumerate(flags)]
+        if len(tables) == 1:
+            return tables[0]
+        method = np.repeat(np.arange(len(tables)), rows.num_rows)
+        order = np.lexsort((method, np.tile(snapshot_of_row, len(tables))))
+        return pa.concat_tables(tables).take(pa.array(order))
+
+    def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Arrays, rows: pa.Table) -> pa.Table:
+        columns: list[Any] = []
+        for field in self.schema:
+            if field.name == "method" and len(self.methods) > 1:
+                values: Any = pa.array([self.methods[number]]).take(pa.array(np.zeros(len(used), dtype=np.int64)))
+            elif field.name == "used":
+                values = pa.array(used)
+            elif field.name in self.said:
+                values = _said(said.get(field.name), field.type, rows, field.name)
+            else:
+                values = rows.column(field.name)
+            columns.append(_cast(values, field.type))
+        return pa.table(columns, schema=self.schema)
+
+
+def _said(values: npt.NDArray[Any] | None, kind: pa.DataType, rows: pa.Table, name: str) -> Any:
+    if values is None:
+        new = pa.nulls(rows.num_rows, kind)
+    elif values.dtype.kind == "f":
+        new = _nullable(values)
+    else:
+        new = pa.array(values, kind)
+    if name in _KEPT_FLAGS and name in rows.column_names:
+        return pc.coalesce(new, _cast(rows.column(name), kind))
+    return new
+
+
+def _said_type(name: str) -> pa.DataType:
+    column: Column = FLAGS.column(name)
+    return _TYPES[column.type]
+
+
+def _nullable(values: npt.NDArray[Any]) -> pa.Array:
+    return pa.array(values, mask=np.isnan(values))
+
+
+def _plain(field: pa.Field) -> pa.Field:
+    """Return the field with plain text for dictionary-encoded text: each file then reads the same everywhere."""
+    kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+    return pa.field(field.name, kind)
+
+
+def _cast(values: Any, kind: pa.DataType) -> Any:
+    return values if values.type == kind else values.cast(kind)

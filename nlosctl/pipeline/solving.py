@@ -1,0 +1,166 @@
+"""Solve the snapshots of one chunk with one or several methods: flat arrays in, flat arrays out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import MethodError, NlosctlError
+from nlosctl.pipeline.dense import Block, dense_blocks
+
+__all__ = ["FlatEstimates", "FlatFlags", "MethodRun", "Problem", "solve_flat"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodRun:
+    """A method with the options of this run."""
+
+    spec: MethodSpec
+    options: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A chunk as a method run needs it: flat columns (N,), row offsets (S+1,), rows kept (N,), seeds (S,)."""
+
+    kind: str
+    scene: Scene
+    columns: Mapping[str, npt.NDArray[Any]]
+    offsets: IntArray
+    kept: BoolArray
+    seed: npt.NDArray[np.uint64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatEstimates:
+    """Estimates (E,) of a chunk, by snapshot, then method, target and alternative."""
+
+    snapshot: IntArray
+    method: IntArray
+    target: IntArray
+    alternative: IntArray
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    n_measurements: IntArray
+    n_used: IntArray
+    cost: FloatArray
+    status: npt.NDArray[np.uint8]
+    covariance_kind: npt.NDArray[np.object_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatFlags:
+    """Flags (N,) of a chunk by one method; rows that took no part are not used and say nothing."""
+
+    used: BoolArray
+    columns: Mapping[str, npt.NDArray[Any]]
+
+
+def solve_flat(
+    problem: Problem, runs: Sequence[MethodRun], *, block_size: int, alternatives: int, want_flags: bool
+) -> tuple[FlatEstimates, list[FlatFlags]]:
+    """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted."""
+    parts: list[FlatEstimates] = []
+    flags: list[FlatFlags] = []
+    blocks = list(dense_blocks(problem.offsets, problem.kept, block_size))
+    for number, run in enumerate(runs):
+        solutions = [(block, _solve_block(problem, block, run, want_flags)) for block in blocks]
+        parts += [_flatten(problem, block, solution.estimates, number) for block, solution in solutions]
+        if want_flags:
+            flags.append(_scatter_flags(problem.kept.shape[0], run.spec, solutions))
+    return _in_order(_concatenate(parts), alternatives), flags
+
+
+def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: bool) -> Solution:
+    if block.row.shape[1] < run.spec.minimum_measurements:
+        return _too_few(block.row.shape[0])
+    batch = block.batch(problem.kind, problem.columns, problem.scene, problem.seed, flags=want_flags)
+    try:
+        solution = run.spec.solve(batch, run.options)
+    except NlosctlError:
+        raise
+    except Exception as error:
+        raise MethodError(f"method {run.spec.name!r} failed: {type(error).__name__}: {error}") from error
+    if not isinstance(solution, Solution):
+        raise MethodError(f"method {run.spec.name!r} returned a {type(solution).__name__}, not a Solution")
+    return solution
+
+
+def _too_few(size: int) -> Solution:
+    nothing = np.full((size, 3), np.nan)
+    return Solution(
+        estimates=single_estimates(
+            position_m=nothing[:, :2],
+            covariance_m2=nothing,
+            cost=nothing[:, 0],
+            n_used=np.zeros(size, dtype=np.int64),
+            status=np.full(size, Status.TOO_FEW, dtype=np.uint8),
+        )
+    )
+
+
+def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) -> FlatEstimates:
+    snapshot = block.snapshot[estimates.row]
+    size = snapshot.shape[0]
+    return FlatEstimates(
+        snapshot=snapshot,
+        method=np.full(size, method, dtype=np.int64),
+        target=estimates.target,
+        alternative=estimates.alternative,
+        position_m=estimates.position_m,
+        covariance_m2=estimates.covariance_m2,
+        n_measurements=(problem.offsets[1:] - problem.offsets[:-1])[snapshot],
+        n_used=estimates.n_used,
+        cost=estimates.cost,
+        status=estimates.status,
+        covariance_kind=np.full(size, estimates.covariance_kind, dtype=object),
+    )
+
+
+def _concatenate(parts: list[FlatEstimates]) -> FlatEstimates:
+    if len(parts) == 1:
+        return parts[0]
+    return FlatEstimates(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in FlatEstimates.__annotations__}
+    )
+
+
+def _in_order(estimates: FlatEstimates, alternatives: int) -> FlatEstimates:
+    if bool((estimates.snapshot[1:] > estimates.snapshot[:-1]).all()):
+        return estimates
+    order = np.lexsort((estimates.alternative, estimates.target, estimates.method, estimates.snapshot))
+    order = order[estimates.alternative[order] < alternatives]
+    return FlatEstimates(**{name: getattr(estimates, name)[order] for name in FlatEstimates.__annotations__})
+
+
+def _scatter_flags(rows: int, spec: MethodSpec, solutions: list[tuple[Block, Solution]]) -> FlatFlags:
+    used = np.zeros(rows, dtype=bool)
+    columns: dict[str, npt.NDArray[Any]] = {}
+    for block, solution in solutions:
+        flags = solution.flags
+        if flags is None:
+            continue
+        used[block.row] = flags.used
+        for name in spec.flags:
+            if name in flags.columns:
+                _scatter(columns, name, flags, block.row, rows)
+    return FlatFlags(used=used, columns=columns)
+
+
+def _scatter(columns: dict[str, npt.NDArray[Any]], name: str, flags: Flags, row: IntArray, rows: int) -> None:
+    values = flags.columns[name]
+    if name not in columns:
+        columns[name] = np.full(rows, np.nan) if values.dtype.kind == "f" else np.full(rows, None, dtype=object)
+    columns[name][row] = values

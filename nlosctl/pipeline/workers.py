@@ -1,0 +1,37 @@
+"""Work on a stream of chunks with several threads, results in the order of the stream."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+__all__ = ["map_in_order"]
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+
+
+def map_in_order(function: Callable[[ItemT], ResultT], items: Iterable[ItemT], jobs: int) -> Iterator[ResultT]:
+    """Yield ``function(item)`` for each item in order, with up to ``jobs`` threads.
+
+    At most ``jobs`` + 1 items are held at a time. With one job no thread is made. The first error is raised where
+    its result would have stood, and nothing more is begun.
+    """
+    if jobs == 1:
+        for item in items:
+            yield function(item)
+        return
+    pending: deque[Future[ResultT]] = deque()
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        try:
+            for item in items:
+                pending.append(pool.submit(function, item))
+                if len(pending) > jobs:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
