@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
-__all__ = ["Estimates", "Flags", "Solution", "single_estimates"]
+__all__ = ["Estimates", "Flags", "Solution", "Words", "single_estimates"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,9 @@ class Estimates:
     ``row`` (E,) is the snapshot's place in the batch; every snapshot has at least one estimate, if only to carry
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
     NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
-    says what the covariance accounts for, where the method has more than one kind.
+    says what the covariance accounts for, where the method has more than one kind. ``measurement`` (E,) is given
+    where every measurement is solved by itself: its place in the snapshot (estimates are then ordered by it within
+    a target).
     """
 
     row: IntArray
@@ -33,6 +35,15 @@ class Estimates:
     n_used: IntArray
     status: npt.NDArray[np.uint8]
     covariance_kind: str | None = None
+    measurement: IntArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``."""
+
+    code: npt.NDArray[np.uint8]
+    words: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,14 +54,17 @@ class Flags:
     """
 
     used: BoolArray
-    columns: Mapping[str, npt.NDArray[np.generic]] = field(default_factory=dict)
+    columns: Mapping[str, npt.NDArray[np.generic] | Words] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """The result of one batch. ``flags`` may be None when the batch did not want them."""
+    """The result of one batch. ``flags`` may be None when the batch did not want them.
 
-    estimates: Estimates
+    ``estimates`` is None from a detector that estimates nothing.
+    """
+
+    estimates: Estimates | None = None
     flags: Flags | None = None
 
 

@@ -17,8 +17,11 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
 
-_ROUNDING = 1e-14
-"""Relative rise of the cost that may be rounding alone: near the minimum such a step is still a good one."""
+_ROUNDING = 1e-12
+"""Rise of the cost, in parts of 1 + cost, that may be rounding alone: such a step near the minimum is a good one.
+
+Residuals of ranges far longer than their standard deviation round at about range / std times 1e-16.
+"""
 
 _WORTH_DROPPING = 0.75
 """Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
@@ -153,7 +156,7 @@ def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: Float
     x, y = state.x + step_x, state.y + step_y
     trial = problem.evaluate(x, y)
     with np.errstate(invalid="ignore"):
-        not_worse = trial.cost <= state.at.cost * (1.0 + _ROUNDING)
+        not_worse = trial.cost <= state.at.cost + _ROUNDING * (1.0 + state.at.cost)
         better = not_worse & ((step_x != 0.0) | (step_y != 0.0))
     eased = np.where(state.damping > 1e-6, state.damping * 0.1, 0.0)
     return _State(

@@ -1,0 +1,115 @@
+"""The target that explains one path best: every path fitted by itself, from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.triplets import PathRows
+from nlosctl.solvers.levenberg_marquardt import minimize
+from nlosctl.solvers.triplet_problem import TripletProblem
+
+__all__ = ["PathFits", "fit_paths"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+_SAME_BASIN = 0.05
+"""A start whose cost the quadratic at a known minimum foretells this well leads there again."""
+
+
+@dataclass
+class PathFits:
+    """The best target of every path (N,) in its baseline frame, metres, and what it leaves over.
+
+    ``cost`` is half the chi-square, with one degree of freedom for a direct path; ``hessian`` its second
+    derivatives. ``runner_up`` is the cost of the best other minimum, infinite where none was found.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    hessian: Symmetric2x2
+    converged: BoolArray
+    runner_up: FloatArray
+
+
+def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> PathFits:
+    """Fit every path by itself from the three intersections and points between them.
+
+    One start is not enough: the likelihood of an indirect path has several minima. A start that lies in the basin
+    of a minimum already found is left out.
+    """
+    problem = TripletProblem.of_paths(rows)
+    count = rows.rays.path_length_m.shape[0]
+    best = PathFits(
+        *(np.full(count, value) for value in (np.nan, np.nan, np.inf)),
+        Symmetric2x2(*(np.full(count, np.nan) for _ in range(3))),
+        np.zeros(count, dtype=bool),
+        np.full(count, np.inf),
+    )
+    for start_x, start_y in _starts(rows):
+        open_rows = np.flatnonzero(np.isfinite(start_x + start_y) & ~_leads_back(problem, best, start_x, start_y))
+        if open_rows.size:
+            _improve(problem, best, start_x, start_y, open_rows, max_iterations)
+    return best
+
+
+def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield starts (N,), NaN where a path lacks them: points 2 and 3, their middle, point 1, the mean of all."""
+    rays = rows.rays
+    longer = replace(rays, path_length_m=np.maximum(rays.path_length_m, rays.baseline_m + rows.path_length_std_m))
+    x2, y2, x3, y3 = (longer.coordinate(point, axis).value_m for point in (2, 3) for axis in ("x", "y"))
+    x1, y1 = rays.coordinate(1, "x").value_m, rays.coordinate(1, "y").value_m
+    # Of lines that are nearly parallel, or meet behind, the crossing says nothing.
+    with np.errstate(invalid="ignore"):
+        usable = ~rays.meets_behind & (x1 * x1 + y1 * y1 < 100.0 * longer.path_length_m**2)
+    x1, y1 = np.where(usable, x1, np.nan), np.where(usable, y1, np.nan)
+    yield 0.5 * (x2 + x3), 0.5 * (y2 + y3)
+    yield x2, y2
+    yield x3, y3
+    yield x1, y1
+    yield (x1 + x2 + x3) / 3.0, (y1 + y2 + y3) / 3.0
+
+
+def _leads_back(problem: TripletProblem, best: PathFits, start_x: FloatArray, start_y: FloatArray) -> BoolArray:
+    known = best.converged
+    if not known.any():
+        return known
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        dx, dy = start_x - best.x, start_y - best.y
+        hessian = best.hessian
+        rise = 0.5 * (hessian.xx * dx * dx + 2.0 * hessian.xy * dx * dy + hessian.yy * dy * dy)
+        there = problem.evaluate(start_x, start_y).cost
+        foretold = np.abs(there - best.cost - rise) <= _SAME_BASIN * rise
+    return known & foretold
+
+
+def _improve(
+    problem: TripletProblem,
+    best: PathFits,
+    start_x: FloatArray,
+    start_y: FloatArray,
+    rows: npt.NDArray[np.int64],
+    max_iterations: int,
+) -> None:
+    found = minimize(problem.take(rows), start_x[rows], start_y[rows], max_iterations=max_iterations)
+    with np.errstate(invalid="ignore", over="ignore"):
+        dx, dy = found.x - best.x[rows], found.y - best.y[rows]
+        hessian = found.hessian
+        apart = hessian.xx * dx * dx + 2.0 * hessian.xy * dx * dy + hessian.yy * dy * dy
+        other = found.converged & best.converged[rows] & (apart > 1e-6)
+        # A point that has not settled counts only while no other has.
+        better = (found.cost < best.cost[rows]) & (found.converged | ~best.converged[rows])
+        better |= found.converged & ~best.converged[rows]
+    loser = np.where(better, best.cost[rows], found.cost)
+    best.runner_up[rows] = np.where(other, np.minimum(best.runner_up[rows], loser), best.runner_up[rows])
+    chosen = rows[better]
+    for name in ("x", "y", "cost", "converged"):
+        getattr(best, name)[chosen] = getattr(found, name)[better]
+    for name in ("xx", "xy", "yy"):
+        getattr(best.hessian, name)[chosen] = getattr(found.hessian, name)[better]
