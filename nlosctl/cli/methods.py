@@ -28,9 +28,7 @@ def list_methods(
     from nlosctl import registry
 
     entries = registry.entries()
-    rows = [
-        {"kind": e.kind, "name": e.name, "distribution": e.distribution, "version": e.version} for e in entries
-    ]
+    rows = [{"kind": e.kind, "name": e.name, "distribution": e.distribution, "version": e.version} for e in entries]
     failed = 0
     if check:
         for row, entry in zip(rows, entries, strict=True):

@@ -39,7 +39,6 @@ __all__ = [
 ]
 
 
-
 def _load_config(context: typer.Context, value: str | None) -> str | None:
     """Take defaults from a TOML file: one table per command, keys as the long options."""
     if value is None:
@@ -144,7 +143,9 @@ Carry = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random; each snapshot draws its own from it.")]
 Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
-BlockSize = Annotated[int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")]
+BlockSize = Annotated[
+    int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")
+]
 Report = Annotated[
     str | None, typer.Option("--report", metavar="FILE", help="Write the summary as JSON (- is standard error).")
 ]

@@ -21,12 +21,15 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 
-__all__ = ["DIFFERENCES", "BaselineFrame", "Quantity", "TripletRays", "baseline_frames"]
+__all__ = ["AXES", "DIFFERENCES", "BaselineFrame", "Quantity", "TripletRays", "baseline_frames"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-DIFFERENCES: dict[int, tuple[int, int, Literal["x", "y"]]] = {
+Axis = Literal["x", "y"]
+AXES: tuple[Axis, Axis] = ("x", "y")
+
+DIFFERENCES: dict[int, tuple[int, int, Axis]] = {
     1: (1, 2, "x"),
     2: (1, 2, "y"),
     3: (1, 3, "x"),
@@ -194,7 +197,7 @@ class TripletRays:
         """Return how far along the arriving ray point 3 is: (l^2 - d^2) / (2 (l + d cos mu1))."""
         return 0.5 * self._squares / self._doa_denominator
 
-    def coordinate(self, point: int, axis: Literal["x", "y"]) -> Quantity:
+    def coordinate(self, point: int, axis: Axis) -> Quantity:
         """Return a coordinate of point 1, 2 or 3 in the baseline frame, with its derivatives."""
         return (self._crossing, self._dod_on_ellipse, self._doa_on_ellipse)[point - 1](axis)
 
@@ -207,7 +210,7 @@ class TripletRays:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return np.where(self.crossing_sine != 0.0, numerator / self.crossing_sine, np.nan)
 
-    def _crossing(self, axis: Literal["x", "y"]) -> Quantity:
+    def _crossing(self, axis: Axis) -> Quantity:
         """Return point 1 = tx + r2 u(mu2) = rx + r1 u(mu1): each angle slides it along the other's line."""
         along_dod, along_doa = self.dod_range_to_crossing_m, self.doa_range_to_crossing_m
         dod = self.dod_cosine if axis == "x" else self.dod_sine
@@ -222,7 +225,7 @@ class TripletRays:
             0.0,
         )
 
-    def _dod_on_ellipse(self, axis: Literal["x", "y"]) -> Quantity:
+    def _dod_on_ellipse(self, axis: Axis) -> Quantity:
         length, baseline, reach = self.path_length_m, self.baseline_m, self.dod_range_to_ellipse_m
         by_length = self._range_by_length(self._dod_denominator, -self.dod_cosine)
         share = reach / self._dod_denominator
@@ -236,7 +239,7 @@ class TripletRays:
             by_length * self.dod_sine,
         )
 
-    def _doa_on_ellipse(self, axis: Literal["x", "y"]) -> Quantity:
+    def _doa_on_ellipse(self, axis: Axis) -> Quantity:
         length, baseline, reach = self.path_length_m, self.baseline_m, self.doa_range_to_ellipse_m
         by_length = self._range_by_length(self._doa_denominator, self.doa_cosine)
         share = reach / self._doa_denominator

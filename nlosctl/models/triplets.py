@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.ellipses import nearest_on_ellipse
 from nlosctl.geometry.triplets import BaselineFrame, Quantity, TripletRays, baseline_frames
 
-__all__ = ["PathRows", "distance_to_ellipse", "path_rows", "predict_triplets"]
+__all__ = ["PathRows", "distance_to_ellipse", "path_rows", "predict_triplets", "snapshot_centers"]
 
 FloatArray = npt.NDArray[np.float64]
 DTypeT = TypeVar("DTypeT", bound=np.generic)
@@ -93,3 +94,14 @@ def distance_to_ellipse(rays: TripletRays) -> Quantity:
             x.by_dod * normal_x + y.by_dod * normal_y,
             -scale,
         )
+
+
+def snapshot_centers(batch: TripletBatch) -> tuple[FloatArray, FloatArray]:
+    """Return the mean (B,) of the transmitters and receivers of each snapshot, x and y in metres."""
+    count = 2.0 * max(batch.measurements, 1)
+
+    def center(axis: int) -> FloatArray:
+        nodes = sum_measurements(batch.tx_xy_m[..., axis]) + sum_measurements(batch.rx_xy_m[..., axis])
+        return nodes / count
+
+    return center(0), center(1)

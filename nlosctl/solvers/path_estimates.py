@@ -9,10 +9,10 @@ from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
-from nlosctl.solvers.triplet_fits import PathFits
+from nlosctl.solvers.triplet_fits import TargetFits
 from nlosctl.solvers.triplet_problem import TripletProblem
 
-__all__ = ["judge_targets", "path_estimates", "path_statuses"]
+__all__ = ["judge_targets", "mark_ambiguous", "path_estimates"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -43,19 +43,19 @@ def judge_targets(
     return status
 
 
-def path_statuses(fits: PathFits, status: StatusArray, ambiguous_within: float) -> StatusArray:
+def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: float) -> StatusArray:
     """Return the statuses with ``ambiguous`` where another minimum costs hardly more (nats)."""
     with np.errstate(invalid="ignore"):
         close = (fits.runner_up - fits.cost < ambiguous_within) & (status == Status.OK)
     return np.where(close, np.uint8(Status.AMBIGUOUS), status)
 
 
-def path_estimates(rows: PathRows, fits: PathFits, ambiguous_within: float) -> Estimates:
+def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) -> Estimates:
     """Return an estimate of the target for every path; the covariance is the inverse Fisher information."""
     problem = TripletProblem.of_paths(rows)
     covariance = problem.information(fits.x, fits.y).inverse()
     judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
-    status = path_statuses(fits, judged, ambiguous_within)
+    status = mark_ambiguous(fits, judged, ambiguous_within)
     x, y = rows.frame.to_global(fits.x, fits.y)
     turned = rows.frame.matrix_to_global(covariance)
     answered = status <= Status.BOUNDARY

@@ -1,4 +1,4 @@
-"""The target that explains one path best: every path fitted by itself, from several starts."""
+"""The target that explains one path best, or all paths of a snapshot: fitted from several starts."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.levenberg_marquardt import minimize
 from nlosctl.solvers.triplet_problem import TripletProblem
 
-__all__ = ["PathFits", "fit_paths"]
+__all__ = ["TargetFits", "fit_paths", "fit_snapshots"]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 _SAME_BASIN = 0.05
 """A start whose cost the quadratic at a known minimum foretells this well leads there again."""
+_SNAPSHOT_STARTS = 5
+"""So many of the targets that single paths propose are tried for all paths together."""
 
 
 @dataclass
-class PathFits:
-    """The best target of every path (N,) in its baseline frame, metres, and what it leaves over.
+class TargetFits:
+    """The best target of every problem (N,) about its local origin, metres, and what it leaves over.
 
-    ``cost`` is half the chi-square, with one degree of freedom for a direct path; ``hessian`` its second
-    derivatives. ``runner_up`` is the cost of the best other minimum, infinite where none was found.
+    ``cost`` is half the chi-square, ``hessian`` its second derivatives. ``runner_up`` is the cost of the best other
+    minimum, infinite where none was found.
     """
 
     x: FloatArray
@@ -37,26 +39,57 @@ class PathFits:
     converged: BoolArray
     runner_up: FloatArray
 
+    @classmethod
+    def none(cls, count: int) -> TargetFits:
+        """Return as many problems that no start has been tried on."""
 
-def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> PathFits:
-    """Fit every path by itself from the three intersections and points between them.
+        def fill(value: float) -> FloatArray:
+            return np.full(count, value)
 
-    One start is not enough: the likelihood of an indirect path has several minima. A start that lies in the basin
-    of a minimum already found is left out.
+        return cls(
+            x=fill(np.nan),
+            y=fill(np.nan),
+            cost=fill(np.inf),
+            hessian=Symmetric2x2(fill(np.nan), fill(np.nan), fill(np.nan)),
+            converged=np.zeros(count, dtype=bool),
+            runner_up=fill(np.inf),
+        )
+
+
+def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
+    """Fit every path by itself from the three intersections and points between them, in its baseline frame.
+
+    The chi-square of a direct path has one degree of freedom. One start is not enough: the likelihood of an indirect
+    path has several minima. A start that lies in the basin of a minimum already found is left out.
     """
     problem = TripletProblem.of_paths(rows)
-    count = rows.rays.path_length_m.shape[0]
-    best = PathFits(
-        *(np.full(count, value) for value in (np.nan, np.nan, np.inf)),
-        Symmetric2x2(*(np.full(count, np.nan) for _ in range(3))),
-        np.zeros(count, dtype=bool),
-        np.full(count, np.inf),
-    )
+    best = TargetFits.none(rows.rays.path_length_m.shape[0])
     for start_x, start_y in _starts(rows):
-        open_rows = np.flatnonzero(np.isfinite(start_x + start_y) & ~_leads_back(problem, best, start_x, start_y))
-        if open_rows.size:
-            _improve(problem, best, start_x, start_y, open_rows, max_iterations)
+        _try_start(problem, best, start_x, start_y, max_iterations)
     return best
+
+
+def fit_snapshots(
+    problem: TripletProblem, proposed_x: FloatArray, proposed_y: FloatArray, *, max_iterations: int = 100
+) -> TargetFits:
+    """Fit one target to all paths (B, K) of each snapshot, from the likeliest of the proposed targets (B, K)."""
+    costs = np.stack(
+        [problem.evaluate(proposed_x[:, k], proposed_y[:, k]).cost for k in range(proposed_x.shape[1])], axis=1
+    )
+    order = np.argsort(np.where(np.isnan(costs), np.inf, costs), axis=1, kind="stable")[:, :_SNAPSHOT_STARTS]
+    start_x, start_y = (np.take_along_axis(values, order, axis=1) for values in (proposed_x, proposed_y))
+    best = TargetFits.none(proposed_x.shape[0])
+    for start in range(order.shape[1]):
+        _try_start(problem, best, start_x[:, start], start_y[:, start], max_iterations)
+    return best
+
+
+def _try_start(
+    problem: TripletProblem, best: TargetFits, start_x: FloatArray, start_y: FloatArray, max_iterations: int
+) -> None:
+    open_rows = np.flatnonzero(np.isfinite(start_x + start_y) & ~_leads_back(problem, best, start_x, start_y))
+    if open_rows.size:
+        _improve(problem, best, start_x, start_y, open_rows, max_iterations)
 
 
 def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -76,7 +109,7 @@ def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
     yield (x1 + x2 + x3) / 3.0, (y1 + y2 + y3) / 3.0
 
 
-def _leads_back(problem: TripletProblem, best: PathFits, start_x: FloatArray, start_y: FloatArray) -> BoolArray:
+def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, start_y: FloatArray) -> BoolArray:
     known = best.converged
     if not known.any():
         return known
@@ -91,7 +124,7 @@ def _leads_back(problem: TripletProblem, best: PathFits, start_x: FloatArray, st
 
 def _improve(
     problem: TripletProblem,
-    best: PathFits,
+    best: TargetFits,
     start_x: FloatArray,
     start_y: FloatArray,
     rows: npt.NDArray[np.int64],

@@ -13,7 +13,7 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.levenberg_marquardt import Evaluation
 
-__all__ = ["TripletProblem"]
+__all__ = ["PathSums", "TripletProblem"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -82,7 +82,7 @@ class TripletProblem:
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and the exact second derivatives, or Gauss-Newton's where those are not positive."""
-        total = _Sums(x.shape)
+        total = PathSums(x.shape)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for k in range(self.tx_x.shape[1]):
                 total.add_path(self, k, x, y)
@@ -90,7 +90,7 @@ class TripletProblem:
 
     def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
         """Return the Fisher information (B,) of targets (B,): the Gauss-Newton matrix there."""
-        total = _Sums(x.shape)
+        total = PathSums(x.shape)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for k in range(self.tx_x.shape[1]):
                 total.add_path(self, k, x, y)
@@ -102,16 +102,16 @@ def _turn(cosine: FloatArray, sine: FloatArray, dx: FloatArray, dy: FloatArray) 
     return np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
 
 
-class _Sums:
-    """Sums over the paths: cost, gradient, Gauss-Newton matrix, and what curvature adds to that."""
+class PathSums:
+    """Sums over paths: chi-square (``cost``), gradient, Gauss-Newton matrix, and what curvature adds to that."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.cost, self.gradient_x, self.gradient_y = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.xx, self.xy, self.yy = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.bend_xx, self.bend_xy, self.bend_yy = np.zeros(shape), np.zeros(shape), np.zeros(shape)
 
-    def add_path(self, problem: TripletProblem, k: int, x: FloatArray, y: FloatArray) -> None:
-        """Add path k of every snapshot."""
+    def add_path(self, problem: TripletProblem, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Add path k of every snapshot; return the length (B,) of the direct path over the targets."""
         unit_tx = self._add_angle(
             x - problem.tx_x[:, k],
             y - problem.tx_y[:, k],
@@ -127,6 +127,7 @@ class _Sums:
             problem.inverse_doa_std[:, k],
         )
         self._add_length(unit_tx, unit_rx, problem.path_length_m[:, k], problem.inverse_length_std[:, k])
+        return unit_tx[0] + unit_rx[0]
 
     def _add_angle(
         self, dx: FloatArray, dy: FloatArray, cosine: FloatArray, sine: FloatArray, inverse_std: FloatArray

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.triplets import DIFFERENCES, Quantity, TripletRays
+from nlosctl.geometry.triplets import AXES, DIFFERENCES, Quantity, TripletRays
 from nlosctl.models.error_laws import ErrorLaw, exceedance, quantile
 from nlosctl.models.triplets import PathRows, distance_to_ellipse
 
@@ -108,7 +108,7 @@ def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
         parallel = np.abs(rays.crossing_sine) <= np.sin(np.minimum(BLIND_WITHIN * apart_std, 0.5 * np.pi))
     if rule == "ellipse":
         return single | parallel
-    first, second, axis = DIFFERENCES[int(rule)]
+    _, second, axis = DIFFERENCES[int(rule)]
     along = (rays.dod_cosine, rays.dod_sine) if second == 2 else (rays.doa_cosine, rays.doa_sine)
     std = rows.dod_std_rad if second == 2 else rows.doa_std_rad
     flat = np.abs(along[0] if axis == "x" else along[1])
@@ -117,12 +117,14 @@ def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
 
 def _mirrored(rows: PathRows, rule: int) -> BoolArray:
     """Return where points 2 and 3 are images of each other, within noise: in y for lambda 5, in x for lambda 6."""
-    same, opposite = ("x", "y") if rule == 5 else ("y", "x")
-    first, second = (
-        [rows.rays.coordinate(point, axis) for point in (2, 3)] for axis in (same, opposite)
-    )
-    pairs = (first[0] - first[1], second[0] + second[1])
-    blind = np.ones(rows.rays.path_length_m.shape, dtype=bool)
+    rays = rows.rays
+    pairs = [
+        rays.coordinate(2, axis) - rays.coordinate(3, axis)
+        if (axis == "x") == (rule == 5)
+        else rays.coordinate(2, axis) + rays.coordinate(3, axis)
+        for axis in AXES
+    ]
+    blind = np.ones(rays.path_length_m.shape, dtype=bool)
     for quantity in pairs:
         w1, w2, w3 = rows.weights_m(quantity)
         with np.errstate(invalid="ignore", over="ignore"):
