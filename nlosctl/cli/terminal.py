@@ -6,9 +6,12 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
-__all__ = ["Progress", "Terminal", "print_json", "print_table"]
+from nlosctl.errors import DataError
+
+__all__ = ["Preview", "Progress", "Terminal", "print_json", "print_table", "write_report"]
 
 
 class Progress(Protocol):
@@ -50,6 +53,51 @@ class Terminal:
         with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class Preview:
+    """Takes a result table in place of a writer and shows its first rows on a terminal."""
+
+    _SHOWN = 20
+
+    def __init__(self) -> None:
+        self._rows: list[dict[str, Any]] = []
+        self._columns: list[str] = []
+        self._total = 0
+
+    @classmethod
+    def wanted(cls, output: str, format_name: str | None) -> Preview | None:
+        """Return a preview where the output would land on a terminal and no format is asked for."""
+        return cls() if output == "-" and format_name is None and sys.stdout.isatty() else None
+
+    def write(self, table: Any) -> None:
+        """Take rows; only the first are kept."""
+        self._columns = list(table.column_names)
+        self._total += table.num_rows
+        missing = self._SHOWN - len(self._rows)
+        if missing > 0:
+            self._rows += table.slice(0, missing).to_pylist()
+
+    def set_metadata(self, metadata: Mapping[str, str]) -> None:
+        """Take metadata, as a writer does; a preview shows none."""
+
+    def show(self) -> None:
+        """Print the rows, and how many there are in all."""
+        print_table(self._rows, self._columns)
+        if self._total > len(self._rows):
+            sys.stderr.write(f"... {len(self._rows)} of {self._total} rows; -o FILE writes all\n")
+
+
+def write_report(target: str, report: Mapping[str, Any]) -> None:
+    """Write a report as JSON to a file, or to standard error for ``-``."""
+    text = json.dumps(report, indent=2, allow_nan=False, default=str) + "\n"
+    if target == "-":
+        sys.stderr.write(text)
+        return
+    try:
+        Path(target).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"--report {target}: can't be written: {error.strerror}") from error
 
 
 def print_json(value: object) -> None:

@@ -16,4 +16,5 @@ def wrap_angle(angle_rad: FloatArray) -> FloatArray:
     Angles already in that interval keep their bits.
     """
     turns = np.ceil((angle_rad - np.pi) / (2.0 * np.pi))
-    return angle_rad - turns * (2.0 * np.pi)
+    wrapped = np.minimum(angle_rad - turns * (2.0 * np.pi), np.pi)
+    return np.where(np.abs(angle_rad) < np.pi, angle_rad, wrapped)

@@ -1,1 +1,1 @@
-"""Files in, files out: the only importer of pyarrow in the package, beside what calls it."""
+"""Files in, files out: reading, checking and writing tables, scenes and their schemas."""

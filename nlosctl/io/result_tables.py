@@ -47,7 +47,6 @@ class EstimatesLayout:
 
     methods: tuple[str, ...]
     input_schema: pa.Schema
-    snapshot_type: pa.DataType
     carried: tuple[str, ...]
     with_covariance_kind: bool
     with_source: bool
@@ -55,7 +54,7 @@ class EstimatesLayout:
     @property
     def schema(self) -> pa.Schema:
         """The Arrow schema."""
-        fields = [pa.field("snapshot", self.snapshot_type)]
+        fields = [_snapshot_field(self.input_schema)]
         for column in ESTIMATES.columns[1:]:
             if column.name in _ALWAYS_CARRIED or (column.name == "covariance_kind" and not self.with_covariance_kind):
                 continue
@@ -91,7 +90,7 @@ class EstimatesLayout:
         for name in self.carried:
             values[name] = rows.column(name).take(places)
         if self.with_source:
-            values["source"] = pa.array([source]).take(pa.array(np.zeros(snapshot.shape[0], dtype=np.int64)))
+            values["source"] = _repeated(source, snapshot.shape[0])
         schema = self.schema
         return pa.table([_cast(values[field.name], field.type) for field in schema], schema=schema)
 
@@ -103,24 +102,31 @@ class FlagsLayout:
     methods: tuple[str, ...]
     input_schema: pa.Schema
     said: tuple[str, ...]
+    with_source: bool
 
     @property
     def schema(self) -> pa.Schema:
         """The Arrow schema; earlier flags are replaced, but ``los`` and ``ip`` are kept where nothing new is said."""
         replaced = {column.name for column in FLAGS.columns if column.name not in ("snapshot", *_KEPT_FLAGS)}
         replaced |= set(self.said)
-        fields = [field for field in self.input_schema.remove_metadata() if field.name not in replaced]
+        fields = [field for field in self.input_schema if field.name not in replaced and field.name != "source"]
+        if self.with_source:
+            fields.append(pa.field("source", pa.string()))
         if len(self.methods) > 1:
             fields.append(pa.field("method", pa.string()))
         fields.append(pa.field("used", pa.bool_()))
         fields += [pa.field(name, _said_type(name)) for name in self.said]
         return pa.schema([_plain(field) for field in fields])
 
-    def table(self, flags: Sequence[tuple[Any, Arrays]], *, rows: pa.Table, snapshot_of_row: IntArray) -> pa.Table:
+    def table(
+        self, flags: Sequence[tuple[Any, Arrays]], *, rows: pa.Table, snapshot_of_row: IntArray, source: str
+    ) -> pa.Table:
         """Return the table of a chunk's flags: for each snapshot, the rows by the first method, then the next.
 
         ``flags`` holds for each method ``used`` (N,) and its columns (N,).
         """
+        if self.with_source:
+            rows = _with_source(rows, source)
         tables = [self._of_method(number, used, columns, rows) for number, (used, columns) in enumerate(flags)]
         if len(tables) == 1:
             return tables[0]
@@ -132,7 +138,7 @@ class FlagsLayout:
         columns: list[Any] = []
         for field in self.schema:
             if field.name == "method" and len(self.methods) > 1:
-                values: Any = pa.array([self.methods[number]]).take(pa.array(np.zeros(len(used), dtype=np.int64)))
+                values: Any = _repeated(self.methods[number], used.shape[0])
             elif field.name == "used":
                 values = pa.array(used)
             elif field.name in self.said:
@@ -141,6 +147,19 @@ class FlagsLayout:
                 values = rows.column(field.name)
             columns.append(_cast(values, field.type))
         return pa.table(columns, schema=self.schema)
+
+
+def _snapshot_field(schema: pa.Schema) -> pa.Field:
+    return schema.field("snapshot") if "snapshot" in schema.names else pa.field("snapshot", pa.int64())
+
+
+def _with_source(rows: pa.Table, source: str) -> pa.Table:
+    kept = rows.drop_columns(["source"]) if "source" in rows.column_names else rows
+    return kept.append_column("source", _repeated(source, rows.num_rows))
+
+
+def _repeated(text: str, size: int) -> pa.Array:
+    return pa.array([text]).take(pa.array(np.zeros(size, dtype=np.int64)))
 
 
 def _said(values: npt.NDArray[Any] | None, kind: pa.DataType, rows: pa.Table, name: str) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.geometry.blocks import sum_measurements
@@ -61,7 +61,7 @@ METHOD = MethodSpec(
     reference="Song, Willett, Zhou 2013, equations (18)-(19)",
     options=LeastSquaresOptions,
     solve=solve,
-    cost="half the chi-square of the bearing residuals",
+    cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_rad",),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
@@ -24,7 +24,7 @@ class MaximumLikelihoodOptions:
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
-    max_iterations: int = option(100, minimum=1, meaning="steps after which a snapshot counts as not converged")
+    max_iterations: int = option(30, minimum=1, meaning="steps after which a snapshot counts as not converged")
 
 
 def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
@@ -57,7 +57,7 @@ METHOD = MethodSpec(
     reference="Song, Willett, Zhou 2013, equation (6), information (20)-(29)",
     options=MaximumLikelihoodOptions,
     solve=solve,
-    cost="half the chi-square of the bearing residuals",
+    cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_rad",),
 )

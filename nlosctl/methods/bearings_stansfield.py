@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
@@ -46,7 +46,7 @@ METHOD = MethodSpec(
     reference="Song, Willett, Zhou 2013, equations (10)-(15); Stansfield 1947",
     options=StansfieldOptions,
     solve=solve,
-    cost="half the chi-square of the bearing residuals",
+    cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_rad",),
 )

@@ -75,17 +75,18 @@ class SightLines:
         nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
         chi_square = np.zeros(x.shape)
         behind = np.zeros(x.shape, dtype=bool)
-        for k in range(self.origin_x.shape[1]):
-            cosine, sine = self.cosine[:, k], self.sine[:, k]
-            dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
-            squared_range = dx * dx + dy * dy
-            np.minimum(nearest, squared_range, out=nearest)
-            np.maximum(farthest, squared_range, out=farthest)
-            along = cosine * dx + sine * dy
-            behind |= along < 0.0
-            scaled = np.arctan2(sine * dx - cosine * dy, along)
-            scaled /= self.std_rad[:, k]
-            chi_square += scaled * scaled
+        with np.errstate(invalid="ignore", over="ignore"):
+            for k in range(self.origin_x.shape[1]):
+                cosine, sine = self.cosine[:, k], self.sine[:, k]
+                dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
+                squared_range = dx * dx + dy * dy
+                np.minimum(nearest, squared_range, out=nearest)
+                np.maximum(farthest, squared_range, out=farthest)
+                along = cosine * dx + sine * dy
+                behind |= along < 0.0
+                scaled = np.arctan2(sine * dx - cosine * dy, along)
+                scaled /= self.std_rad[:, k]
+                chi_square += scaled * scaled
         return Survey(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
 
     def residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -94,7 +95,8 @@ class SightLines:
         Equals the measured minus the predicted bearing, times ``handedness``.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
-        return np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
 
     def bearing_residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus predicted bearing (B, K) at points (B,) about the local origin."""
@@ -106,8 +108,8 @@ class SightLines:
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
-        dx *= weight
-        dy *= weight
+            dx *= weight
+            dy *= weight
         return Symmetric2x2(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
     def beyond_mirror(self, x: FloatArray, y: FloatArray) -> BoolArray:
@@ -116,7 +118,8 @@ class SightLines:
         if self.mirrors is None:
             return beyond
         rows = self.mirrors
-        side = side_of_line(x[:, None], y[:, None], rows.point_x, rows.point_y, rows.angle_rad)
+        with np.errstate(invalid="ignore"):
+            side = side_of_line(x[:, None], y[:, None], rows.point_x, rows.point_y, rows.angle_rad)
         wrong = side * rows.sensor_side_m <= 0.0
         for k in range(wrong.shape[1]):
             beyond |= wrong[:, k]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["map_in_order"]
+__all__ = ["map_in_order", "usable_jobs"]
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -35,3 +36,10 @@ def map_in_order(function: Callable[[ItemT], ResultT], items: Iterable[ItemT], j
         finally:
             for future in pending:
                 future.cancel()
+
+
+def usable_jobs(jobs: int) -> int:
+    """Return ``jobs``, or for 0 as many as the processors that this process may use."""
+    return (
+        jobs if jobs > 0 else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.levenberg_marquardt import Evaluation
@@ -15,6 +16,11 @@ __all__ = ["BearingProblem"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+_TERMS = 8
+
+_SMALL_BLOCK = 128
+"""Below this many rows the cost of a NumPy call outweighs the cost of temporaries that leave the cache."""
 
 _LEAST_SHARE = 0.1
 """The exact second derivatives are trusted when their determinant is at least this share of Gauss-Newton's."""
@@ -48,29 +54,40 @@ class BearingProblem:
         """Return cost, gradient (from (23) of Song et al.) and the exact second derivatives.
 
         Where those are not positive definite, far from the minimum, the Gauss-Newton matrix stands in for them.
-        One measurement after the other, so that all temporaries stay in the first cache.
+        Large blocks go one measurement after the other, so that all temporaries stay in the first cache; small ones
+        at once. Both add the same terms in the same order, so that the bits do not depend on the block.
         """
-        cost, gradient_x, gradient_y, xx, xy, yy, bend, twist = (np.zeros(x.shape) for _ in range(8))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for k in range(self.origin_x.shape[1]):
-                cosine, sine, inverse_std = self.cosine[:, k], self.sine[:, k], self.inverse_std[:, k]
-                dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
-                residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
-                scaled = residual * inverse_std
-                weight = inverse_std / (dx * dx + dy * dy)
-                across, along = dy * weight, dx * weight
-                cost += scaled * scaled
-                gradient_x += scaled * across
-                gradient_y -= scaled * along
-                product, across_squared, along_squared = across * along, across * across, along * along
-                xx += across_squared
-                xy -= product
-                yy += along_squared
-                bend += residual * product
-                twist += residual * (across_squared - along_squared)
-            hessian = _positive_hessian(xx, xy, yy, 2.0 * bend, twist)
-        cost *= 0.5
-        return Evaluation(cost, gradient_x, gradient_y, hessian)
+            if x.shape[0] < _SMALL_BLOCK:
+                totals = [sum_measurements(term) for term in self._terms(slice(None), x[:, None], y[:, None])]
+            else:
+                totals = [np.zeros(x.shape) for _ in range(_TERMS)]
+                for k in range(self.origin_x.shape[1]):
+                    for total, term in zip(totals, self._terms(k, x, y), strict=True):
+                        total += term
+            cost, gradient_x, gradient_y, xx, xy, yy, bend, twist = totals
+            hessian = _positive_hessian(xx, -xy, yy, 2.0 * bend, twist)
+        return Evaluation(0.5 * cost, gradient_x, -gradient_y, hessian)
+
+    def _terms(self, k: int | slice, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
+        """Return what measurement ``k`` (or all) adds to cost, gradient, Gauss-Newton matrix and curvature."""
+        cosine, sine, inverse_std = self.cosine[:, k], self.sine[:, k], self.inverse_std[:, k]
+        dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
+        residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
+        scaled = residual * inverse_std
+        weight = inverse_std / (dx * dx + dy * dy)
+        across, along = dy * weight, dx * weight
+        product, across_squared, along_squared = across * along, across * across, along * along
+        return (
+            scaled * scaled,
+            scaled * across,
+            scaled * along,
+            across_squared,
+            product,
+            along_squared,
+            residual * product,
+            residual * (across_squared - along_squared),
+        )
 
 
 def _positive_hessian(

@@ -22,6 +22,10 @@ CONDITION_LIMIT = 1e6
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
 
+_TRAP_RANGE = 0.01
+"""An iteration that does not settle this close to an origin (in units of the farthest) is being drawn onto it: the
+likelihood has no smooth optimum there."""
+
 
 def nearly_singular(normal: Symmetric2x2) -> BoolArray:
     """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
@@ -68,7 +72,9 @@ def finish_bearings_fix(
     survey = lines.survey(x, y)
     status = judge_fixes(lines, x, y, survey, covariance, min_range_m)
     if converged is not None:
-        status[~converged & (status != Status.BEHIND)] = Status.NOT_CONVERGED
+        drawn_to_sensor = survey.nearest_m < _TRAP_RANGE * survey.farthest_m
+        open_end = ~converged & (status <= Status.BOUNDARY)
+        status[open_end] = np.where(drawn_to_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)[open_end]
     status[nearly_singular(normal)] = Status.DEGENERATE
     if batch.measurements < 2:
         status[:] = Status.TOO_FEW

@@ -17,11 +17,15 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
 
-_ROUNDING = 1e-12
-"""Rise of the cost, in parts of 1 + cost, that may be rounding alone: such a step near the minimum is a good one.
+_ROUNDING_DECREASE = 1e-8
+"""A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may be
+below the rounding of the cost."""
 
-Residuals of ranges far longer than their standard deviation round at about range / std times 1e-16.
-"""
+_NEARLY_FULL = 0.1
+"""Up to this damping a step counts as a full one."""
+
+_STALLED = 8
+"""A row is given up after so many refused steps: the cost has a jump where it would go, as at a sensor."""
 
 _WORTH_DROPPING = 0.75
 """Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
@@ -63,18 +67,25 @@ class Minimum:
 
 @dataclass
 class _State:
-    """The rows still in the work: their place in the block, point, damping, evaluation, and which have settled."""
+    """The rows still in the work: their place in the block, point, damping, steps refused, evaluation, settled."""
 
     rows: IntArray
     x: FloatArray
     y: FloatArray
     damping: FloatArray
+    refused: IntArray
     at: Evaluation
     settled: BoolArray
 
     def keep(self, mask: BoolArray) -> _State:
         return _State(
-            self.rows[mask], self.x[mask], self.y[mask], self.damping[mask], _choose(self.at, mask), self.settled[mask]
+            self.rows[mask],
+            self.x[mask],
+            self.y[mask],
+            self.damping[mask],
+            self.refused[mask],
+            _choose(self.at, mask),
+            self.settled[mask],
         )
 
 
@@ -84,28 +95,38 @@ def minimize(
     start_y: FloatArray,
     *,
     tolerance: float = 1e-8,
-    max_iterations: int = 100,
+    max_iterations: int = 30,
 ) -> Minimum:
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
     A row has settled when its next full step is shorter than ``tolerance`` standard deviations (the step in the
     metric of the second derivatives); cost and matrix are those before that last step. Rows whose start is not
-    finite (cost NaN), and rows that have not settled after ``max_iterations`` steps, are marked not converged and
-    keep their last point.
+    finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations`` steps are
+    marked not converged and keep their last point.
     """
     minimum = _unsettled(start_x, start_y)
     rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
     active = problem.take(rows)
     x, y = start_x[rows], start_y[rows]
-    state = _State(rows, x, y, np.zeros(rows.shape), active.evaluate(x, y), np.zeros(rows.shape, dtype=bool))
+    state = _State(
+        rows,
+        x,
+        y,
+        np.zeros(rows.shape),
+        np.zeros(rows.shape, dtype=np.int64),
+        active.evaluate(x, y),
+        np.zeros(rows.shape, dtype=bool),
+    )
     minimum.evaluations[rows] = 1
     for _ in range(max_iterations):
         step_x, step_y, length = _step(state)
         arrived = (length <= tolerance) & ~state.settled
-        if arrived.any():
+        stalled = (state.refused >= _STALLED) & ~state.settled
+        if arrived.any() or stalled.any():
+            _record(minimum, state, state.x, state.y, stalled)
             _record(minimum, state, state.x + step_x, state.y + step_y, arrived)
             minimum.converged[state.rows[arrived]] = True
-            state.settled |= arrived
+            state.settled |= arrived | stalled
             open_rows = ~state.settled
             if not open_rows.any():
                 break
@@ -149,21 +170,23 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
         length = np.sqrt(np.maximum(decrease, 0.0))
     unusable = ~np.isfinite(length)
     step_x, step_y = np.where(unusable, 0.0, step_x), np.where(unusable, 0.0, step_y)
-    return step_x, step_y, np.where(unusable | (state.damping > 0.1), np.inf, length)
+    return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
 
 
 def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray) -> _State:
     x, y = state.x + step_x, state.y + step_y
     trial = problem.evaluate(x, y)
-    with np.errstate(invalid="ignore"):
-        not_worse = trial.cost <= state.at.cost + _ROUNDING * (1.0 + state.at.cost)
-        better = not_worse & ((step_x != 0.0) | (step_y != 0.0))
-    eased = np.where(state.damping > 1e-6, state.damping * 0.1, 0.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+        short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
+        better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
+    eased = np.where(state.damping > 1e-3, state.damping * 0.1, 0.0)
     return _State(
         state.rows,
         np.where(better, x, state.x),
         np.where(better, y, state.y),
-        np.where(better, eased, np.maximum(state.damping * 10.0, 1e-3)),
+        np.where(better, eased, np.maximum(state.damping * 30.0, 1e-3)),
+        state.refused + ~better,
         trial if better.all() else _merge(better, trial, state.at),
         state.settled,
     )

@@ -1,0 +1,115 @@
+"""``nlosctl simulate``: a scenario to measurements with their truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from nlosctl.cli.options import ConfigFile, Debug, Format, Json, Output, Overwrite, Params, Quiet, Seed, key_values
+from nlosctl.cli.reading import open_output
+from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
+from nlosctl.errors import DataError, UsageError
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    scenario: Annotated[
+        str | None, typer.Argument(metavar="SCENARIO", help="Name of a scenario; none: list them.")
+    ] = None,
+    trials: Annotated[int, typer.Option("--trials", "-n", min=1, help="Snapshots to draw.")] = 1000,
+    seed: Seed = 0,
+    param: Params = [],  # noqa: B006 - typer copies it
+    output: Output = "-",
+    scene_out: Annotated[
+        str | None, typer.Option("--scene-out", metavar="FILE", help="Write the scene as TOML.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--show", help="Show the scenario's parameters and stop.")] = False,
+    format: Format = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+    config: ConfigFile = None,
+) -> None:
+    """Draw measurements from a simulated world, with truth columns. The same seed gives the same file."""
+    if scenario is None:
+        if param or show or scene_out is not None:
+            raise UsageError("name a scenario; 'nlosctl simulate' alone lists them")
+        _list(as_json)
+        return
+    if show:
+        _show(scenario, as_json)
+        return
+    from nlosctl.io.scenes import scene_to_toml
+    from nlosctl.pipeline.simulation import Simulation
+
+    terminal = Terminal(quiet=quiet)
+    simulation = Simulation(scenario, key_values(param, "--param"), seed=seed, trials=trials)
+    if scene_out is not None:
+        _write_scene(scene_out, scene_to_toml(simulation.scene), overwrite)
+    rows = _write(simulation, output, format, overwrite, terminal)
+    terminal.note(f"{scenario}: {trials} snapshots of {simulation.kind}, {rows} rows, seed {seed}")
+
+
+def _write(simulation: Any, output: str, format: str | None, overwrite: bool, terminal: Terminal) -> int:
+    rows = 0
+    preview = Preview.wanted(output, format)
+    with terminal.progress("simulate") as progress:
+        if preview is not None:
+            for table in simulation.tables():
+                preview.write(table)
+                rows += table.num_rows
+            preview.show()
+            return rows
+        with open_output(
+            output,
+            simulation.schema,
+            format_name=format,
+            overwrite=overwrite,
+            inputs=[],
+            metadata=simulation.metadata,
+        ) as writer:
+            for table in simulation.tables():
+                writer.write(table)
+                rows += table.num_rows
+                progress(rows, None)
+    return rows
+
+
+def _write_scene(target: str, text: str, overwrite: bool) -> None:
+    if Path(target).exists() and not overwrite:
+        raise DataError(f"{target}: exists already; --overwrite replaces it")
+    try:
+        Path(target).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"--scene-out {target}: can't be written: {error.strerror}") from error
+
+
+def _list(as_json: bool) -> None:
+    from nlosctl.scenarios.catalogue import scenarios
+
+    rows = [
+        {"scenario": spec.name, "kind": spec.kind, "summary": spec.summary, "reference": spec.reference}
+        for spec in scenarios().values()
+    ]
+    if as_json:
+        print_json(rows)
+    else:
+        print_table(rows, ["scenario", "kind", "summary", "reference"])
+
+
+def _show(scenario: str, as_json: bool) -> None:
+    from nlosctl.contract.options import describe_options
+    from nlosctl.scenarios.catalogue import find_scenario
+
+    spec = find_scenario(scenario)
+    parameters = describe_options(spec.options)
+    if as_json:
+        print_json({"scenario": spec.name, "kind": spec.kind, "summary": spec.summary, "parameters": parameters})
+        return
+    typer.echo(f"{spec.name} ({spec.kind}): {spec.summary}\n{spec.reference}")
+    rows = [{**item, "default": "required" if item["required"] else str(item["default"])} for item in parameters]
+    print_table(rows, ["name", "type", "unit", "default", "bounds", "meaning"])

@@ -1,0 +1,83 @@
+"""``nlosctl validate``: is a file of measurements right?"""
+
+from __future__ import annotations
+
+from nlosctl.cli.options import (
+    BadRows,
+    BearingStdDeg,
+    Columns,
+    ConfigFile,
+    Debug,
+    InputFormat,
+    Inputs,
+    Json,
+    Kind,
+    MaxSnapshotRows,
+    Overwrite,
+    Quiet,
+    RangeStdM,
+    SceneFile,
+)
+from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.terminal import Terminal, print_json, print_table
+
+__all__ = ["validate"]
+
+
+def validate(
+    inputs: Inputs,
+    scene: SceneFile = None,
+    kind: Kind = None,
+    column: Columns = [],  # noqa: B006 - typer copies it
+    bearing_std_deg: BearingStdDeg = None,
+    range_std_m: RangeStdM = None,
+    bad_rows: BadRows = None,
+    input_format: InputFormat = None,
+    max_snapshot_rows: MaxSnapshotRows = 1_000_000,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+    config: ConfigFile = None,
+) -> int:
+    """Check measurement files as the other commands would: columns, values, scene, order. Exit 0 if all is right."""
+    terminal = Terminal(quiet=quiet)
+    words = ReadWords(
+        inputs=inputs,
+        input_format=input_format,
+        kind=kind,
+        scene=scene,
+        columns=column,
+        bearing_std_deg=bearing_std_deg,
+        range_std_m=range_std_m,
+        all_rows=True,
+        max_snapshot_rows=max_snapshot_rows,
+        bad_rows=bad_rows,
+        overwrite=overwrite,
+    )
+    with open_measurements(words) as opened, terminal.progress("validate") as progress:
+        reader = opened.reader
+        for _ in reader.chunks():
+            progress(reader.report.rows, reader.total_rows)
+        found = {
+            "kind": reader.kind,
+            "rows": reader.report.rows,
+            "snapshots": reader.report.snapshots,
+            "sensors": len(reader.sensor_names),
+            "bad_rows": reader.report.bad_rows,
+            "scene_sensors": len(reader.scene.sensors),
+            "scene_reflectors": len(reader.scene.reflectors),
+            "columns": list(reader.schema.names),
+            "remarks": list(reader.report.remarks),
+        }
+    if as_json:
+        print_json(found)
+    else:
+        print_table(
+            [{"what": key.replace("_", " "), "value": _shown(value)} for key, value in found.items()], ["what", "value"]
+        )
+    return 1 if reader.report.bad_rows else 0
+
+
+def _shown(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,0 +1,51 @@
+"""Is a covariance the size of the error? Normalized estimation error squared, and confidence ellipses, in the plane."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["ellipse_threshold", "nees_interval", "squared_mahalanobis"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
+    """Return e^T C^-1 e (N,) of errors (N, 2) in metres and covariances (N, 3): xx, xy, yy in square metres.
+
+    NaN where a covariance is not positive definite or anything is not finite. It is the NEES of a row (Bar-Shalom,
+    Li, Kirubarajan 2001, Section 5.4.2), chi-square with two degrees of freedom where the covariance is right.
+    """
+    xx, xy, yy = covariance_m2[:, 0], covariance_m2[:, 1], covariance_m2[:, 2]
+    x, y = error_m[:, 0], error_m[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        remaining = yy - xy * (xy / xx)
+        across = y - x * (xy / xx)
+        squared = x * (x / xx) + across * (across / remaining)
+        proper = (xx > 0.0) & (remaining > 0.0) & np.isfinite(covariance_m2).all(axis=1) & np.isfinite(squared)
+    return np.where(proper, squared, np.nan)
+
+
+def ellipse_threshold(probability: float) -> float:
+    """Return the squared Mahalanobis distance of the ellipse that holds ``probability`` of a plane Gaussian.
+
+    The quantile of chi-square with two degrees of freedom: -2 ln(1 - p).
+    """
+    return -2.0 * math.log1p(-probability)
+
+
+def nees_interval(count: int, probability: float = 0.95) -> tuple[float, float]:
+    """Return the two-sided interval that holds the mean NEES of ``count`` independent rows if all is right.
+
+    The sum over rows is chi-square with 2 ``count`` degrees of freedom (Bar-Shalom et al. 2001, (5.4.2-11)). NaN
+    where there is no row.
+    """
+    if count == 0:
+        return math.nan, math.nan
+    from scipy.special import gammaincinv
+
+    tail = 0.5 * (1.0 - probability)
+    low, high = (2.0 * float(gammaincinv(count, p)) / count for p in (tail, 1.0 - tail))
+    return low, high

@@ -1,0 +1,202 @@
+"""Scores of position estimates, added up chunk by chunk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.statuses import Status
+from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
+from nlosctl.evaluation.percentiles import error_percentiles
+from nlosctl.evaluation.summaries import EstimateSummary
+
+__all__ = ["EstimateRows", "EstimateScores", "nearest_alternatives"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+Key = Hashable
+
+_PERCENTS = (50.0, 90.0, 95.0, 99.0)
+_PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateRows:
+    """N estimates: position (N, 2), covariance (N, 3) as xx, xy, yy, status (N,) as ``Status`` numbers, truth (N, 2).
+
+    Metres and square metres; NaN where there is none.
+    """
+
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    status: npt.NDArray[np.uint8]
+    truth_m: FloatArray
+
+    @property
+    def answered(self) -> BoolArray:
+        """Which rows (N,) have a position: by their status, and in fact."""
+        return (self.status <= Status.BOUNDARY) & np.isfinite(self.position_m).all(axis=1)
+
+    @property
+    def error_m(self) -> FloatArray:
+        """The distances (N,) from the truth: infinite without a fix, NaN without a truth."""
+        offset = self.position_m - self.truth_m
+        distance = np.where(self.answered, np.hypot(offset[:, 0], offset[:, 1]), np.inf)
+        return np.where(np.isfinite(self.truth_m).all(axis=1), distance, np.nan)
+
+    def take(self, rows: IntArray) -> EstimateRows:
+        """Return some of the rows, by place."""
+        return EstimateRows(
+            position_m=self.position_m[rows],
+            covariance_m2=self.covariance_m2[rows],
+            status=self.status[rows],
+            truth_m=self.truth_m[rows],
+        )
+
+
+def nearest_alternatives(error_m: FloatArray, alternative: IntArray, *keys: npt.NDArray[np.generic]) -> IntArray:
+    """Return the places, in order, of the row nearest to the truth among those whose ``keys`` are all equal.
+
+    ``error_m`` and ``alternative`` (N,), and each key (N,) (snapshot, method, target, as numbers or text); equally
+    near: the first alternative. All alternatives of a target must be among the N rows.
+    """
+    if error_m.size == 0:
+        return np.zeros(0, dtype=np.int64)
+    codes = [np.unique(key, return_inverse=True)[1] for key in keys]
+    order = np.lexsort((alternative, error_m, *codes))
+    first = np.ones(order.shape, dtype=bool)
+    first[1:] = False
+    for code in codes:
+        first[1:] |= np.diff(code[order]) != 0
+    return np.sort(order[first])
+
+
+class EstimateScores:
+    """Estimates against truth, by group, in one pass.
+
+    Keeps sums, counts, and one error of 8 bytes per row for the percentiles. Every sum runs row by row, so a
+    result does not depend on how the rows were cut into chunks.
+    """
+
+    def __init__(self) -> None:
+        self._groups: dict[Key, _Tally] = {}
+
+    def add(self, rows: EstimateRows, group: IntArray | None = None, keys: Sequence[Key] = ("",)) -> None:
+        """Add rows; ``group`` (N,) numbers the key of each row in ``keys``, anew in each call. None: the first key.
+
+        Keys are any hashable values of the caller's (a method, or a method and a sweep value). With several
+        alternatives of a target, give those rows that count (alternative 0, or `nearest_alternatives`).
+        """
+        if group is None:
+            self._tally(keys[0]).add(rows)
+            return
+        numbers, first = np.unique(group, return_index=True)
+        for number in numbers[np.argsort(first)]:
+            self._tally(keys[number]).add(rows.take(np.flatnonzero(group == number)))
+
+    def result(self) -> dict[Key, EstimateSummary]:
+        """Return the summary of each group, in order of first appearance."""
+        return {key: tally.summary() for key, tally in self._groups.items()}
+
+    def overall(self) -> EstimateSummary:
+        """Return the summary of all rows of all groups."""
+        total = _Tally()
+        for tally in self._groups.values():
+            total.include(tally)
+        return total.summary()
+
+    def _tally(self, key: Key) -> _Tally:
+        return self._groups.setdefault(key, _Tally())
+
+
+@dataclass
+class _Tally:
+    """The running sums of one group."""
+
+    without_truth: int = 0
+    bad_covariances: int = 0
+    nees_rows: int = 0
+    statuses: IntArray = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
+    inside: IntArray = field(default_factory=lambda: np.zeros(len(_PROBABILITIES), dtype=np.int64))
+    answered: int = 0
+    sums: FloatArray = field(default_factory=lambda: np.zeros(5))
+    errors: list[FloatArray] = field(default_factory=list)
+
+    def add(self, rows: EstimateRows) -> None:
+        has_truth = np.isfinite(rows.truth_m).all(axis=1)
+        self.without_truth += int(np.count_nonzero(~has_truth))
+        rows = rows.take(np.flatnonzero(has_truth))
+        error = rows.error_m
+        answered = rows.answered
+        offset = (rows.position_m - rows.truth_m)[answered]
+        promised = answered & (rows.status <= Status.INFEASIBLE)
+        squared = squared_mahalanobis(rows.position_m[promised] - rows.truth_m[promised], rows.covariance_m2[promised])
+        usable = squared[np.isfinite(squared)]
+        self.errors.append(error)
+        self.answered += int(np.count_nonzero(answered))
+        self.statuses += np.bincount(rows.status, minlength=len(Status))
+        self.bad_covariances += squared.size - usable.size
+        self.nees_rows += usable.size
+        self.inside += [int(np.count_nonzero(usable <= ellipse_threshold(p))) for p in _PROBABILITIES]
+        distance = error[answered]
+        for place, values in enumerate((offset[:, 0], offset[:, 1], distance, distance * distance, usable)):
+            self.sums[place] = _running_sum(self.sums[place], values)
+
+    def include(self, other: _Tally) -> None:
+        self.without_truth += other.without_truth
+        self.bad_covariances += other.bad_covariances
+        self.nees_rows += other.nees_rows
+        self.answered += other.answered
+        self.statuses = self.statuses + other.statuses
+        self.inside = self.inside + other.inside
+        self.sums = self.sums + other.sums
+        self.errors.extend(other.errors)
+
+    def summary(self) -> EstimateSummary:
+        errors = np.concatenate(self.errors) if self.errors else np.zeros(0)
+        bias_x, bias_y, mean, mean_square = (_ratio(total, self.answered) for total in self.sums[:4])
+        median, p90, p95, p99 = error_percentiles(errors, _PERCENTS)
+        low, high = nees_interval(self.nees_rows)
+        inside_50, inside_90, inside_95, inside_99 = (int(number) for number in self.inside)
+        return EstimateSummary(
+            rows=errors.size,
+            without_truth=self.without_truth,
+            answered=self.answered,
+            fix_rate=_ratio(self.answered, errors.size),
+            rmse_m=math.sqrt(mean_square),
+            bias_x_m=bias_x,
+            bias_y_m=bias_y,
+            mean_m=mean,
+            median_m=median,
+            p90_m=p90,
+            p95_m=p95,
+            p99_m=p99,
+            nees=_ratio(self.sums[4], self.nees_rows),
+            nees_low=low,
+            nees_high=high,
+            nees_rows=self.nees_rows,
+            bad_covariances=self.bad_covariances,
+            statuses={status.word: int(self.statuses[status]) for status in Status if self.statuses[status]},
+            inside_50=inside_50,
+            inside_90=inside_90,
+            inside_95=inside_95,
+            inside_99=inside_99,
+            coverage_50=_ratio(inside_50, self.nees_rows),
+            coverage_90=_ratio(inside_90, self.nees_rows),
+            coverage_95=_ratio(inside_95, self.nees_rows),
+            coverage_99=_ratio(inside_99, self.nees_rows),
+        )
+
+
+def _running_sum(start: float, values: FloatArray) -> float:
+    """Return ``start`` plus all values, added one by one in order: cutting the values changes no bit."""
+    return float(np.cumsum(np.concatenate([[start], values]))[-1])
+
+
+def _ratio(part: float, whole: float) -> float:
+    return float(part) / whole if whole else math.nan

@@ -1,0 +1,81 @@
+"""What an evaluation says, as plain numbers. NaN: nothing to say; infinite: rows without a fix reach into it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["EstimateSummary", "FlagSummary", "plain_dict"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateSummary:
+    """Estimates against truth. Lengths in metres.
+
+    ``rows`` have a truth, ``without_truth`` have none and are in no other figure. ``answered`` rows have a
+    position, ``fix_rate`` is their share; ``statuses`` counts the rows of each status word. RMSE, bias and mean
+    are over answered rows; in the median and the percentiles a row without a fix is infinite. ``nees`` is the
+    mean over the ``nees_rows`` that have a covariance, ``nees_low`` and ``nees_high`` hold it 95 times in 100 if
+    the covariances are right (rows independent). ``inside_p`` of them are inside their p % ellipse, ``coverage_p``
+    is the share. ``bad_covariances`` rows should have a covariance, and theirs is not positive definite.
+    """
+
+    rows: int
+    without_truth: int
+    answered: int
+    fix_rate: float
+    rmse_m: float
+    bias_x_m: float
+    bias_y_m: float
+    mean_m: float
+    median_m: float
+    p90_m: float
+    p95_m: float
+    p99_m: float
+    nees: float
+    nees_low: float
+    nees_high: float
+    nees_rows: int
+    coverage_50: float
+    coverage_90: float
+    coverage_95: float
+    coverage_99: float
+    inside_50: int
+    inside_90: int
+    inside_95: int
+    inside_99: int
+    bad_covariances: int
+    statuses: Mapping[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlagSummary:
+    """Line-of-sight flags against truth: a confusion table where line of sight is the positive.
+
+    ``rows`` have both a flag and a truth, ``without_flag`` have a truth alone, ``without_truth`` the rest.
+    ``precision``: of the rows called line of sight, the share that is; ``recall``: of the rows that are, the share
+    called so; ``false_alarm``: of the rows that are not, the share called so. NaN where there is no such row.
+    """
+
+    rows: int
+    without_flag: int
+    without_truth: int
+    los_called_los: int
+    los_called_nlos: int
+    nlos_called_los: int
+    nlos_called_nlos: int
+    precision: float
+    recall: float
+    false_alarm: float
+    accuracy: float
+
+
+def plain_dict(summary: EstimateSummary | FlagSummary) -> dict[str, Any]:
+    """Return a summary as a dict that JSON can hold: what is not finite becomes None."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in dataclasses.asdict(summary).items()
+    }

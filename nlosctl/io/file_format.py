@@ -1,0 +1,91 @@
+"""The formats of table files: told by extension, by name, or by the first bytes."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from nlosctl.errors import UsageError, did_you_mean
+
+__all__ = ["FileFormat", "format_named", "format_of_bytes", "format_of_path"]
+
+
+class FileFormat(Enum):
+    """A format; its value is the name on the command line."""
+
+    PARQUET = "parquet"
+    CSV = "csv"
+    CSV_GZ = "csv.gz"
+    ARROW = "arrow"
+    ARROW_STREAM = "arrows"
+    JSON_LINES = "jsonl"
+    JSON_LINES_GZ = "jsonl.gz"
+
+    @property
+    def compressed(self) -> bool:
+        """Whether the text is gzipped."""
+        return self in (FileFormat.CSV_GZ, FileFormat.JSON_LINES_GZ)
+
+    @property
+    def needs_seeking(self) -> bool:
+        """Whether a reader must jump about in the file, so that a pipe has to be spooled first."""
+        return self in (FileFormat.PARQUET, FileFormat.ARROW)
+
+    @property
+    def carries_metadata(self) -> bool:
+        """Whether the file has room for a scene and provenance."""
+        return self in (FileFormat.PARQUET, FileFormat.ARROW, FileFormat.ARROW_STREAM)
+
+
+_EXTENSIONS = {
+    ".parquet": FileFormat.PARQUET,
+    ".pq": FileFormat.PARQUET,
+    ".csv": FileFormat.CSV,
+    ".csv.gz": FileFormat.CSV_GZ,
+    ".arrow": FileFormat.ARROW,
+    ".feather": FileFormat.ARROW,
+    ".ipc": FileFormat.ARROW,
+    ".arrows": FileFormat.ARROW_STREAM,
+    ".jsonl": FileFormat.JSON_LINES,
+    ".ndjson": FileFormat.JSON_LINES,
+    ".jsonl.gz": FileFormat.JSON_LINES_GZ,
+    ".ndjson.gz": FileFormat.JSON_LINES_GZ,
+}
+
+
+def format_of_path(path: str) -> FileFormat:
+    """Return the format that the extension of ``path`` tells; raise UsageError listing the known ones."""
+    found = known_format_of_path(path)
+    if found is None:
+        raise UsageError(
+            f"{path}: the extension tells no format; known: {' '.join(_EXTENSIONS)} "
+            f"(or name the format: --input-format for an input, --format for the output)"
+        )
+    return found
+
+
+def known_format_of_path(path: str) -> FileFormat | None:
+    """Return the format that the extension tells, or None."""
+    lower = path.lower()
+    matches = [extension for extension in _EXTENSIONS if lower.endswith(extension)]
+    return _EXTENSIONS[max(matches, key=len)] if matches else None
+
+
+def format_named(name: str) -> FileFormat:
+    """Return the format called ``name``; raise UsageError with the nearest name where there is none."""
+    names = [known.value for known in FileFormat]
+    if name.lower() not in names:
+        raise UsageError(f"no format {name!r}{did_you_mean(name.lower(), names)}; there are: {', '.join(names)}")
+    return FileFormat(name.lower())
+
+
+def format_of_bytes(head: bytes) -> FileFormat:
+    """Return the format that the first bytes tell (16 are enough); text that is not JSON is CSV."""
+    if head.startswith(b"PAR1"):
+        return FileFormat.PARQUET
+    if head.startswith(b"ARROW1"):
+        return FileFormat.ARROW
+    if head.startswith(b"\xff\xff\xff\xff"):
+        return FileFormat.ARROW_STREAM
+    if head.startswith(b"\x1f\x8b"):
+        return FileFormat.CSV_GZ
+    return FileFormat.JSON_LINES if head.lstrip().startswith(b"{") else FileFormat.CSV

@@ -1,0 +1,124 @@
+"""What the user named as input, expanded to groups of files: one group is one logical table."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from glob import glob, has_magic
+from pathlib import Path
+from typing import IO, Any
+
+from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
+
+__all__ = ["Input", "Part", "expand_inputs"]
+
+_SPOOL_IN_MEMORY_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One file of a group: its name as messages give it, its format, and a path or an open byte stream."""
+
+    name: str
+    format: FileFormat
+    path: Path | None = None
+    stream: IO[bytes] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """One logical table: a file, or the parts of a folder; ``name`` is what the user called it."""
+
+    name: str
+    parts: tuple[Part, ...]
+
+    @property
+    def path(self) -> Path | None:
+        """The file or folder beside which a scene may lie; None for stdin."""
+        return None if self.parts[0].path is None else Path(self.name)
+
+
+def expand_inputs(
+    words: Sequence[str], input_format: FileFormat | None = None, stdin: IO[bytes] | None = None
+) -> list[Input]:
+    """Return the groups that ``words`` name: files, folders, globs, and ``-`` for stdin.
+
+    ``input_format`` overrides what extensions and first bytes tell; ``stdin`` replaces the real one. Raises
+    DataError for what is not there or holds no table, UsageError for an unknown extension or a file given twice.
+    """
+    groups = [group for word in words for group in _expand_word(word, input_format, stdin)]
+    if not groups:
+        raise UsageError("no input is given; name a file, a folder, a glob, or - for stdin")
+    names = [group.name for group in groups]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UsageError(f"input given twice: {', '.join(twice)}")
+    return groups
+
+
+def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | None) -> list[Input]:
+    if word == "-":
+        return [_standard_input(input_format, stdin)]
+    path = Path(word)
+    if path.is_dir():
+        return [_folder(word, input_format)]
+    if path.exists():
+        return [_file(word, input_format)]
+    if has_magic(word):
+        return _globbed(word, input_format)
+    siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+    raise DataError(f"{word}: there is no such file{did_you_mean(path.name, siblings)}")
+
+
+def _file(name: str, input_format: FileFormat | None) -> Input:
+    return Input(
+        name=name, parts=(Part(name=name, format=input_format or format_of_path(name), path=Path(name)),)
+    )
+
+
+def _folder(name: str, input_format: FileFormat | None) -> Input:
+    folder = Path(name)
+    files = sorted(
+        (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path.relative_to(folder))),
+        key=lambda path: path.relative_to(folder).as_posix(),
+    )
+    parts = []
+    for path in files:
+        known = known_format_of_path(path.name)
+        if known is not None:
+            parts.append(Part(name=str(path), format=input_format or known, path=path))
+    if not parts:
+        raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
+    return Input(name=name, parts=tuple(parts))
+
+
+def _is_hidden(relative: Path) -> bool:
+    return any(step.startswith((".", "_")) for step in relative.parts)
+
+
+def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
+    found = glob(pattern, recursive=True)  # noqa: PTH207 - the pattern may start anywhere, and names stay as given
+    matches = sorted(match for match in found if Path(match).is_file())
+    if not matches:
+        raise DataError(f"{pattern}: no file matches this pattern")
+    return [_file(match, input_format) for match in matches]
+
+
+def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) -> Input:
+    source: Any = stdin if stdin is not None else sys.stdin.buffer
+    buffered = source if hasattr(source, "peek") else io.BufferedReader(source)
+    found = input_format or format_of_bytes(buffered.peek(16)[:16])
+    stream = _spool(buffered) if found.needs_seeking else buffered
+    return Input(name="-", parts=(Part(name="stdin", format=found, stream=stream),))
+
+
+def _spool(stream: IO[bytes]) -> IO[bytes]:
+    spooled = tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)  # noqa: SIM115 - the reader closes it
+    shutil.copyfileobj(stream, spooled)
+    spooled.seek(0)
+    return spooled

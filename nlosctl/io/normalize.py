@@ -1,0 +1,236 @@
+"""From a batch of rows as they came to the contract's flat columns, each value checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import Column
+from nlosctl.errors import DataError, did_you_mean
+from nlosctl.io.columns import SNAPSHOT, ColumnPlan, FoundColumn
+from nlosctl.io.names import NULL_CODE, NameCodes, text_at
+
+__all__ = ["Fault", "Normalized", "Normalizer", "RunNames"]
+
+Describe = Callable[[int], str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Rows of a batch at fault in one column: ``mask`` (N,), and what to say of a row."""
+
+    mask: BoolArray
+    column: str
+    describe: Describe
+
+
+@dataclass(frozen=True, kw_only=True)
+class Normalized:
+    """The contract's columns (N,) of a batch, ``left_out`` (N,), and what is wrong with which rows."""
+
+    columns: dict[str, npt.NDArray[Any]]
+    left_out: BoolArray
+    faults: list[Fault]
+
+
+class RunNames:
+    """The codes of names that hold for a whole run: one growing set for each identifier column."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.reflectors = NameCodes(scene.reflector_names, grows=False)
+        self.identifiers: dict[str, NameCodes] = {}
+        self.positions_m: dict[str, tuple[float, float]] = {
+            sensor.name: sensor.position for sensor in scene.sensors
+        }
+
+    def codes(self, column: str) -> NameCodes:
+        """Return the codes of an identifier column."""
+        return self.identifiers.setdefault(column, NameCodes())
+
+
+class Normalizer:
+    """Applies a column plan to the batches of one file."""
+
+    def __init__(self, plan: ColumnPlan, names: RunNames, file: str, all_rows: bool) -> None:
+        self._plan, self._names, self._file, self._all_rows = plan, names, file, all_rows
+        self.too_large: dict[str, int] = {}
+        self.rows_seen = 0
+
+    def normalize(self, batch: Any) -> Normalized:
+        """Return the canonical columns of a record batch (columns renamed already)."""
+        faults: list[Fault] = []
+        columns: dict[str, npt.NDArray[Any]] = {}
+        self.rows_seen += batch.num_rows
+        for column in self._plan.table.columns:
+            if column.carried or column.name == SNAPSHOT:
+                continue
+            values = self._column(column, batch, columns, faults)
+            if values is not None:
+                columns[column.name] = values
+        return Normalized(columns=columns, left_out=self._left_out(batch), faults=faults)
+
+    def _column(
+        self, column: Column, batch: Any, done: Mapping[str, npt.NDArray[Any]], faults: list[Fault]
+    ) -> npt.NDArray[Any] | None:
+        found = self._plan.found.get(column.name)
+        rows = batch.num_rows
+        if column.scene_axis is not None and (found is None or batch.column(found.name).null_count):
+            return self._from_scene(column, found, batch, done["sensor"], faults)
+        if found is None:
+            return self._absent(column, rows)
+        cells = batch.column(found.name)
+        if column.names_reflector:
+            return self._reflector(found, cells, faults)
+        if column.type in ("identifier", "text"):
+            codes = self._names.codes(column.name).encode(cells)
+            if not column.nullable and (codes == NULL_CODE).any():
+                faults.append(Fault(mask=codes == NULL_CODE, column=found.name, describe=_is_null("a name")))
+            return codes
+        if column.type == "integer":
+            return self._integers(cells)
+        return self._numbers(found, cells, faults)
+
+    def _absent(self, column: Column, rows: int) -> npt.NDArray[Any] | None:
+        if column.name in self._plan.constants:
+            return np.full(rows, self._plan.constants[column.name])
+        if column.type == "number":
+            return None
+        return np.full(rows, NULL_CODE, dtype=np.int64)
+
+    def _integers(self, cells: Any) -> IntArray:
+        return np.asarray(cells.fill_null(NULL_CODE).cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
+
+    def _numbers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> FloatArray:
+        column = found.column
+        values = _as_float64(cells)
+        missing = np.isnan(values) if column.nullable or cells.null_count else None
+        if cells.null_count and not column.nullable:
+            faults.append(
+                Fault(mask=_null_mask(cells), column=found.name, describe=_is_null("a finite number"))
+            )
+        self._check_finite(found, values, missing, faults)
+        if column.positive and (values <= 0.0).any():
+            faults.append(
+                Fault(mask=values <= 0.0, column=found.name, describe=_got(values, "a number larger than 0"))
+            )
+        limit = column.largest_magnitude
+        if found.converted:
+            return values * found.scale + found.offset
+        if limit is not None and values.shape[0] and (values.max() > limit or values.min() < -limit):
+            finite_beyond = np.isfinite(values) & (np.abs(values) > limit)
+            self.too_large[column.name] = self.too_large.get(column.name, 0) + int(finite_beyond.sum())
+        return values
+
+    def _check_finite(
+        self, found: FoundColumn, values: FloatArray, missing: BoolArray | None, faults: list[Fault]
+    ) -> None:
+        finite = np.isfinite(values)
+        wrong = ~finite if missing is None else ~finite & ~missing
+        if missing is not None and not found.column.nullable:
+            wrong = ~finite
+        if wrong.any():
+            faults.append(Fault(mask=wrong, column=found.name, describe=_got(values, "a finite number")))
+
+    def _from_scene(
+        self, column: Column, found: FoundColumn | None, batch: Any, sensor: IntArray, faults: list[Fault]
+    ) -> FloatArray:
+        """Fill the position from the scene's sensor where the column is absent or the cell is null."""
+        assert column.scene_axis is not None  # noqa: S101 - asked by the caller
+        known = self._names.codes("sensor").names
+        axis = [self._names.positions_m.get(name, (np.nan, np.nan))[column.scene_axis] for name in known]
+        filled = np.array([*axis, np.nan])[sensor]
+        name = column.name if found is None else found.name
+        if found is None:
+            absent = np.ones(batch.num_rows, dtype=np.bool_)
+        else:
+            cells = batch.column(found.name)
+            own = _as_float64(cells)
+            absent = _null_mask(cells)
+            filled = np.where(absent, filled, own)
+            infinite = ~absent & ~np.isfinite(own)
+            if infinite.any():
+                faults.append(Fault(mask=infinite, column=name, describe=_got(own, "a finite number")))
+        unknown = absent & np.isnan(filled) & (sensor != NULL_CODE)
+        if unknown.any():
+            cells = batch.column(self._plan.found["sensor"].name)
+            faults.append(Fault(mask=unknown, column=name, describe=self._unknown_sensor(cells)))
+        return filled
+
+    def _unknown_sensor(self, cells: Any) -> Describe:
+        positions = self._names.positions_m
+        if not positions:
+            return _is_null("a finite number (or a scene that has the sensor)")
+
+        def describe(place: int) -> str:
+            name = text_at(cells, place) or ""
+            return f"the row has no position, and the scene has no sensor {name!r}{did_you_mean(name, positions)}"
+
+        return describe
+
+    def _reflector(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> IntArray:
+        places = self._names.reflectors.encode(cells)
+        unknown = places == NameCodes.UNKNOWN
+        if unknown.any():
+            known = self._names.scene.reflector_names
+
+            def describe(place: int) -> str:
+                name = text_at(cells, place) or ""
+                if not known:
+                    return f"got {name!r}, but there is no scene with reflectors; give one with --scene FILE"
+                return f"the scene has no reflector {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
+
+            faults.append(Fault(mask=unknown, column=found.name, describe=describe))
+        return places
+
+    def _left_out(self, batch: Any) -> BoolArray:
+        out = np.zeros(batch.num_rows, dtype=np.bool_)
+        if self._all_rows:
+            return out
+        for name, leaves_out in (("los", False), ("ip", True)):
+            if name in self._plan.found:
+                cells = batch.column(self._plan.found[name].name).cast(pa.bool_())
+                out |= cells.fill_null(not leaves_out).to_numpy(zero_copy_only=False) == leaves_out
+        return out
+
+    def raise_if_too_large(self) -> None:
+        """Raise DataError where a column plainly holds another unit."""
+        for name, count in self.too_large.items():
+            found = self._plan.found[name]
+            column = found.column
+            raise DataError(
+                f"{self._file}, column {found.name!r}: {count} of {self.rows_seen} values are beyond "
+                f"{column.largest_magnitude:.4g} {column.unit}, {column.too_large_means}"
+            )
+
+
+def _as_float64(cells: Any) -> FloatArray:
+    if cells.type != pa.float64():
+        if pa.types.is_dictionary(cells.type):
+            cells = cells.cast(cells.type.value_type)
+        cells = cells.cast(pa.float64(), safe=False)
+    return np.asarray(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _null_mask(cells: Any) -> BoolArray:
+    return np.asarray(pc.is_null(cells).to_numpy(zero_copy_only=False), dtype=np.bool_)
+
+
+def _is_null(expected: str) -> Describe:
+    return lambda _: f"empty (null), expected {expected}"
+
+
+def _got(values: FloatArray, expected: str) -> Describe:
+    return lambda place: f"got {_number(float(values[place]))}, expected {expected}"
+
+
+def _number(value: float) -> str:
+    return "NaN" if np.isnan(value) else f"{value:g}"

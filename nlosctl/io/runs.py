@@ -1,0 +1,103 @@
+"""Snapshots in a column of ids: where each begins, and whether one comes back after others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nlosctl.contract.batches import IntArray
+from nlosctl.errors import DataError
+
+__all__ = ["REMEMBERED_SNAPSHOTS", "ReturnWatch", "run_starts"]
+
+REMEMBERED_SNAPSHOTS = 1_000_000
+
+
+def run_starts(ids: Any, before: Any) -> IntArray:
+    """Return the places where ``ids`` (Arrow, no nulls) differs from the row before; ``before`` precedes the first."""
+    if len(ids) == 0:
+        return np.empty(0, dtype=np.int64)
+    if pa.types.is_integer(ids.type):
+        values = ids.to_numpy()
+        changes = np.flatnonzero(values[1:] != values[:-1]) + 1
+    else:
+        differs = pc.not_equal(ids.slice(1), ids.slice(0, len(ids) - 1))
+        changes = np.flatnonzero(differs.to_numpy(zero_copy_only=False)) + 1
+    if before is None or ids[0].as_py() != before:
+        changes = np.concatenate([np.zeros(1, dtype=np.int64), changes])
+    return changes
+
+
+class ReturnWatch:
+    """Finds a snapshot whose rows come back after those of others.
+
+    Exact while the ids rise, or fall, strictly; else over the last million snapshots at least.
+    """
+
+    def __init__(self, file: str, remembered: int = REMEMBERED_SNAPSHOTS) -> None:
+        self._file, self._remembered = file, remembered
+        self._history: list[tuple[str, Any, IntArray]] = []
+        self._last: Any = None
+        self._sorted = True
+        self._direction = 0
+        self._recent: dict[Any, tuple[str, int]] = {}
+        self._older: dict[Any, tuple[str, int]] = {}
+
+    def add(self, part: str, ids: Any, rows: IntArray) -> None:
+        """Take the ids at run starts, and their row numbers in ``part``; raise DataError for one seen before."""
+        if len(ids) == 0:
+            return
+        if self._sorted and self._still_sorted(ids):
+            self._history.append((part, ids, rows))
+            self._forget()
+        else:
+            if self._sorted:
+                self._sorted = False
+                for earlier_part, earlier, earlier_rows in self._history:
+                    self._remember(earlier_part, earlier.to_pylist(), earlier_rows)
+                self._history.clear()
+            self._remember(part, ids.to_pylist(), rows)
+        self._last = ids[len(ids) - 1]
+
+    def _still_sorted(self, ids: Any) -> bool:
+        if self._last is not None:
+            ids = pa.concat_arrays([pa.array([self._last.as_py()], ids.type), ids])
+        if len(ids) == 1:
+            return True
+        if self._direction == 0:
+            self._direction = 1 if ids[1].as_py() > ids[0].as_py() else -1
+        if pa.types.is_integer(ids.type):
+            values = ids.to_numpy()
+            rising = values[1:] > values[:-1] if self._direction > 0 else values[1:] < values[:-1]
+            return bool(rising.all())
+        compare = pc.greater if self._direction > 0 else pc.less
+        return bool(pc.all(compare(ids.slice(1), ids.slice(0, len(ids) - 1))).as_py())
+
+    def _forget(self) -> None:
+        kept = sum(len(ids) for _, ids, _ in self._history[1:])
+        while len(self._history) > 1 and kept >= self._remembered:
+            del self._history[0]
+            kept -= len(self._history[0][1])
+
+    def _remember(self, part: str, ids: Sequence[Any], rows: IntArray) -> None:
+        for place, identity in enumerate(ids):
+            row = int(rows[place])
+            earlier = self._recent.get(identity) or self._older.get(identity)
+            if earlier is not None:
+                raise DataError(self._came_back(identity, earlier, (part, row)))
+            self._recent[identity] = (part, row)
+            if len(self._recent) >= self._remembered:
+                self._older, self._recent = self._recent, {}
+
+    def _came_back(self, identity: Any, earlier: tuple[str, int], later: tuple[str, int]) -> str:
+        file = "FILE" if self._file == "-" else self._file
+        statement = f"COPY (SELECT * FROM '{file}' ORDER BY snapshot) TO 'sorted.parquet'"  # noqa: S608 - shown, not run
+        return (
+            f"{later[0]}, row {later[1]}, column 'snapshot': {identity!r} comes back after other snapshots (before: "
+            f"{earlier[0]}, row {earlier[1]}), expected the rows of a snapshot together; sort the file: "
+            f'duckdb -c "{statement}"'
+        )

@@ -1,0 +1,144 @@
+"""Scene files: TOML to a scene and back, and which scene belongs to an input."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from nlosctl.contract.scene import Scene, Sensor
+from nlosctl.errors import DataError, did_you_mean
+from nlosctl.io.reflector_kinds import REFLECTOR_KINDS, kind_of_reflector
+from nlosctl.io.toml_structs import Decoder, Finite, Point
+
+__all__ = ["SCENE_KEY", "find_scene", "scene_from_toml", "scene_to_toml"]
+
+SCENE_KEY = b"nlosctl.scene"
+"""The key of the scene's TOML text in a table's metadata."""
+
+
+class _SensorEntry(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    position: Point
+    heading_deg: Finite | None = None
+
+
+def scene_from_toml(text: str, name: str) -> Scene:
+    """Return the scene that ``text`` describes; ``name`` is the file's, for messages.
+
+    Raises DataError that says which key is wrong, what came and what was expected.
+    """
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DataError(f"{name}: not TOML: {error}") from error
+    for key in tree:
+        if key not in ("sensor", "reflector"):
+            near = did_you_mean(key, ("sensor", "reflector"))
+            raise DataError(f"{name}: unknown key {key!r}{near}; a scene has [[sensor]] and [[reflector]]")
+    decoder = Decoder(file=name)
+    sensors = []
+    for where, entry in _entries(tree, "sensor", name):
+        read = decoder.decode(entry, _SensorEntry, where)
+        sensors.append(Sensor(name=read.name, position=read.position, heading_deg=read.heading_deg))
+    reflectors = []
+    for where, entry in _entries(tree, "reflector", name):
+        kind = entry.get("kind")
+        if kind not in REFLECTOR_KINDS:
+            known = ", ".join(repr(word) for word in REFLECTOR_KINDS)
+            near = did_you_mean(kind, REFLECTOR_KINDS) if isinstance(kind, str) else ""
+            came = "nothing" if "kind" not in entry else repr(kind)
+            raise DataError(f"{name}: {where}.kind: got {came}, expected one of {known}{near}")
+        reflectors.append(REFLECTOR_KINDS[kind].read(decoder, entry, where))
+    _check_names(name, "sensor", [sensor.name for sensor in sensors])
+    _check_names(name, "reflector", [reflector.name for reflector in reflectors])
+    return Scene(sensors=tuple(sensors), reflectors=tuple(reflectors))
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """Return the scene as TOML text that reads back to an equal scene."""
+    blocks = []
+    for sensor in scene.sensors:
+        entry: dict[str, Any] = {"name": sensor.name, "position": sensor.position}
+        if sensor.heading_deg is not None:
+            entry["heading_deg"] = sensor.heading_deg
+        blocks.append(_block("sensor", entry))
+    for reflector in scene.reflectors:
+        kind = kind_of_reflector(reflector)
+        blocks.append(_block("reflector", {"kind": kind, **REFLECTOR_KINDS[kind].write(reflector)}))
+    return "\n".join(blocks)
+
+
+def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: Path | None) -> Scene:
+    """Return the scene of an input: ``option`` (a file), else the table's metadata, else a file beside the input.
+
+    Beside ``dir/STEM.parquet`` that is ``dir/STEM.scene.toml``, then ``dir/scene.toml``. Without any the scene is
+    empty. Raises DataError where the file named is not there or malformed.
+    """
+    if option is not None:
+        return _scene_of_file(Path(option))
+    if SCENE_KEY in metadata:
+        return scene_from_toml(metadata[SCENE_KEY].decode("utf-8"), "the scene in the table's metadata")
+    for candidate in _beside(input_path):
+        if candidate.is_file():
+            return _scene_of_file(candidate)
+    return Scene()
+
+
+def _beside(input_path: Path | None) -> list[Path]:
+    if input_path is None:
+        return []
+    stem = input_path.name.split(".")[0] if not input_path.is_dir() else input_path.name
+    stems = [stem]
+    if not input_path.is_dir():
+        stems = [input_path.stem.removesuffix(".csv").removesuffix(".jsonl"), stem]
+    named = [input_path.with_name(f"{word}.scene.toml") for word in dict.fromkeys(stems)]
+    folder = input_path if input_path.is_dir() else input_path.parent
+    return [*named, folder / "scene.toml"]
+
+
+def _scene_of_file(path: Path) -> Scene:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+        near = did_you_mean(path.name, siblings)
+        raise DataError(f"{path}: the scene can't be read: {error.strerror}{near}") from error
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: the scene is not UTF-8 text") from error
+    return scene_from_toml(text, str(path))
+
+
+def _entries(tree: Mapping[str, Any], key: str, file: str) -> list[tuple[str, dict[str, Any]]]:
+    entries = tree.get(key, [])
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise DataError(f"{file}: {key}: got {entries!r}, expected tables headed [[{key}]]")
+    return [(f"{key}[{place}]", entry) for place, entry in enumerate(entries)]
+
+
+def _check_names(file: str, key: str, names: list[str]) -> None:
+    for place, name in enumerate(names):
+        if name in names[:place]:
+            first = names.index(name)
+            raise DataError(f"{file}: {key}[{place}].name: {name!r} is taken by {key}[{first}], expected another name")
+        if not name:
+            raise DataError(f"{file}: {key}[{place}].name: got '', expected a name")
+
+
+def _block(key: str, entry: Mapping[str, Any]) -> str:
+    lines = [f"{name} = {_toml_value(value)}" for name, value in entry.items()]
+    return "\n".join([f"[[{key}]]", *lines, ""])
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, str):
+        return msgspec.json.encode(value).decode("utf-8").replace("\x7f", "\\u007f")
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(_toml_value(item) for item in value)}]"
+    if not math.isfinite(value):
+        raise ValueError(f"a scene holds finite numbers. Got {value!r} instead.")
+    return repr(float(value))

@@ -1,0 +1,213 @@
+"""Writing a table: whole or not at all, and with bytes that don't depend on how it was fed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import pyarrow as pa
+
+from nlosctl.errors import DataError
+from nlosctl.io.encode import Encoder, make_encoder
+from nlosctl.io.file_format import FileFormat, format_of_path
+from nlosctl.io.open_tables import plain_type
+from nlosctl.io.problems import BadRow
+
+__all__ = ["BadRowWriter", "TableWriter", "provenance_text"]
+
+GROUP_ROWS = 131_072
+_SPOOL_IN_MEMORY_BYTES = 64 << 20
+
+
+class TableWriter:
+    """A context manager that writes tables of one schema to ``target``: a path, or ``-`` for stdout.
+
+    A file appears under its name only when the block ends without an exception; until then nothing is there, and
+    afterwards nothing is left of a failure. On stdout the rows go out as they come (Parquet: at the end).
+    ``schema`` is the Arrow schema of the file. ``metadata`` goes into formats that have room for it;
+    ``set_metadata`` adds to it, for Parquet until the end.
+
+    Raises DataError where the file exists (without ``overwrite``), is one of ``inputs``, or can't be written, and
+    UsageError for an unknown extension. A closed pipe is a BrokenPipeError, for the caller to take quietly.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        schema: Any,
+        *,
+        format: FileFormat | None = None,
+        overwrite: bool = False,
+        inputs: Sequence[Path] = (),
+        metadata: Mapping[str, str] | None = None,
+        stdout: IO[bytes] | None = None,
+        group_rows: int = GROUP_ROWS,
+    ) -> None:
+        self.target = target
+        self.rows = 0
+        self.schema = pa.schema([column.with_type(plain_type(column.type)) for column in schema])
+        self._metadata = dict(metadata or {})
+        self._stdout = stdout
+        self._group_rows = group_rows
+        self._format = _format_for(target, format)
+        self._waiting: list[Any] = []
+        self._waiting_rows = 0
+        self._temporary: Path | None = None
+        self._sink: Any = None
+        self._encoder: Encoder | None = None
+        if target != "-":
+            _check_target(target, overwrite, inputs)
+
+    def __enter__(self) -> TableWriter:
+        self._sink = self._open_sink()
+        return self
+
+    def set_metadata(self, metadata: Mapping[str, str]) -> None:
+        """Add metadata; for Arrow this must come before the first full group of rows is written."""
+        self._metadata.update(metadata)
+
+    def write(self, table: Any) -> None:
+        """Take rows; dictionary-encoded columns are written plain."""
+        self._waiting.append(_plain(table, self.schema))
+        self._waiting_rows += table.num_rows
+        self.rows += table.num_rows
+        while self._waiting_rows >= self._group_rows:
+            waiting = pa.concat_tables(self._waiting)
+            self._encode(waiting.slice(0, self._group_rows))
+            self._waiting = [waiting.slice(self._group_rows)]
+            self._waiting_rows -= self._group_rows
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._discard()
+            return
+        try:
+            self._finish()
+        except BaseException:
+            self._discard()
+            raise
+
+    def _encode(self, table: Any) -> None:
+        if self._encoder is None:
+            self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
+        self._encoder.write(table.combine_chunks())
+
+    def _finish(self) -> None:
+        if self._waiting_rows or self._encoder is None:
+            self._encode(pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table())
+        assert self._encoder is not None  # noqa: S101 - made by _encode
+        self._encoder.close(self._metadata)
+        if self._temporary is None:
+            self._pass_on()
+            return
+        self._sink.flush()
+        os.fsync(self._sink.fileno())
+        self._sink.close()
+        self._temporary.replace(self.target)
+        self._temporary = None
+
+    def _open_sink(self) -> Any:
+        if self.target == "-":
+            if self._format is FileFormat.PARQUET:
+                return tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)
+            return self._output()
+        target = Path(self.target)
+        try:
+            handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+        except OSError as error:
+            raise DataError(f"{self.target}: can't be written: {error.strerror}") from error
+        self._temporary = Path(name)
+        self._temporary.chmod(0o666 & ~_umask())
+        return os.fdopen(handle, "wb")
+
+    def _output(self) -> IO[bytes]:
+        return self._stdout if self._stdout is not None else sys.stdout.buffer
+
+    def _pass_on(self) -> None:
+        output = self._output()
+        if self._sink is not output:
+            self._sink.seek(0)
+            shutil.copyfileobj(self._sink, output)
+            self._sink.close()
+        output.flush()
+
+    def _discard(self) -> None:
+        if self._temporary is None:
+            if self._format is FileFormat.PARQUET:
+                self._sink.close()
+            return
+        self._sink.close()
+        self._temporary.unlink(missing_ok=True)
+        self._temporary = None
+
+
+class BadRowWriter:
+    """Sets bad rows aside in a table file: ``row``, ``problem``, ``line``, then the columns as text.
+
+    Call it with bad rows (it is a `nlosctl.io.problems.BadRowSink`). ``line`` is the raw text of a line that is
+    no row. With several inputs ``problem`` names the file.
+    """
+
+    def __init__(self, writer: TableWriter) -> None:
+        self._writer = writer
+
+    @staticmethod
+    def schema(names: Sequence[str]) -> Any:
+        """Return the schema of the file for an input with columns ``names``."""
+        own = [("row", pa.int64()), ("problem", pa.string()), ("line", pa.string())]
+        return pa.schema([*own, *((name, pa.string()) for name in names if name not in dict(own))])
+
+    def __call__(self, rows: Sequence[BadRow]) -> None:
+        """Write the rows."""
+        records = [
+            {**row.values, "row": row.problem.row, "problem": str(row.problem), "line": row.raw_line} for row in rows
+        ]
+        self._writer.write(pa.Table.from_pylist(records, schema=self._writer.schema))
+
+
+def provenance_text(provenance: Mapping[str, Any]) -> str:
+    """Return provenance as JSON whose bytes are the same for the same content."""
+    return json.dumps(provenance, sort_keys=True, ensure_ascii=False)
+
+
+def _format_for(target: str, format: FileFormat | None) -> FileFormat:
+    if target != "-":
+        return format or format_of_path(target)
+    return FileFormat.ARROW_STREAM if format is FileFormat.ARROW else format or FileFormat.CSV
+
+
+def _check_target(target: str, overwrite: bool, inputs: Sequence[Path]) -> None:
+    path = Path(target)
+    if path.is_dir():
+        raise DataError(f"{target}: is a folder, expected the name of a file")
+    if not path.parent.is_dir():
+        raise DataError(f"{target}: there is no folder {str(path.parent)!r}; make it first")
+    if path.exists():
+        if any(given.exists() and given.samefile(path) for given in inputs):
+            raise DataError(f"{target}: is the input; write to another file")
+        if not overwrite:
+            raise DataError(f"{target}: exists already; --overwrite replaces it")
+    if not os.access(path.parent, os.W_OK):
+        raise DataError(f"{target}: can't be written: no permission in the folder")
+
+
+def _umask() -> int:
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def _plain(table: Any, schema: Any) -> Any:
+    table = table.replace_schema_metadata(None)
+    if table.schema.equals(schema):
+        return table
+    return table.select(schema.names).cast(schema)

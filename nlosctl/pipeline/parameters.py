@@ -1,0 +1,49 @@
+"""Which methods a run uses, with which parameters: from the words of the command line or Python values."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from nlosctl import registry
+from nlosctl.contract.methods import Job, MethodSpec
+from nlosctl.contract.options import parse_options
+from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.pipeline.solving import MethodRun
+
+__all__ = ["method_runs"]
+
+
+def method_runs(names: Sequence[str], kind: str, job: Job, parameters: Mapping[str, Any]) -> list[MethodRun]:
+    """Return the methods ``names`` for a kind of measurement, with their options.
+
+    A parameter is given as ``key`` (for every method that has it) or ``METHOD:key``. Raises UsageError for an unknown
+    method, a method named twice, a parameter that none of them has, or a value that does not fit.
+    """
+    specs = [registry.resolve(name, kind, job) for name in names]
+    own = [spec.name for spec in specs]
+    for name in own:
+        if own.count(name) > 1:
+            raise UsageError(f"method {name!r} is given twice")
+    given = _by_method(specs, parameters)
+    return [
+        MethodRun(spec=spec, options=parse_options(spec.options, given[spec.name], f"method {spec.name!r}"))
+        for spec in specs
+    ]
+
+
+def _by_method(specs: Sequence[MethodSpec], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    keys = {spec.name: {field.name for field in dataclasses.fields(spec.options)} for spec in specs}
+    given: dict[str, dict[str, Any]] = {spec.name: {} for spec in specs}
+    for word, value in parameters.items():
+        method, colon, key = word.rpartition(":")
+        if colon and method not in keys:
+            raise UsageError(f"--param {word}: no method {method!r} in this run{did_you_mean(method, keys)}")
+        owners = [method] if colon else [name for name in keys if key in keys[name]]
+        if not owners and len(specs) > 1:
+            known = sorted(set().union(*keys.values()))
+            raise UsageError(f"none of the methods has a parameter {key!r}{did_you_mean(key, known)}")
+        for name in owners or keys:
+            given[name] = {**given[name], key: value} if colon else {key: value, **given[name]}
+    return given

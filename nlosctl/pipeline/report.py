@@ -1,0 +1,101 @@
+"""What a run did: counted while it runs, told as a summary or as JSON."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaincc
+
+from nlosctl.contract.statuses import Status
+
+__all__ = ["MethodTally", "RunReport"]
+
+_BAD_FIT_P_VALUE = 1e-3
+_BAD_FIT_SHARE = 0.05
+_UNKNOWNS = 2
+
+
+@dataclass
+class MethodTally:
+    """Statuses of one method, and how often its residuals are larger than their stds explain."""
+
+    statuses: Counter[str] = field(default_factory=Counter)
+    tested: int = 0
+    badly_fitted: int = 0
+
+    def add(self, status: npt.NDArray[np.uint8], cost: npt.NDArray[np.float64], n_used: npt.NDArray[np.int64]) -> None:
+        """Count estimates (E,), best alternatives only; ``cost`` is half a chi-square, or NaN where it is not."""
+        numbers = np.bincount(status, minlength=len(Status))
+        self.statuses.update({Status(code).word: int(count) for code, count in enumerate(numbers) if count})
+        testable = np.isfinite(cost) & (n_used > _UNKNOWNS)
+        degrees = 0.5 * (n_used[testable] - _UNKNOWNS)
+        self.tested += int(testable.sum())
+        self.badly_fitted += int((gammaincc(degrees, cost[testable]) < _BAD_FIT_P_VALUE).sum())
+
+    @property
+    def answered(self) -> int:
+        """How many snapshots and targets got a position."""
+        return sum(count for word, count in self.statuses.items() if Status[word.upper()].has_position)
+
+    @property
+    def fits_badly(self) -> bool:
+        """Whether more than one in twenty estimates has residuals that chance explains once in a thousand times."""
+        return self.badly_fitted > _BAD_FIT_SHARE * self.tested
+
+
+@dataclass
+class RunReport:
+    """Counts of a run over measurements."""
+
+    kind: str
+    inputs: list[dict[str, Any]]
+    rows: int = 0
+    rows_left_out: int = 0
+    bad_rows: int = 0
+    snapshots: int = 0
+    methods: dict[str, MethodTally] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def unanswered(self) -> int:
+        """How many estimates, over all methods, have no position."""
+        return sum(sum(tally.statuses.values()) - tally.answered for tally in self.methods.values())
+
+    def lines(self) -> list[str]:
+        """Return the summary, a line per input, method and note."""
+        rows = f"{self.rows} rows"
+        if self.rows_left_out:
+            rows += f" ({self.rows_left_out} left out: flagged by an earlier step)"
+        if self.bad_rows:
+            rows += f", {self.bad_rows} bad rows set aside"
+        names = ", ".join(str(given["name"]) for given in self.inputs[:3])
+        more = f" and {len(self.inputs) - 3} more" if len(self.inputs) > 3 else ""
+        lines = [f"{names}{more}: {self.snapshots} snapshots of {self.kind}, {rows}"]
+        for name, tally in self.methods.items():
+            counts = ", ".join(f"{count} {word}" for word, count in sorted(tally.statuses.items(), key=_by_status))
+            lines.append(f"{name}: {counts or 'nothing to solve'}")
+        return [*lines, *(f"note: {note}" for note in self.notes)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain values for JSON."""
+        return {
+            "kind": self.kind,
+            "inputs": self.inputs,
+            "rows": self.rows,
+            "rows_left_out": self.rows_left_out,
+            "bad_rows": self.bad_rows,
+            "snapshots": self.snapshots,
+            "methods": {
+                name: {"statuses": dict(tally.statuses), "answered": tally.answered, "fits_badly": tally.fits_badly}
+                for name, tally in self.methods.items()
+            },
+            "notes": self.notes,
+        }
+
+
+def _by_status(item: tuple[str, int]) -> int:
+    return Status[item[0].upper()]

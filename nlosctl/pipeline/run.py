@@ -1,0 +1,164 @@
+"""A run of methods over measurements: chunks in, tables of estimates and flags out, in order, counted."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl import registry
+from nlosctl.io.inputs import Input
+from nlosctl.io.measurements import Chunk, MeasurementReader
+from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, carried_columns
+from nlosctl.pipeline.provenance import describe_inputs, file_metadata
+from nlosctl.pipeline.report import MethodTally, RunReport
+from nlosctl.pipeline.seeds import snapshot_seeds
+from nlosctl.pipeline.solving import FlatEstimates, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.workers import map_in_order
+
+__all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """What steers a run but changes no method: see the options of ``nlosctl localize``."""
+
+    seed: int = 0
+    jobs: int = 1
+    block_size: int = 4096
+    alternatives: int = 1
+    carry: tuple[str, ...] = ()
+    want_flags: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChunkTables:
+    """The Arrow tables of one chunk; ``rows`` is how many input rows they answer."""
+
+    estimates: Any
+    flags: Any | None
+    rows: int
+
+
+class MeasurementRun:
+    """Solves everything that a reader gives, with one or several methods.
+
+    The schemas of the results are known before the first chunk; ``report`` is complete when ``tables`` has ended.
+    """
+
+    def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
+        self._reader, self._runs, self._settings = reader, tuple(runs), settings
+        methods = tuple(run.spec.name for run in self._runs)
+        self._estimates_layout = EstimatesLayout(
+            methods=methods,
+            input_schema=reader.schema,
+            carried=carried_columns(reader.schema.names, settings.carry),
+            with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
+            with_source=reader.has_several_sources,
+        )
+        self._flags_layout = FlagsLayout(
+            methods=methods,
+            input_schema=reader.schema,
+            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags)),
+            with_source=reader.has_several_sources,
+        )
+        self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
+
+    @property
+    def estimates_schema(self) -> Any:
+        """The Arrow schema of the estimates."""
+        return self._estimates_layout.schema
+
+    @property
+    def flags_schema(self) -> Any:
+        """The Arrow schema of the flags."""
+        return self._flags_layout.schema
+
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+        """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
+        methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
+        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
+        content = {"methods": methods, "seed": self._settings.seed, "inputs": described}
+        return file_metadata(command, content, self._reader.scene)
+
+    def tables(self) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
+        solved = map_in_order(self._solve, self._reader.chunks(), self._settings.jobs)
+        for estimates, tables in solved:
+            self._count(estimates, tables.rows)
+            yield tables
+        self._finish()
+
+    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates, ChunkTables]:
+        settings = self._settings
+        problem = Problem(
+            kind=self._reader.kind,
+            scene=self._reader.scene,
+            columns=chunk.columns,
+            offsets=chunk.offsets,
+            kept=~chunk.left_out,
+            seed=self._seeds(chunk),
+        )
+        estimates, flags = solve_flat(
+            problem,
+            self._runs,
+            block_size=settings.block_size,
+            alternatives=settings.alternatives,
+            want_flags=settings.want_flags,
+        )
+        arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+        estimates_table = self._estimates_layout.table(
+            arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
+        )
+        flags_table = None
+        if settings.want_flags:
+            counts = np.diff(chunk.offsets)
+            flags_table = self._flags_layout.table(
+                [(flag.used, flag.columns) for flag in flags],
+                rows=chunk.table,
+                snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
+                source=chunk.source,
+            )
+        return estimates, ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows)
+
+    def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
+        if not any(run.spec.randomized for run in self._runs):
+            return np.zeros(len(chunk.snapshot), dtype=np.uint64)
+        return snapshot_seeds(self._settings.seed, chunk.snapshot_ids())
+
+    def _count(self, estimates: FlatEstimates, rows: int) -> None:
+        self.report.rows += rows
+        best = estimates.alternative == 0
+        for number, run in enumerate(self._runs):
+            mine = best & (estimates.method == number)
+            cost = estimates.cost if run.spec.cost_is_half_chi_square else np.full(estimates.cost.shape, np.nan)
+            tally = self.report.methods[run.spec.name]
+            tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+
+    def _finish(self) -> None:
+        read = self._reader.report
+        self.report.snapshots = read.snapshots
+        self.report.rows_left_out = read.left_out_rows
+        self.report.bad_rows = read.bad_rows
+        self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
+        self.report.notes += [*read.remarks, *self._unused_ranges(), *self._advice()]
+
+    def _unused_ranges(self) -> list[str]:
+        takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]
+        if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
+            return []
+        return [f"the column 'range_m' is not used by {', '.join(takers)}"]
+
+    def _advice(self) -> list[str]:
+        robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}
+        advised = "; try --method mixture-ml" if "mixture-ml" in robust - self.report.methods.keys() else ""
+        return [
+            f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
+            f"their standard deviations explain{advised}"
+            for name, tally in self.report.methods.items()
+            if tally.fits_badly
+        ]

@@ -1,0 +1,53 @@
+"""Which scenarios there are. Listing them imports none of them, and no numpy.
+
+A new scenario is a file with a ``SCENARIO`` and one line here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from nlosctl.errors import UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from nlosctl.scenarios.spec import ScenarioSpec
+
+__all__ = ["find_scenario", "scenarios"]
+
+_MODULES = {
+    "random": "nlosctl.scenarios.random_field",
+    "ring": "nlosctl.scenarios.ring",
+    "song-flat": "nlosctl.scenarios.song_flat",
+}
+
+
+class _Catalogue(Mapping[str, "ScenarioSpec"]):
+    """Specs by name, in the order of the names; a module is imported when its scenario is asked for."""
+
+    def __getitem__(self, name: str) -> ScenarioSpec:
+        spec: ScenarioSpec = import_module(_MODULES[name]).SCENARIO
+        return spec
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(_MODULES))
+
+    def __len__(self) -> int:
+        return len(_MODULES)
+
+    def __contains__(self, name: object) -> bool:
+        return name in _MODULES
+
+
+def scenarios() -> Mapping[str, ScenarioSpec]:
+    """Return all scenarios by name; iterating over the names, or ``in``, imports nothing."""
+    return _Catalogue()
+
+
+def find_scenario(name: str) -> ScenarioSpec:
+    """Return the scenario ``name``; raise UsageError with the nearest name where there is none."""
+    known = scenarios()
+    if name not in known:
+        raise UsageError(f"no scenario {name!r}{did_you_mean(name, known)}; there are: {', '.join(known)}")
+    return known[name]

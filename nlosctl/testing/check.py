@@ -1,0 +1,82 @@
+"""The table of the laws, and running them on a method."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.testing import answer_laws, form_laws
+from nlosctl.testing.bench import Bench, LawBroken
+from nlosctl.testing.draws import DRAWS
+
+__all__ = ["LAWS", "MethodLaw", "check_law", "check_method"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodLaw:
+    """A law: ``check(bench)`` yields complaints. A method whose ``exempt_from`` has its name is not held to it."""
+
+    name: str
+    check: Callable[[Bench], Iterator[str]]
+
+    @property
+    def rule(self) -> str:
+        """What the law says, in a line."""
+        return (self.check.__doc__ or "").strip().rstrip(".")
+
+
+LAWS = (
+    MethodLaw(name="specification", check=form_laws.specification),
+    MethodLaw(name="shapes", check=form_laws.shapes),
+    MethodLaw(name="sorted", check=form_laws.sorted_estimates),
+    MethodLaw(name="null", check=form_laws.null),
+    MethodLaw(name="covariance", check=form_laws.covariance),
+    MethodLaw(name="flags", check=form_laws.flags),
+    MethodLaw(name="read-only", check=form_laws.read_only),
+    MethodLaw(name="quiet", check=form_laws.quiet),
+    MethodLaw(name="empty", check=answer_laws.empty),
+    MethodLaw(name="any-number", check=answer_laws.any_number),
+    MethodLaw(name="deterministic", check=answer_laws.deterministic),
+    MethodLaw(name="seeds", check=answer_laws.seeds),
+    MethodLaw(name="batches", check=answer_laws.batches),
+    MethodLaw(name="degenerate", check=answer_laws.degenerate),
+    MethodLaw(name="order", check=answer_laws.order),
+    MethodLaw(name="frame", check=answer_laws.frame),
+    MethodLaw(name="answers", check=answer_laws.answers),
+)
+"""All laws, in the order in which `check_method` holds them."""
+
+
+def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None) -> None:
+    """Hold a method to all laws; raises LawBroken, which names the law, the method and what is wrong.
+
+    ``seed`` draws other batches. ``options`` stands in for the defaults, where an option has none.
+    """
+    for law in LAWS:
+        check_law(spec, law, seed=seed, options=options)
+
+
+def check_law(spec: MethodSpec, law: MethodLaw, *, seed: int = 0, options: Any = None) -> None:
+    """Hold a method to one law, unless it is exempt; raises LawBroken. An exception of the method breaks the law."""
+    if law.name in spec.exempt_from:
+        return
+    draw = DRAWS.get((spec.kind, spec.job))
+    if draw is None:
+        known = ", ".join(f"{kind} ({job})" for kind, job in sorted(DRAWS))
+        complaint = f"no batches can be drawn for {spec.kind} ({spec.job}); there are: {known}"
+        raise LawBroken(spec.full_name, law.name, law.rule, complaint)
+    generator = np.random.default_rng([seed, zlib.crc32(law.name.encode())])
+    try:
+        chosen = spec.options() if options is None else options
+        bench = Bench(spec=spec, options=chosen, draw=draw, generator=generator)
+        complaint = next(law.check(bench), "")
+    except Exception as error:  # whatever a method raises is a law broken
+        complaint = f"it raised {type(error).__name__}: {error}"
+        raise LawBroken(spec.full_name, law.name, law.rule, complaint) from error
+    if complaint:
+        raise LawBroken(spec.full_name, law.name, law.rule, complaint)

@@ -1,0 +1,131 @@
+"""Random batches for the laws: one function and one line in `DRAWS` for each kind of measurement and job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch, FloatArray, IntArray
+from nlosctl.contract.scene import LineReflector, Scene
+from nlosctl.geometry.angles import wrap_angle
+from nlosctl.models.bearings import predict_bearings
+
+__all__ = ["DRAWS", "Draw", "Trial", "draw_bearings"]
+
+_SCALES_M = (1e-2, 1.0, 1e3, 1e6)
+_WRAPS = 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """A drawn batch, with the size of its scene in metres: what rounding is measured against."""
+
+    batch: Any
+    size_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draw:
+    """How batches of a kind are drawn and turned.
+
+    ``trial(generator, snapshots, measurements, fault)`` draws a batch; ``fault`` is None for ordinary snapshots, or
+    one of ``faults``, words for what is degenerate in every snapshot of it. ``directions`` names the batch's arrays
+    that turn with the frame; those that end in ``_xy_m`` are known to be positions.
+    """
+
+    trial: Callable[[np.random.Generator, int, int, str | None], Trial]
+    faults: tuple[str, ...]
+    directions: tuple[str, ...]
+
+
+def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
+    """Draw bearings of one source per snapshot, direct or by one of three mirrors (one vertical, one in the field).
+
+    A third of the snapshots has direct rows alone. Unequal stds of 0.1 to 3 degrees, sensors that hear several paths,
+    bearings up to a turn off.
+    """
+    shape = (snapshots, measurements)
+    scale = float(generator.choice(_SCALES_M))
+    scene = _mirror_scene(generator, scale)
+    sensor = generator.integers(0, max(2, measurements), shape)
+    place = generator.uniform(-scale, scale, (snapshots, max(2, measurements), 2))
+    sensor_xy = np.take_along_axis(place, sensor[:, :, None], axis=1)
+    source_xy = generator.uniform(-0.7 * scale, 0.7 * scale, (snapshots, 1, 2))
+    reflector = generator.choice([-1, -1, -1, 0, 1, 0, 1, 2], size=shape)
+    reflector[generator.random(snapshots) < 0.3] = -1
+    std = np.radians(10.0 ** generator.uniform(-1.0, 0.5, shape))
+    if fault in ("one place", "on a sensor"):
+        reflector[:] = -1
+    if fault == "one place":
+        sensor_xy[:] = sensor_xy[:, :1]
+    if fault == "on a sensor":
+        source_xy[:] = sensor_xy[:, :1]
+    bearing = predict_bearings(sensor_xy, reflector, scene, np.broadcast_to(source_xy, sensor_xy.shape))
+    bearing = bearing + (0.0 if fault == "on a sensor" else 1.0) * std * generator.normal(size=shape)
+    if fault == "parallel":
+        reflector[:], bearing[:] = -1, 0.75
+    if fault == "behind":
+        bearing += np.pi
+    wrapped = wrap_angle(bearing)
+    turned = wrapped + generator.choice(_WRAPS, size=shape)
+    bearing = np.where(np.abs(turned) <= 2.0 * np.pi, turned, wrapped)
+    return Trial(batch=_bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector), size_m=3.0 * scale)
+
+
+def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
+    """Two mirrors that all of the field lies to one side of, one of them vertical, and one across the field."""
+    angle = generator.uniform(-np.pi, np.pi)
+    across = generator.uniform(-np.pi, np.pi)
+    outside = (-1.5 * scale * np.sin(angle), 1.5 * scale * np.cos(angle))
+    return Scene(
+        reflectors=(
+            LineReflector(name="outside", point=outside, direction=(np.cos(angle), np.sin(angle))),
+            LineReflector(name="vertical", point=(1.25 * scale, 0.0), direction=(0.0, 2.0)),
+            LineReflector(name="across", point=(0.3 * scale, 0.1 * scale), direction=(np.cos(across), np.sin(across))),
+        )
+    )
+
+
+def _bearing_batch(
+    generator: np.random.Generator,
+    scene: Scene,
+    sensor: IntArray,
+    sensor_xy: FloatArray,
+    bearing: FloatArray,
+    std: FloatArray,
+    reflector: IntArray,
+) -> BearingBatch:
+    seed = np.asarray(generator.integers(0, 2**63, bearing.shape[0]), dtype=np.uint64)
+    return BearingBatch(
+        scene=scene,
+        seed=seed,
+        want_flags=True,
+        sensor=np.asfortranarray(sensor, dtype=np.int64),
+        sensor_xy_m=np.asfortranarray(sensor_xy),
+        bearing_rad=np.asfortranarray(bearing),
+        bearing_std_rad=np.asfortranarray(std),
+        path=np.asfortranarray(_number_paths(sensor)),
+        reflector=np.asfortranarray(reflector, dtype=np.int64),
+    )
+
+
+def _number_paths(sensor: IntArray) -> npt.NDArray[np.int64]:
+    """Number the measurements of each sensor (B, K) from 0."""
+    path = np.zeros(sensor.shape, dtype=np.int64)
+    for k in range(1, sensor.shape[1]):
+        path[:, k] = (sensor[:, :k] == sensor[:, k : k + 1]).sum(axis=1)
+    return path
+
+
+DRAWS: dict[tuple[str, str], Draw] = {
+    ("bearings", "localize"): Draw(
+        trial=draw_bearings,
+        faults=("parallel", "one place", "on a sensor", "behind"),
+        directions=("bearing_rad",),
+    ),
+}
+"""How batches are drawn, by kind of measurement and job."""

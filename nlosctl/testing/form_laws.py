@@ -1,0 +1,186 @@
+"""Laws on the form of a method and of its result. Each is a generator of complaints; the first one counts."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from nlosctl.contract.methods import CONTRACT_VERSION
+from nlosctl.contract.options import parse_options
+from nlosctl.contract.results import Estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
+from nlosctl.testing.bench import Bench
+from nlosctl.testing.compare import NUMBER_FIELDS, estimates_of, same_bits
+from nlosctl.testing.moves import copy_batch
+
+__all__ = ["covariance", "flags", "null", "quiet", "read_only", "shapes", "sorted_estimates", "specification"]
+
+_SNAPSHOTS = 24
+_FORM: dict[str, tuple[str, tuple[int, ...]]] = {
+    "row": ("int64", ()),
+    "target": ("int64", ()),
+    "alternative": ("int64", ()),
+    "position_m": ("float64", (2,)),
+    "covariance_m2": ("float64", (3,)),
+    "cost": ("float64", ()),
+    "n_used": ("int64", ()),
+    "status": ("uint8", ()),
+}
+
+
+def specification(bench: Bench) -> Iterator[str]:
+    """The specification itself is sound: its name, its options and their defaults, what it declares."""
+    spec = bench.spec
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", spec.name):
+        yield f"the name {spec.name!r} is not lower-case words joined by hyphens"
+    if not (spec.summary and spec.reference and spec.cost):
+        yield "its summary, reference or cost is empty"
+    if spec.contract_version != CONTRACT_VERSION:
+        yield f"it was written for contract version {spec.contract_version}, this is {CONTRACT_VERSION}"
+    if spec.minimum_measurements < 1:
+        yield f"minimum_measurements is {spec.minimum_measurements}"
+    if "used" in spec.flags or len(set(spec.flags)) != len(spec.flags):
+        yield f"it declares the flags {spec.flags}: each once, 'used' not among them"
+    if not spec.options.__dataclass_params__.frozen:
+        yield f"{spec.options.__name__} is not frozen"
+    for field in dataclasses.fields(spec.options):
+        if "meaning" not in field.metadata:
+            yield f"the option {field.name!r} is not declared with nlosctl.contract.options.option"
+    try:
+        parse_options(spec.options, dataclasses.asdict(bench.options), spec.full_name)
+    except UsageError as error:
+        yield f"a default is not allowed: {error}"
+
+
+def shapes(bench: Bench) -> Iterator[str]:
+    """All arrays of the result have the shapes and types of the contract."""
+    for measurements in bench.usual_measurements:
+        estimates = bench.solve(bench.ordinary(_SNAPSHOTS, measurements).batch).estimates
+        for name in NUMBER_FIELDS:
+            array = np.asarray(getattr(estimates, name))
+            dtype, tail = _FORM[name]
+            shape = (estimates.row.size, *tail)
+            if array.dtype != dtype or array.shape != shape:
+                yield f"{name} is {array.dtype} of shape {array.shape}, not {dtype} of shape {shape}"
+        if (estimates.covariance_kind or "") not in (bench.spec.covariance_kinds or ("",)):
+            yield f"covariance_kind is {estimates.covariance_kind!r}, declared are {bench.spec.covariance_kinds}"
+        strange = set(estimates.status.tolist()) - {int(status) for status in Status}
+        if strange:
+            yield f"a status is {strange.pop()}"
+
+
+def sorted_estimates(bench: Bench) -> Iterator[str]:
+    """Estimates are ordered by row, target and alternative, each counted from 0; every snapshot has one."""
+    for measurements in bench.usual_measurements:
+        estimates = bench.solve(bench.mixed(_SNAPSHOTS, measurements)).estimates
+        previous = (-1, 0, 0)
+        for place in zip(estimates.row, estimates.target, estimates.alternative, strict=True):
+            here = tuple(int(number) for number in place)
+            row, target, alternative = previous
+            following = ((row + 1, 0, 0), (row, target + 1, 0), (row, target, alternative + 1))
+            if here not in following or (row == -1 and here != (0, 0, 0)):
+                yield f"(row, target, alternative) {here} follows {previous}"
+            previous = here  # type: ignore[assignment]
+        if previous[0] != _SNAPSHOTS - 1:
+            yield f"the last estimate is of snapshot {previous[0]}, not of {_SNAPSHOTS - 1}"
+
+
+def null(bench: Bench) -> Iterator[str]:
+    """Position, cost and covariance are NaN, and n_used 0, exactly where the status says so."""
+    for measurements in bench.usual_measurements:
+        estimates = bench.solve(bench.mixed(_SNAPSHOTS, measurements)).estimates
+        for number in range(estimates.row.size):
+            status = Status(int(estimates.status[number]))
+            position, spread = estimates.position_m[number], estimates.covariance_m2[number]
+            yield from _null_values(status, "position", position, status.has_position)
+            yield from _null_values(status, "covariance", spread, status.has_covariance)
+            yield from _null_values(status, "cost", estimates.cost[number], status.has_position)
+            used = int(estimates.n_used[number])
+            if not (1 <= used <= measurements if status.has_position else used == 0):
+                yield f"n_used is {used} of {measurements} where the status is {status.word}"
+
+
+def _null_values(status: Status, what: str, values: Any, wanted: bool) -> Iterator[str]:
+    right = np.isfinite(values).all() if wanted else np.isnan(values).all()
+    if not right:
+        yield f"the {what} is {values} where the status is {status.word}"
+
+
+def covariance(bench: Bench) -> Iterator[str]:
+    """A covariance is that of an ellipse: both its eigenvalues are positive."""
+    for measurements in bench.usual_measurements:
+        estimates = bench.solve(bench.ordinary(4 * _SNAPSHOTS, measurements).batch).estimates
+        for number in np.flatnonzero(~np.isnan(estimates.covariance_m2).any(axis=1)):
+            xx, xy, yy = estimates.covariance_m2[number]
+            if not (xx > 0.0 and yy > 0.0 and abs(xy) < np.sqrt(xx) * np.sqrt(yy)):
+                yield f"xx, xy, yy are {estimates.covariance_m2[number]}"
+
+
+def flags(bench: Bench) -> Iterator[str]:
+    """Flags have the columns that are declared, a value for each measurement, and do not change the estimates."""
+    for measurements in bench.usual_measurements:
+        batch = bench.mixed(_SNAPSHOTS, measurements)
+        solution = bench.solve(batch)
+        if solution.flags is None:
+            yield "there are none where the batch wants them"
+            return
+        if set(solution.flags.columns) != set(bench.spec.flags):
+            yield f"columns {sorted(solution.flags.columns)}, declared are {sorted(bench.spec.flags)}"
+        if solution.flags.used.dtype != np.bool_:
+            yield f"used is {solution.flags.used.dtype}, not bool"
+        for name, column in {"used": solution.flags.used, **solution.flags.columns}.items():
+            if column.shape != (_SNAPSHOTS, measurements):
+                yield f"{name} has shape {column.shape}, not {(_SNAPSHOTS, measurements)}"
+        yield from _used_disagrees(solution.estimates, solution.flags.used)
+        plain = dataclasses.replace(bench.solve(batch, want_flags=False), flags=None)
+        rows = np.arange(_SNAPSHOTS)
+        bare = dataclasses.replace(solution, flags=None)
+        for difference in same_bits(estimates_of(bare, rows), estimates_of(plain, rows)):
+            yield f"when the batch wants no flags, {difference}"
+
+
+def _used_disagrees(estimates: Estimates, used: Any) -> Iterator[str]:
+    """Yield the snapshots of one target whose ``used`` rows are not as many as ``n_used`` says."""
+    best = (estimates.target == 0) & (estimates.alternative == 0)
+    several = np.isin(estimates.row, estimates.row[estimates.target > 0])
+    for number in np.flatnonzero(best & ~several):
+        row = estimates.row[number]
+        if used[row].sum() != estimates.n_used[number]:
+            yield f"snapshot {row} has {used[row].sum()} rows used, but n_used is {estimates.n_used[number]}"
+
+
+def read_only(bench: Bench) -> Iterator[str]:
+    """The input is left alone: its arrays may be read-only, and are not changed if they are not."""
+    for measurements in bench.usual_measurements:
+        batch = bench.mixed(_SNAPSHOTS, measurements)
+        for writeable in (True, False):
+            given = copy_batch(batch, writeable=writeable)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                bench.spec.solve(given, bench.options)
+            for field in dataclasses.fields(batch):
+                before, after = getattr(batch, field.name), getattr(given, field.name)
+                if isinstance(before, np.ndarray) and not np.array_equal(before, after):
+                    yield f"{field.name} was changed"
+
+
+def quiet(bench: Bench) -> Iterator[str]:
+    """It neither warns nor prints, whatever the snapshots: standard output carries data alone."""
+    for measurements in bench.usual_measurements:
+        batch = copy_batch(bench.mixed(_SNAPSHOTS, measurements), writeable=True)
+        said = io.StringIO()
+        with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(said):
+            warnings.simplefilter("always")
+            bench.spec.solve(batch, bench.options)
+        for warning in caught:
+            yield f"it warns: {warning.category.__name__}: {warning.message}"
+        if said.getvalue():
+            yield f"it prints {said.getvalue()[:60]!r}"

@@ -1,0 +1,134 @@
+"""What the laws do to a batch: copy it, take some of its snapshots, permute its measurements, move its frame.
+
+All of it goes by the contract of batches: arrays have the snapshots in front, then the measurements.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlosctl.contract.batches import FloatArray, IntArray
+from nlosctl.contract.scene import LineReflector, Reflector, Scene, Sensor
+from nlosctl.geometry.angles import wrap_angle
+
+__all__ = ["Motion", "copy_batch", "move_batch", "permute_measurements", "replace_rows", "take_rows"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """A turn of the frame about its origin, counter-clockwise, and then a shift in metres."""
+
+    angle_rad: float
+    shift_m: tuple[float, float]
+
+    def point(self, xy: tuple[float, float]) -> tuple[float, float]:
+        """Return where a point goes."""
+        x, y = self.direction(xy)
+        return x + self.shift_m[0], y + self.shift_m[1]
+
+    def direction(self, xy: tuple[float, float]) -> tuple[float, float]:
+        """Return where a direction goes."""
+        cosine, sine = float(np.cos(self.angle_rad)), float(np.sin(self.angle_rad))
+        return cosine * xy[0] - sine * xy[1], sine * xy[0] + cosine * xy[1]
+
+    def points(self, xy: FloatArray) -> FloatArray:
+        """Return where points (..., 2) go."""
+        cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        x, y = xy[..., 0], xy[..., 1]
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+        return np.asfortranarray(turned + np.array(self.shift_m))
+
+    def covariances(self, xx_xy_yy: FloatArray) -> FloatArray:
+        """Return what covariances (E, 3) become."""
+        cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        xx, xy, yy = xx_xy_yy.T
+        return np.stack(
+            [
+                cosine**2 * xx - 2.0 * cosine * sine * xy + sine**2 * yy,
+                cosine * sine * (xx - yy) + (cosine**2 - sine**2) * xy,
+                sine**2 * xx + 2.0 * cosine * sine * xy + cosine**2 * yy,
+            ],
+            axis=1,
+        )
+
+
+def copy_batch(batch: Any, *, writeable: bool) -> Any:
+    """Return a copy with arrays of its own, in Fortran order."""
+
+    def copy(_: str, array: Any) -> Any:
+        copied = array.copy(order="F")
+        copied.flags.writeable = writeable
+        return copied
+
+    return _with_arrays(batch, copy)
+
+
+def take_rows(batch: Any, rows: IntArray) -> Any:
+    """Return a batch of some snapshots, in the order of ``rows``."""
+    return _with_arrays(batch, lambda _, array: np.asfortranarray(array[rows]))
+
+
+def replace_rows(batch: Any, rows: IntArray, other: Any) -> Any:
+    """Return a batch whose snapshots ``rows`` are the first of ``other``'s; the scene stays."""
+
+    def replace(name: str, array: Any) -> Any:
+        replaced = array.copy(order="F")
+        replaced[rows] = getattr(other, name)[: len(rows)]
+        return replaced
+
+    return _with_arrays(batch, replace)
+
+
+def permute_measurements(batch: Any, order: IntArray) -> Any:
+    """Return the batch with its measurements in another order, the same for every snapshot."""
+
+    def permute(_: str, array: Any) -> Any:
+        return np.asfortranarray(array[:, order]) if array.ndim > 1 else array.copy()
+
+    return _with_arrays(batch, permute)
+
+
+def move_batch(batch: Any, motion: Motion, directions: tuple[str, ...]) -> Any:
+    """Return the batch as it looks in a moved frame: positions, the arrays named ``directions``, and the scene."""
+
+    def move(name: str, array: Any) -> Any:
+        if name.endswith("_xy_m"):
+            return motion.points(array)
+        return wrap_angle(array + motion.angle_rad) if name in directions else array.copy(order="F")
+
+    return dataclasses.replace(_with_arrays(batch, move), scene=_move_scene(batch.scene, motion))
+
+
+def _move_scene(scene: Scene, motion: Motion) -> Scene:
+    return dataclasses.replace(
+        scene,
+        sensors=tuple(_move_sensor(sensor, motion) for sensor in scene.sensors),
+        reflectors=tuple(_move_reflector(reflector, motion) for reflector in scene.reflectors),
+    )
+
+
+def _move_sensor(sensor: Sensor, motion: Motion) -> Sensor:
+    heading = None if sensor.heading_deg is None else sensor.heading_deg - float(np.degrees(motion.angle_rad))
+    return dataclasses.replace(sensor, position=motion.point(sensor.position), heading_deg=heading)
+
+
+def _move_reflector(reflector: Reflector, motion: Motion) -> Reflector:
+    match reflector:
+        case LineReflector():
+            point, direction = motion.point(reflector.point), motion.direction(reflector.direction)
+            return dataclasses.replace(reflector, point=point, direction=direction)
+
+
+def _with_arrays(batch: Any, change: Callable[[str, Any], Any]) -> Any:
+    """Return the batch with each of its arrays changed."""
+    changed = {
+        field.name: change(field.name, getattr(batch, field.name))
+        for field in dataclasses.fields(batch)
+        if isinstance(getattr(batch, field.name), np.ndarray)
+    }
+    return dataclasses.replace(batch, **changed)

@@ -1,0 +1,32 @@
+"""Every built-in method obeys every law."""
+
+from __future__ import annotations
+
+import pytest
+
+from nlosctl import registry
+from nlosctl.testing import LAWS, MethodLaw, check_law
+
+BUILT_IN = [entry for entry in registry.entries() if entry.distribution == "nlosctl"]
+
+
+def test_there_are_methods_to_check() -> None:
+    """The methods of this package are found, and have not silently become none."""
+    assert {"bearings.ls", "bearings.stansfield", "bearings.ml"} <= {entry.full_name for entry in BUILT_IN}
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("entry", BUILT_IN, ids=lambda entry: entry.full_name)
+def test_a_built_in_method_obeys_the_law(entry: registry.MethodEntry, law: MethodLaw) -> None:
+    """A built-in method obeys every law."""
+    check_law(registry.load(entry), law)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 101))
+@pytest.mark.parametrize("entry", BUILT_IN, ids=lambda entry: entry.full_name)
+def test_a_built_in_method_obeys_the_laws_on_many_draws(entry: registry.MethodEntry, seed: int) -> None:
+    """A built-in method obeys every law on a hundred other draws."""
+    spec = registry.load(entry)
+    for law in LAWS:
+        check_law(spec, law, seed=seed)

@@ -1,0 +1,109 @@
+"""The laws can fail: for each there is a method that breaks it, and no other."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+import toys
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.testing import LAWS, LawBroken, check_law, check_method
+
+BROKEN: list[tuple[str, MethodSpec]] = [
+    ("specification", dataclasses.replace(toys.toy(), name="My Toy")),
+    (
+        "specification",
+        toys.toy(lambda batch, _: toys.SOUND.solve(batch, toys.SOUND.options()), options=toys.ThawedOptions),
+    ),
+    ("shapes", toys.toy(toys.narrow_counts)),
+    ("shapes", toys.toy(covariance_kinds=("inliers",))),
+    ("sorted", toys.toy(toys.backwards)),
+    ("null", toys.toy(toys.made_up_numbers)),
+    ("covariance", toys.toy(toys.negative_covariance)),
+    ("flags", toys.toy(toys.undeclared_flag)),
+    ("flags", toys.toy(flags=("residual_rad", "p_value"))),
+    ("read-only", toys.toy(toys.writes_its_input)),
+    ("quiet", toys.toy(toys.warns)),
+    ("quiet", toys.toy(toys.prints)),
+    ("empty", toys.toy(toys.needs_a_snapshot)),
+    ("any-number", toys.toy(toys.needs_two)),
+    ("any-number", toys.toy(minimum_measurements=3)),
+    ("deterministic", toys.toy(toys.starts_where_it_was())),
+    ("seeds", toys.toy(toys.undeclared_chance)),
+    ("batches", toys.toy(toys.sum_in_pairs)),
+    ("degenerate", toys.toy(toys.one_singular_fails_all)),
+    ("order", toys.toy(toys.trusts_the_first)),
+    ("frame", toys.toy(toys.knows_north)),
+    ("answers", toys.toy(toys.gives_up)),
+]
+
+
+def laws_broken_by(spec: MethodSpec) -> set[str]:
+    """Return the names of all laws that a method breaks."""
+    broken = set()
+    for law in LAWS:
+        try:
+            check_law(spec, law)
+        except LawBroken as error:
+            broken.add(error.law)
+    return broken
+
+
+def test_every_law_has_a_method_that_breaks_it() -> None:
+    """No law is without a toy that breaks it."""
+    assert {law for law, _ in BROKEN} == {law.name for law in LAWS}
+
+
+def test_the_sound_toy_breaks_no_law() -> None:
+    """What the toys tamper with is sound: it is their one fault that is caught."""
+    check_method(toys.toy())
+
+
+@pytest.mark.parametrize(("law", "spec"), BROKEN, ids=[f"{law}-{number}" for number, (law, _) in enumerate(BROKEN)])
+def test_a_broken_method_is_caught_by_its_law_alone(law: str, spec: MethodSpec) -> None:
+    """A method broken in one way breaks that law and no other."""
+    assert laws_broken_by(spec) == {law}
+
+
+def test_the_complaint_names_method_law_and_fault() -> None:
+    """The message of LawBroken names the method, the law with its rule, and what is wrong."""
+    with pytest.raises(LawBroken, match=r"bearings\.toy breaks the law 'quiet' \(It neither .*\): it prints 'solving"):
+        check_method(toys.toy(toys.prints))
+
+
+@pytest.mark.parametrize(("law", "solve"), [("order", toys.trusts_the_first), ("frame", toys.knows_north)])
+def test_an_exempt_method_is_not_held_to_the_law(law: str, solve: Any) -> None:
+    """A method that declares an exemption passes without that law."""
+    check_method(toys.toy(solve, exempt_from=frozenset({law})))
+
+
+def test_an_exception_breaks_the_law() -> None:
+    """Whatever a method raises is a law broken, with the exception told and chained."""
+
+    def fail(batch: Any, options: Any) -> Any:
+        raise ZeroDivisionError("no sensors")
+
+    with pytest.raises(LawBroken, match="it raised ZeroDivisionError: no sensors") as caught:
+        check_method(toys.toy(fail))
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+
+
+def test_a_kind_without_draws_is_told() -> None:
+    """A method for a kind that can't be drawn is told so, with the kinds that can."""
+    with pytest.raises(LawBroken, match=r"no batches can be drawn for smells \(localize\); there are: bearings"):
+        check_method(toys.toy(kind="smells"))
+
+
+def test_options_without_defaults_can_be_given() -> None:
+    """``options`` reach the method in place of the defaults."""
+    seen = []
+
+    def remember(batch: Any, options: Any) -> Any:
+        seen.append(options.min_range_m)
+        return toys.SOUND.solve(batch, options)
+
+    options = toys.SOUND.options(min_range_m=1e-6)
+    check_method(toys.toy(remember), options=options)
+    assert set(seen) == {1e-6}

@@ -1,0 +1,76 @@
+"""Symmetric 2x2 matrices in closed form, against numpy.linalg."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def random_positive(size: int, condition: float) -> tuple[Symmetric2x2, FloatArray]:
+    """Return positive matrices with condition numbers up to ``condition``, and the same as (B, 2, 2)."""
+    generator = np.random.default_rng(3)
+    scale = 10.0 ** generator.uniform(-12, 12, size)
+    ratio = condition ** generator.uniform(-1, 0, size)
+    angle = generator.uniform(-np.pi, np.pi, size)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    xx = scale * (cosine**2 + ratio * sine**2)
+    xy = scale * (1.0 - ratio) * cosine * sine
+    yy = scale * (sine**2 + ratio * cosine**2)
+    return Symmetric2x2(xx, xy, yy), full(Symmetric2x2(xx, xy, yy))
+
+
+def full(matrix: Symmetric2x2) -> FloatArray:
+    """Return the matrices as (B, 2, 2)."""
+    rows = [np.stack([matrix.xx, matrix.xy], axis=-1), np.stack([matrix.xy, matrix.yy], axis=-1)]
+    return np.stack(rows, axis=-2)
+
+
+def relative_error(got: FloatArray, expected: FloatArray) -> float:
+    """Return the largest difference relative to the largest entry of each matrix or vector."""
+    axes = tuple(range(1, expected.ndim))
+    return float((np.abs(got - expected).max(axis=axes) / np.abs(expected).max(axis=axes)).max())
+
+
+def test_inverse_and_solution_are_those_of_numpy() -> None:
+    """Inverse and solution agree with numpy.linalg for matrices of condition up to 1e3 and any scale."""
+    matrix, dense = random_positive(500, 1e3)
+    right = np.random.default_rng(4).normal(size=(500, 2))
+    assert relative_error(full(matrix.inverse()), np.linalg.inv(dense)) < 1e-12
+    solved = np.stack(matrix.solve(right[:, 0], right[:, 1]), axis=-1)
+    assert relative_error(solved, np.linalg.solve(dense, right[..., None])[..., 0]) < 1e-12
+
+
+def test_determinant_trace_and_eigenvalues_are_those_of_numpy() -> None:
+    """Determinant, trace and both eigenvalues agree with numpy.linalg."""
+    matrix, dense = random_positive(500, 1e3)
+    smaller, larger = matrix.eigenvalues()
+    expected = np.linalg.eigvalsh(dense)
+    np.testing.assert_allclose(smaller, expected[:, 0], rtol=1e-11)
+    np.testing.assert_allclose(larger, expected[:, 1], rtol=1e-13)
+    np.testing.assert_allclose(matrix.determinant, np.linalg.det(dense), rtol=1e-11)
+    np.testing.assert_allclose(matrix.trace, np.trace(dense, axis1=1, axis2=2), rtol=1e-15)
+
+
+def test_congruence_is_the_sandwich() -> None:
+    """``congruence`` is the matrix product self @ middle @ self."""
+    matrix, dense = random_positive(300, 50.0)
+    middle = Symmetric2x2(matrix.yy[::-1], -matrix.xy[::-1], matrix.xx[::-1])
+    assert relative_error(full(matrix.congruence(middle)), dense @ full(middle) @ dense) < 1e-13
+
+
+@pytest.mark.parametrize("entries", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4.0, 0.0, 0.0)])
+def test_a_singular_matrix_spoils_no_other(entries: tuple[float, float, float]) -> None:
+    """A singular matrix gives what is not finite, without a warning, and leaves its neighbour alone."""
+    singular = Symmetric2x2(
+        *(np.array([entry, identity]) for entry, identity in zip(entries, (1.0, 0.0, 1.0), strict=True))
+    )
+    x, y = singular.solve(np.array([1.0, 3.0]), np.array([2.0, 4.0]))
+    assert not np.isfinite([x[0], y[0]]).all()
+    assert (x[1], y[1]) == (3.0, 4.0)
+    assert not np.isfinite(full(singular.inverse())[0]).all()
+    assert singular.eigenvalues()[0].tolist() == [0.0, 1.0]

@@ -1,0 +1,15 @@
+"""The methods for bearings, as parameters."""
+
+from __future__ import annotations
+
+import pytest
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
+
+
+@pytest.fixture(params=[bearings_ls, bearings_stansfield, bearings_ml], ids=["ls", "stansfield", "ml"])
+def method(request: pytest.FixtureRequest) -> MethodSpec:
+    """Each method for bearings in turn."""
+    spec: MethodSpec = request.param.METHOD
+    return spec

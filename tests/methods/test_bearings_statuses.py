@@ -1,0 +1,124 @@
+"""How a fix ends: the status words, decided per snapshot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bearing_worlds import draw_world, estimate, flags_of, make_batch, words
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.scene import LineReflector, Scene
+from nlosctl.methods import bearings_ml, bearings_stansfield
+from nlosctl.testing.draws import draw_bearings
+
+WALL = Scene(reflectors=(LineReflector(name="wall", point=(3.0, 0.0), direction=(0.0, 1.0)),))
+NO_ANSWER = {"degenerate", "behind", "not_converged"}
+
+
+def towards(sensors: list[tuple[float, float]], point: tuple[float, float], turn: float = 0.0) -> np.ndarray:
+    """Return the bearings (1, K) of a point, turned."""
+    away = np.array(point) - np.array(sensors)
+    return (np.arctan2(away[:, 1], away[:, 0]) + turn)[None]
+
+
+def test_one_bearing_is_too_few(method: MethodSpec) -> None:
+    """A single bearing gives too_few."""
+    assert words(estimate(method, make_batch((0.0, 0.0), [[0.3], [1.0]]))) == ["too_few", "too_few"]
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi])
+def test_parallel_lines_are_degenerate(method: MethodSpec, turn: float) -> None:
+    """Parallel lines, exactly or to 1e-7 rad, whichever way their rays go, are degenerate."""
+    sensors = [(0.0, 0.0), (0.0, 10.0), (5.0, -10.0)]
+    bearings = [[0.4, 0.4, 0.4 + turn], [0.4, 0.4 + 1e-8, 0.4 - 1e-8 + turn]]
+    assert words(estimate(method, make_batch([sensors, sensors], bearings))) == ["degenerate"] * 2
+
+
+def test_a_fix_less_sure_than_it_is_far_is_degenerate(method: MethodSpec) -> None:
+    """Lines that cross at an angle of half their std meet nowhere in particular."""
+    sensors = [(0.0, 0.0), (0.0, 10.0)]
+    assert words(estimate(method, make_batch([sensors], [[0.01, 0.0]], std=0.02))) == ["degenerate"]
+    assert words(estimate(method, make_batch([sensors], [[0.01, 0.0]], std=0.0002))) == ["ok"]
+
+
+@pytest.mark.parametrize("measurements", [2, 3, 8])
+@pytest.mark.parametrize("fault", ["parallel", "one place", "on a sensor"])
+def test_lines_that_cross_on_a_sensor_are_degenerate(method: MethodSpec, fault: str, measurements: int) -> None:
+    """Parallel lines, sensors all in one place, and a source on a sensor give no answer, and never one that is ok."""
+    for seed in range(5):
+        batch = draw_bearings(np.random.default_rng(seed), 200, measurements, fault).batch
+        seen = set(words(estimate(method, batch)))
+        assert seen <= NO_ANSWER
+        assert method.name == "ml" or seen == {"degenerate"}
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (3e6, -2e6)])
+def test_two_bearings_from_one_place_are_degenerate(method: MethodSpec, place: tuple[float, float]) -> None:
+    """Two bearings of one sensor cross on the sensor itself: degenerate."""
+    assert words(estimate(method, make_batch(place, [[0.2, 1.4]]))) == ["degenerate"]
+
+
+def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
+    """A fix closer to a sensor than ``min_range_m`` is degenerate."""
+    sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
+    batch = make_batch([sensors], towards(sensors, (1.0, 1.0)))
+    assert words(estimate(method, batch)) == ["ok"]
+    assert words(estimate(method, batch, min_range_m=1.5)) == ["degenerate"]
+
+
+def test_lines_that_cross_behind_the_sensors_are_behind(method: MethodSpec) -> None:
+    """Rays that all point away from where their lines cross give no answer; linear fits say behind."""
+    sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
+    estimates = estimate(method, make_batch([sensors], towards(sensors, (4.0, 5.0), turn=np.pi)))
+    assert set(words(estimates)) <= ({"behind"} if method.name != "ml" else NO_ANSWER)
+    assert np.isnan(estimates.position_m).all()
+
+
+def test_ml_still_tries_from_behind() -> None:
+    """Of the snapshots whose linear fix is behind a ray, ML brings some to a fix before all rays."""
+    batch = draw_world(3000, 4, (0.05, 0.6)).batch
+    behind = np.array(words(estimate(bearings_stansfield.METHOD, batch))) == "behind"
+    likely = np.array(words(estimate(bearings_ml.METHOD, batch)))
+    assert behind.sum() > 50
+    assert (likely[behind] == "ok").sum() > 10
+
+
+def test_the_wrong_side_of_a_mirror_is_infeasible(method: MethodSpec) -> None:
+    """A fix beyond the mirror of one of its rows is infeasible, and keeps position and covariance."""
+    sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
+    beyond = (5.0, 1.0)  # the mirrored row looks at the image (1, 1), which no wave can reach by the mirror x = 3
+    bearing = np.array([[np.arctan2(1.0, 1.0), *towards(sensors[1:], beyond)[0]]])
+    estimates = estimate(method, make_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL))
+    assert words(estimates) == ["infeasible"]
+    np.testing.assert_allclose(estimates.position_m, [beyond], atol=1e-9)
+    assert np.isfinite(estimates.covariance_m2).all()
+
+
+def test_a_direct_row_is_not_held_to_a_mirror(method: MethodSpec) -> None:
+    """A mirror of the scene that no row uses makes no fix infeasible."""
+    sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
+    assert words(estimate(method, make_batch([sensors], towards(sensors, (5.0, 1.0)), scene=WALL))) == ["ok"]
+
+
+def test_one_iteration_is_not_enough() -> None:
+    """Noisy bearings at ``max_iterations=1`` are not_converged, and give no answer."""
+    estimates = estimate(bearings_ml.METHOD, draw_world(50, 4, (0.03, 0.1)).batch, max_iterations=1)
+    assert set(words(estimates)) <= NO_ANSWER
+    assert words(estimates).count("not_converged") > 40
+    assert np.isnan(estimates.position_m).all()
+
+
+@pytest.mark.parametrize("std", [1e-6, 1e-4, 1e-3, 1e-2])
+def test_ordinary_bearings_converge(std: float) -> None:
+    """Well-posed bearings of any precision are ok under ML, not one of 3,000 not_converged."""
+    estimates = estimate(bearings_ml.METHOD, draw_world(3000, 6, (std / 10.0, std)).batch)
+    assert set(words(estimates)) == {"ok"}
+
+
+def test_rows_without_an_answer_use_nothing(method: MethodSpec) -> None:
+    """``used`` is false and ``residual_rad`` NaN for all rows of a snapshot without an answer, and only there."""
+    sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
+    bearings = np.concatenate([towards(sensors, (4.0, 5.0)), np.full((1, 3), 0.7)])
+    flags = flags_of(method, make_batch([sensors, sensors], bearings))
+    assert flags.used.tolist() == [[True] * 3, [False] * 3]
+    assert np.isnan(flags.columns["residual_rad"].astype(float)).tolist() == [[False] * 3, [True] * 3]

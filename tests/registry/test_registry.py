@@ -1,0 +1,150 @@
+"""Which methods there are, and loading one."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from nlosctl import registry
+from nlosctl.errors import MethodError, UsageError
+from nlosctl.methods import bearings_ml
+
+HERE = "nlosctl.methods.bearings_ml:METHOD"
+
+
+@dataclasses.dataclass
+class FakeDistribution:
+    """What the registry asks of a distribution."""
+
+    name: str
+    version: str = "1.0"
+
+
+def point(name: str, value: str = HERE, distribution: str = "nlosctl") -> EntryPoint:
+    """Return an entry point of a distribution that is not there."""
+    made = EntryPoint(name=name, value=value, group=registry.GROUP)
+    vars(made)["dist"] = FakeDistribution(distribution)
+    return made
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> list[EntryPoint]:
+    """A list of entry points that stands in for what is installed."""
+    points = [point("bearings.ml"), point("bearings.ls"), point("ranges.taylor")]
+    monkeypatch.setattr(registry, "entry_points", lambda group: list(points))
+    monkeypatch.delenv("NLOSCTL_NO_PLUGINS", raising=False)
+    return points
+
+
+def entry(made: EntryPoint) -> registry.MethodEntry:
+    """Return the entry of an entry point."""
+    return next(one for one in registry.entries() if one.entry_point is made)
+
+
+@pytest.mark.usefixtures("installed")
+def test_entries_are_ordered_and_know_their_distribution() -> None:
+    """Entries come by kind, then name, with the distribution and its version."""
+    found = registry.entries()
+    assert [one.full_name for one in found] == ["bearings.ls", "bearings.ml", "ranges.taylor"]
+    assert {(one.distribution, one.version) for one in found} == {("nlosctl", "1.0")}
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize("name", ["ml", "bearings.ml"])
+def test_a_name_is_resolved_by_the_kind(name: str) -> None:
+    """A bare name and a full one give the same specification."""
+    assert registry.resolve(name, "bearings", "localize") is bearings_ml.METHOD
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("name", "kind", "says"),
+    [
+        ("taylr", "ranges", "no method 'taylr' for ranges (did you mean 'taylor'?); there are: taylor"),
+        ("nonsense", "bearings", "no method 'nonsense' for bearings; there are: ls, ml"),
+        ("taylor", "bearings", "method 'taylor' exists for ranges, not for bearings"),
+        ("ranges.taylor", "bearings", "method 'ranges.taylor' exists for ranges, not for bearings"),
+    ],
+)
+def test_an_unknown_name_is_told_with_the_nearest(name: str, kind: str, says: str) -> None:
+    """An unknown method is the user's error: the nearest names, or the kinds that it exists for."""
+    with pytest.raises(UsageError) as caught:
+        registry.resolve(name, kind)
+    assert str(caught.value) == says
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_method_of_another_job_is_refused() -> None:
+    """A method is only given to the command whose job it does."""
+    with pytest.raises(UsageError, match="'ml' does the job of 'localize', not of 'detect-ip'"):
+        registry.resolve("ml", "bearings", "detect-ip")
+
+
+def test_a_name_given_twice_is_an_error_when_used(installed: list[EntryPoint]) -> None:
+    """Two distributions with one name are listed both; using the name is an error that names them; others work."""
+    installed.append(point("bearings.ml", distribution="rival"))
+    assert [one.full_name for one in registry.entries()].count("bearings.ml") == 2
+    with pytest.raises(UsageError, match=r"'bearings\.ml' is provided more than once, by nlosctl and rival"):
+        registry.resolve("ml", "bearings")
+    assert entry(installed[1]).full_name == "bearings.ls"
+
+
+def test_a_distribution_found_twice_is_listed_once(installed: list[EntryPoint]) -> None:
+    """The same entry point seen twice (a folder twice on the path) is one method."""
+    installed.append(installed[0])
+    assert [one.full_name for one in registry.entries()].count("bearings.ml") == 1
+
+
+@pytest.mark.parametrize(("value", "others"), [("1", False), ("true", False), ("0", True), ("", True)])
+def test_plugins_can_be_hidden(
+    installed: list[EntryPoint], monkeypatch: pytest.MonkeyPatch, value: str, others: bool
+) -> None:
+    """``NLOSCTL_NO_PLUGINS`` leaves the methods of this distribution alone; 0 and nothing do not hide."""
+    installed.append(point("bearings.other", distribution="other"))
+    monkeypatch.setenv("NLOSCTL_NO_PLUGINS", value)
+    assert ("bearings.other" in {one.full_name for one in registry.entries()}) is others
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("bearings.gone", "no_such_module_at_all:METHOD", "can't be loaded: ModuleNotFoundError"),
+        ("bearings.gone", "nlosctl.methods.bearings_ml:NOTHING", "can't be loaded: AttributeError"),
+        (
+            "bearings.class",
+            "nlosctl.contract.methods:MethodSpec",
+            "is a type, not a nlosctl.contract.methods.MethodSpec",
+        ),
+        ("bearings.mlx", HERE, "calls itself 'bearings.ml'; entry point and spec must agree"),
+    ],
+)
+def test_a_broken_entry_is_told_with_its_fault(installed: list[EntryPoint], name: str, value: str, says: str) -> None:
+    """A method that can't be loaded, or is not what it says, is told with method, distribution and fault."""
+    made = point(name, value, "plugin")
+    installed.append(made)
+    with pytest.raises(MethodError) as caught:
+        registry.load(entry(made))
+    assert str(caught.value).startswith(f"method {name!r} of plugin 1.0 ")
+    assert says in str(caught.value)
+
+
+def test_another_contract_version_is_refused(monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint]) -> None:
+    """A plugin of another contract version is refused, with both versions."""
+    monkeypatch.setattr(bearings_ml, "METHOD", dataclasses.replace(bearings_ml.METHOD, contract_version=0))
+    with pytest.raises(MethodError, match="was written for contract version 0, this is 1"):
+        registry.load(entry(installed[0]))
+
+
+def test_listing_imports_no_method_and_no_numpy() -> None:
+    """Listing the methods imports none of them, and no numpy, scipy or pyarrow."""
+    program = (
+        "import sys; from nlosctl import registry; assert registry.entries(); "
+        "heavy = {'numpy', 'scipy', 'pyarrow'} & sys.modules.keys(); "
+        "print([*heavy, *(name for name in sys.modules if name.startswith('nlosctl.m'))])"
+    )
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"

@@ -1,0 +1,86 @@
+"""The list of scenarios, and what every scenario on it obeys."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from nlosctl.contract.options import describe_options
+from nlosctl.contract.tables import KINDS
+from nlosctl.errors import UsageError
+from nlosctl.scenarios.catalogue import find_scenario, scenarios
+
+NAMES = list(scenarios())
+
+
+def generate(name, snapshots=300, seed=4, **options):
+    """Return spec, options and columns of one call."""
+    spec = scenarios()[name]
+    chosen = spec.options(**options)
+    return spec, chosen, spec.generate(chosen, np.random.default_rng(seed), snapshots)
+
+
+def test_listing_imports_no_numpy():
+    """The names are there without the weight of the scenarios."""
+    code = (
+        "import sys; from nlosctl.scenarios.catalogue import scenarios; print(*scenarios());"
+        "assert 'song-flat' in scenarios(); assert 'numpy' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert {"random", "ring", "song-flat"} <= set(done.stdout.split())
+
+
+def test_unknown_scenario_names_the_nearest():
+    """A misspelt name is the command line's fault, and the cure is told."""
+    with pytest.raises(UsageError, match=re.escape("no scenario 'song-flap' (did you mean 'song-flat'?)")):
+        find_scenario("song-flap")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_scenario_goes_by_its_name(name):
+    """The name in the list is the spec's own, and its kind is one that there is."""
+    spec = find_scenario(name)
+    assert spec.name == name
+    assert spec.kind in KINDS
+    assert all(entry["meaning"] for entry in describe_options(spec.options))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_columns_are_a_good_measurement_file(name):
+    """All required columns, none that the table doesn't know, of equal length, finite, in their bounds."""
+    spec, options, columns = generate(name)
+    table = KINDS[spec.kind]
+    assert {column.name for column in table.required} <= set(columns) <= set(table.names)
+    assert [column for column in table.names if column in columns] == list(columns)
+    assert len({len(values) for values in columns.values()}) == 1
+    for values in columns.values():
+        if values.dtype == np.float64:
+            assert np.isfinite(values).all()
+    np.testing.assert_array_equal(np.unique(columns["snapshot"]), np.arange(300))
+    assert (np.diff(columns["snapshot"]) >= 0).all()
+    if "reflector" in columns:
+        assert set(columns["reflector"]) - {None} <= set(spec.scene(options).reflector_names)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_two_rows_are_the_same_measurement(name):
+    """Within a snapshot the key of the rows is unique."""
+    spec, _, columns = generate(name)
+    key = ["snapshot", *(column for column in KINDS[spec.kind].row_key if column in columns)]
+    rows = list(zip(*(columns[column] for column in key), strict=True))
+    assert len(set(rows)) == len(rows)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_scene_knows_where_its_sensors_are(name):
+    """Where the scene has a sensor, its rows are at that position."""
+    spec, options, columns = generate(name)
+    at = {sensor.name: sensor.position for sensor in spec.scene(options).sensors}
+    known = [place for place, sensor in enumerate(columns["sensor"]) if sensor in at]
+    expected = np.array([at[columns["sensor"][place]] for place in known]).reshape(-1, 2)
+    np.testing.assert_array_equal(columns["sensor_x_m"][known], expected[:, 0])
+    np.testing.assert_array_equal(columns["sensor_y_m"][known], expected[:, 1])
