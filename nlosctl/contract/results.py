@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,10 +41,21 @@ class Estimates:
 
 @dataclass(frozen=True, kw_only=True)
 class Words:
-    """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``."""
+    """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``.
+
+    It reads like an array of text.
+    """
 
     code: npt.NDArray[np.uint8]
     words: tuple[str, ...]
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return the words at places of the array."""
+        return np.array(self.words, dtype=object)[self.code[key]]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[np.object_]:
+        """Return the words (B, K) as an array of text."""
+        return np.array(self.words, dtype=object)[self.code]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -123,9 +123,7 @@ def _find(column: Column, names: Sequence[str], file: str) -> FoundColumn | None
     return FoundColumn(column=column, name=there[0].name, scale=there[0].scale, offset=there[0].offset)
 
 
-def _check_constants(
-    table: Table, constants: Mapping[str, float], found: Mapping[str, FoundColumn], file: str
-) -> None:
+def _check_constants(table: Table, constants: Mapping[str, float], found: Mapping[str, FoundColumn], file: str) -> None:
     allowed = {column.name: column for column in table.columns if column.constant_allowed}
     for name, value in constants.items():
         if name not in allowed:

@@ -76,9 +76,7 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
 
 
 def _file(name: str, input_format: FileFormat | None) -> Input:
-    return Input(
-        name=name, parts=(Part(name=name, format=input_format or format_of_path(name), path=Path(name)),)
-    )
+    return Input(name=name, parts=(Part(name=name, format=input_format or format_of_path(name), path=Path(name)),))
 
 
 def _folder(name: str, input_format: FileFormat | None) -> Input:

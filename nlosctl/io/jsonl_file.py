@@ -48,7 +48,7 @@ class _Block:
                 self.texts.append(line)
                 self.numbers.append(number)
             else:
-                self._refuse(number, line, f"got {shown(parsed)}, expected an object like {{\"sensor\": ...}}")
+                self._refuse(number, line, f'got {shown(parsed)}, expected an object like {{"sensor": ...}}')
 
     def _refuse(self, number: int, line: bytes, fault: str) -> None:
         text = line.decode("utf-8", errors="backslashreplace").rstrip("\r\n")
@@ -120,9 +120,9 @@ class JsonLinesSource:
             first_row=0,
             rows=np.array(block.numbers[part], dtype=np.int64),
             line_offset=0,
-            text=None if texts is None else pa.RecordBatch.from_arrays(
-                [pa.array(column, pa.string()) for column in texts], names=self._kept
-            ),
+            text=None
+            if texts is None
+            else pa.RecordBatch.from_arrays([pa.array(column, pa.string()) for column in texts], names=self._kept),
             cell_faults=faults,
             line_faults=lines,
         )

@@ -218,9 +218,7 @@ class MeasurementReader:
             source=group.name,
         )
 
-    def _without_duplicates(
-        self, pieces: Sequence[Piece], whole: Piece, repeated: IntArray, first: IntArray
-    ) -> Piece:
+    def _without_duplicates(self, pieces: Sequence[Piece], whole: Piece, repeated: IntArray, first: IntArray) -> Piece:
         ends = np.cumsum([len(piece.ids) for piece in pieces])
         key = ", ".join(name for name in self._kind_table.row_key if name in whole.columns)
         rows = []

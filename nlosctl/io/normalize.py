@@ -48,9 +48,7 @@ class RunNames:
         self.scene = scene
         self.reflectors = NameCodes(scene.reflector_names, grows=False)
         self.identifiers: dict[str, NameCodes] = {}
-        self.positions_m: dict[str, tuple[float, float]] = {
-            sensor.name: sensor.position for sensor in scene.sensors
-        }
+        self.positions_m: dict[str, tuple[float, float]] = {sensor.name: sensor.position for sensor in scene.sensors}
 
     def codes(self, column: str) -> NameCodes:
         """Return the codes of an identifier column."""
@@ -114,14 +112,10 @@ class Normalizer:
         values = _as_float64(cells)
         missing = np.isnan(values) if column.nullable or cells.null_count else None
         if cells.null_count and not column.nullable:
-            faults.append(
-                Fault(mask=_null_mask(cells), column=found.name, describe=_is_null("a finite number"))
-            )
+            faults.append(Fault(mask=_null_mask(cells), column=found.name, describe=_is_null("a finite number")))
         self._check_finite(found, values, missing, faults)
         if column.positive and (values <= 0.0).any():
-            faults.append(
-                Fault(mask=values <= 0.0, column=found.name, describe=_got(values, "a number larger than 0"))
-            )
+            faults.append(Fault(mask=values <= 0.0, column=found.name, describe=_got(values, "a number larger than 0")))
         limit = column.largest_magnitude
         if found.converted:
             return values * found.scale + found.offset

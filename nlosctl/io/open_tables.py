@@ -75,9 +75,7 @@ def _plan(part: Part, source: RawSource, table: Table | None, options: TableOpti
         {original[name]: wanted for name, wanted in plan.types.items()},
         None if kept == names else [original[name] for name in kept],
     )
-    renamed = pa.schema(
-        [field.with_name(name) for name, field in zip(kept, schema, strict=True)], metadata=None
-    )
+    renamed = pa.schema([field.with_name(name) for name, field in zip(kept, schema, strict=True)], metadata=None)
     return OpenedPart(
         part=part,
         source=source,

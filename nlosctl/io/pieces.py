@@ -22,6 +22,7 @@ from nlosctl.io.read_report import ReadReport
 
 __all__ = ["Piece", "join_pieces", "read_pieces"]
 
+
 @dataclass(frozen=True, kw_only=True)
 class Piece:
     """Good rows (N,) of one file: table, snapshot ids, contract columns, row numbers, and where snapshots start."""
@@ -180,9 +181,7 @@ def _log_bad_rows(
     return bad
 
 
-def _bad_cells(
-    raw: RawBatch, batch: Any, first: dict[int, tuple[str, str]], opened: OpenedPart
-) -> Iterator[BadRow]:
+def _bad_cells(raw: RawBatch, batch: Any, first: dict[int, tuple[str, str]], opened: OpenedPart) -> Iterator[BadRow]:
     numbers = raw.row_numbers()
     cells = batch if raw.text is None else raw.text.rename_columns(list(opened.names))
     for place, (column, fault) in sorted(first.items()):

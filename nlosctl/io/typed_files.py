@@ -101,9 +101,7 @@ class ParquetSource:
         row = 1
         with readable(self._part.name, "Parquet file"):
             for batch in rebatch(
-                self._file.iter_batches(
-                    self._batch_rows, columns=self._columns, use_threads=self._use_threads
-                ),
+                self._file.iter_batches(self._batch_rows, columns=self._columns, use_threads=self._use_threads),
                 self._batch_rows,
             ):
                 yield RawBatch(table=batch, first_row=row)
@@ -147,9 +145,7 @@ class ArrowSource:
 
     def _record_batches(self) -> Iterator[Any]:
         if self._part.format is FileFormat.ARROW:
-            found: Iterator[Any] = (
-                self._reader.get_batch(place) for place in range(self._reader.num_record_batches)
-            )
+            found: Iterator[Any] = (self._reader.get_batch(place) for place in range(self._reader.num_record_batches))
         else:
             found = iter(self._reader)
         for batch in found:

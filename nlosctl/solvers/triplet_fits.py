@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,12 +10,14 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
-from nlosctl.solvers.levenberg_marquardt import minimize
+from nlosctl.solvers.elliptic_coordinates import minimize_paths
+from nlosctl.solvers.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.triplet_problem import TripletProblem
 
 __all__ = ["TargetFits", "fit_paths", "fit_snapshots"]
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 _SAME_BASIN = 0.05
@@ -63,10 +65,12 @@ def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
     path has several minima. A start that lies in the basin of a minimum already found is left out.
     """
     problem = TripletProblem.of_paths(rows)
-    best = TargetFits.none(rows.rays.path_length_m.shape[0])
-    for start_x, start_y in _starts(rows):
-        _try_start(problem, best, start_x, start_y, max_iterations)
-    return best
+    baseline_m = rows.rays.baseline_m
+
+    def descend(open_rows: IntArray, start_x: FloatArray, start_y: FloatArray) -> Minimum:
+        return minimize_paths(problem.take(open_rows), baseline_m[open_rows], start_x, start_y, max_iterations)
+
+    return _best_of(problem, _starts(rows), descend)
 
 
 def fit_snapshots(
@@ -78,18 +82,26 @@ def fit_snapshots(
     )
     order = np.argsort(np.where(np.isnan(costs), np.inf, costs), axis=1, kind="stable")[:, :_SNAPSHOT_STARTS]
     start_x, start_y = (np.take_along_axis(values, order, axis=1) for values in (proposed_x, proposed_y))
-    best = TargetFits.none(proposed_x.shape[0])
-    for start in range(order.shape[1]):
-        _try_start(problem, best, start_x[:, start], start_y[:, start], max_iterations)
-    return best
+
+    def descend(open_rows: IntArray, x: FloatArray, y: FloatArray) -> Minimum:
+        return minimize(problem.take(open_rows), x, y, max_iterations=max_iterations, patience=max_iterations)
+
+    starts = ((start_x[:, start], start_y[:, start]) for start in range(order.shape[1]))
+    return _best_of(problem, starts, descend)
 
 
-def _try_start(
-    problem: TripletProblem, best: TargetFits, start_x: FloatArray, start_y: FloatArray, max_iterations: int
-) -> None:
-    open_rows = np.flatnonzero(np.isfinite(start_x + start_y) & ~_leads_back(problem, best, start_x, start_y))
-    if open_rows.size:
-        _improve(problem, best, start_x, start_y, open_rows, max_iterations)
+def _best_of(
+    problem: TripletProblem,
+    starts: Iterable[tuple[FloatArray, FloatArray]],
+    descend: Callable[[IntArray, FloatArray, FloatArray], Minimum],
+) -> TargetFits:
+    best: TargetFits | None = None
+    for start_x, start_y in starts:
+        best = best or TargetFits.none(start_x.shape[0])
+        rows = np.flatnonzero(np.isfinite(start_x + start_y) & ~_leads_back(problem, best, start_x, start_y))
+        if rows.size:
+            _improve(best, rows, descend(rows, start_x[rows], start_y[rows]))
+    return best or TargetFits.none(0)
 
 
 def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -122,15 +134,7 @@ def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, 
     return known & foretold
 
 
-def _improve(
-    problem: TripletProblem,
-    best: TargetFits,
-    start_x: FloatArray,
-    start_y: FloatArray,
-    rows: npt.NDArray[np.int64],
-    max_iterations: int,
-) -> None:
-    found = minimize(problem.take(rows), start_x[rows], start_y[rows], max_iterations=max_iterations)
+def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:
     with np.errstate(invalid="ignore", over="ignore"):
         dx, dy = found.x - best.x[rows], found.y - best.y[rows]
         hessian = found.hessian
