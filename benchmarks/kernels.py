@@ -76,7 +76,7 @@ def report() -> list[str]:
     )
     per_snapshot = [times[0] / _LOOPED, *(time / _SNAPSHOTS for time in times[1:])]
     lines = [
-        "## Kernels against a loop of `least_squares(method=\"lm\")` with analytic Jacobian, 8 sensors",
+        '## Kernels against a loop of `least_squares(method="lm")` with analytic Jacobian, 8 sensors',
         "",
         f"Answers within 1e-3 m of each other in {np.mean(apart < 1e-3):.1%} of the snapshots (worst {apart.max():.2g} m).",
         "",

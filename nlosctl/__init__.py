@@ -1,3 +1,21 @@
-"""Localize radio, acoustic and radar sources from files of measurements when some paths are not line of sight."""
+"""Localize radio, acoustic and radar sources from measurements when some paths are not line of sight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nlosctl.api import Localization, evaluate, localize, simulate
 
 __version__ = "0.1.0"
+
+__all__ = ["Localization", "__version__", "evaluate", "localize", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the functions when they are asked for: the command line must start without numpy and pyarrow."""
+    if name in ("Localization", "evaluate", "localize", "simulate"):
+        from nlosctl import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module 'nlosctl' has no attribute {name!r}")

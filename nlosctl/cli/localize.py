@@ -37,7 +37,6 @@ from nlosctl.cli.options import (
 )
 from nlosctl.cli.reading import Opened, ReadWords, open_measurements, open_output
 from nlosctl.cli.terminal import Preview, Terminal, write_report
-
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -168,7 +167,7 @@ def _write(run: MeasurementRun, opened: Opened, outputs: Outputs, terminal: Term
             if flags is not None:
                 flags.write(tables.flags)
             rows += tables.rows
-            progress(rows, opened.reader.total_rows)
+            progress(rows, None)
         closing = run.metadata("localize", opened.inputs, with_hash=outputs.with_hash)
         for sink in (estimates, flags):
             if sink is not None:

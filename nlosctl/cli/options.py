@@ -107,7 +107,7 @@ SceneFile = Annotated[
     typer.Option(
         "--scene",
         metavar="FILE",
-        help="Scene (TOML): sensors and reflectors. Else the table's metadata, STEM.scene.toml or scene.toml beside it.",
+        help="Scene (TOML). Else the one in the table, STEM.scene.toml, or scene.toml beside the input.",
     ),
 ]
 Columns = Annotated[
@@ -169,6 +169,6 @@ ConfigFile = Annotated[
         envvar="NLOSCTL_CONFIG",
         is_eager=True,
         callback=_load_config,
-        help="Defaults from a TOML file, a table per command. A flag beats NLOSCTL_<COMMAND>_<OPTION>, that beats FILE.",
+        help="Defaults from TOML, a table per command. A flag beats NLOSCTL_<COMMAND>_<OPTION>, and that beats FILE.",
     ),
 ]

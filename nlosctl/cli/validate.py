@@ -58,7 +58,7 @@ def validate(
     with open_measurements(words) as opened, terminal.progress("validate") as progress:
         reader = opened.reader
         for _ in reader.chunks():
-            progress(reader.report.rows, reader.total_rows)
+            progress(reader.report.rows, None)
         found = {
             "kind": reader.kind,
             "rows": reader.report.rows,

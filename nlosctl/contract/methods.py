@@ -8,13 +8,16 @@ from typing import Any, Literal
 
 from nlosctl.contract.results import Solution
 
-__all__ = ["CONTRACT_VERSION", "HALF_CHI_SQUARE", "Job", "Law", "MethodSpec"]
+__all__ = ["CONTRACT_VERSION", "HALF_CHI_SQUARE", "LEAST_HALF_CHI_SQUARE", "Job", "Law", "MethodSpec"]
 
 CONTRACT_VERSION = 1
 """Raised when a plugin written for the version before would no longer work."""
 
 HALF_CHI_SQUARE = "half the chi-square of the residuals"
 """The ``cost`` of methods whose cost is that; others say in their own words what theirs is."""
+
+LEAST_HALF_CHI_SQUARE = f"{HALF_CHI_SQUARE}, minimized"
+"""The ``cost`` of methods that minimize it: then it tells whether the measurements fit together."""
 
 Job = Literal["localize", "detect-ip", "identify-los"]
 
@@ -26,11 +29,12 @@ Law = Literal["frame", "order"]
 class MethodSpec:
     """A method, frozen.
 
-    ``kind`` is the kind of measurement that it consumes, ``options`` a frozen dataclass whose fields (declared
-    with `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the
-    flags besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with
-    which it can answer, ``covariance_kinds`` what its covariance may account for where that is not simply the
-    noise, ``randomized`` whether it draws random numbers, ``reads`` the optional columns that it uses. ``solve(batch, options)`` is pure: it changes nothing, draws only from ``batch.seed``.
+    ``kind`` is the kind of measurement that it consumes, ``options`` a frozen dataclass whose fields (declared with
+    `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the flags
+    besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with which it can
+    answer, ``covariance_kinds`` what its covariance may account for where that is not simply the noise,
+    ``randomized`` whether it draws random numbers, ``reads`` the optional columns that it uses.
+    ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
     name: str
@@ -50,9 +54,9 @@ class MethodSpec:
     contract_version: int = CONTRACT_VERSION
 
     @property
-    def cost_is_half_chi_square(self) -> bool:
+    def cost_tells_fit(self) -> bool:
         """Whether the cost can be held against the chi-square distribution of a good fit."""
-        return self.cost == HALF_CHI_SQUARE
+        return self.cost == LEAST_HALF_CHI_SQUARE
 
     @property
     def full_name(self) -> str:

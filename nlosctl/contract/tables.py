@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import Literal
@@ -11,6 +12,7 @@ __all__ = [
     "FLAGS",
     "KINDS",
     "TABLES",
+    "TRUTH",
     "Column",
     "ColumnType",
     "Spelling",
@@ -286,8 +288,17 @@ FLAGS = Table(
     ),
 )
 
+TRUTH = Table(
+    name="truth",
+    title="Truth: the true position of the source of each snapshot",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        *(dataclasses.replace(column, required=True) for column in _TRUTH[:2]),
+    ),
+)
+
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS,)}
 """The kinds of measurement, by name."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS)}}
+TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""

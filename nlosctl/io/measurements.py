@@ -18,11 +18,13 @@ from nlosctl.io.columns import SNAPSHOT, kind_of_columns, kind_table
 from nlosctl.io.duplicates import find_duplicates
 from nlosctl.io.inputs import Input
 from nlosctl.io.normalize import RunNames
-from nlosctl.io.open_tables import OpenedPart, TableOptions, open_table, unified_schema
+from nlosctl.io.open_part import open_part
+from nlosctl.io.open_tables import OpenedPart, TableOptions, open_table, plan_table, unified_schema
 from nlosctl.io.pieces import Piece, join_pieces, read_pieces
 from nlosctl.io.problems import BadRow, BadRowSink, Problem, ProblemLog
 from nlosctl.io.read_report import ReadReport
 from nlosctl.io.runs import ReturnWatch, run_starts
+from nlosctl.io.scenes import find_scene
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
 
@@ -44,11 +46,19 @@ class Chunk:
     left_out: BoolArray
     source: str
 
+    def snapshot_ids(self) -> IntArray | list[str]:
+        """Return the snapshot ids as integers or text."""
+        if pa.types.is_integer(self.snapshot.type):
+            ids: IntArray = self.snapshot.cast(pa.int64()).to_numpy()
+            return ids
+        return [str(text) for text in self.snapshot.to_pylist()]
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
     """How to read. ``kind`` None: told by the columns. ``renames``: contract's name -> file's name.
 
+    ``scene`` is given as it is, or found as `nlosctl.io.scenes.find_scene` says, ``scene_file`` first.
     ``constants`` (contract's name -> value in its unit) stand in for missing columns. ``extra_columns``: those
     to keep in ``Chunk.table`` beside the measurement's own; None: all.
     """
@@ -56,7 +66,8 @@ class ReadOptions:
     kind: str | None = None
     renames: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, float] = field(default_factory=dict)
-    scene: Scene = field(default_factory=Scene)
+    scene: Scene | None = None
+    scene_file: str | None = None
     all_rows: bool = False
     chunk_rows: int = 131_072
     max_snapshot_rows: int = 1_000_000
@@ -65,7 +76,7 @@ class ReadOptions:
 
 
 class MeasurementReader:
-    """Reads inputs of one kind; ``kind``, ``schema`` and ``metadata`` are there before the first chunk.
+    """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are there before the first chunk.
 
     Bad rows go to ``bad_rows`` if given; else no chunk follows the first bad row, the rest is read for further
     problems, and a DataError tells them at the end. Raises DataError or UsageError for faults of a whole file.
@@ -77,11 +88,11 @@ class MeasurementReader:
         self._options = options or ReadOptions()
         self._inputs = tuple(inputs)
         self._log = ProblemLog(bad_rows)
-        self._names = RunNames(self._options.scene)
         self.report = ReadReport()
         self._held: dict[str, OpenedPart] = {}
         self._table: Table | None = kind_table(self._options.kind) if self._options.kind else None
-        self.metadata: Mapping[bytes, bytes] = {}
+        self.metadata, self.scene = self._find_scene()
+        self._names = RunNames(self.scene)
         self.schema: Any = self._look_ahead()
 
     @property
@@ -100,20 +111,43 @@ class MeasurementReader:
             raise AssertionError("the kind is known after the first file is opened")
         return self._table
 
+    @property
+    def has_several_sources(self) -> bool:
+        """Whether several inputs are named, so that results must tell theirs."""
+        return len(self._inputs) > 1
+
+    def set_bad_rows_aside(self, sink: BadRowSink) -> None:
+        """Hand bad rows to ``sink`` from now on and go on with the rest; call it before the first chunk."""
+        self._log = ProblemLog(sink)
+
+    def _find_scene(self) -> tuple[Mapping[bytes, bytes], Scene]:
+        """Open the first file for its metadata, and return these and the scene."""
+        group = self._inputs[0]
+        source = open_part(group.parts[0], self._options.chunk_rows, self._options.use_threads)
+        self._first_source = source
+        try:
+            if self._options.scene is not None:
+                return source.metadata, self._options.scene
+            return source.metadata, find_scene(self._options.scene_file, source.metadata, group.path)
+        except BaseException:
+            source.close()
+            raise
+
     def _look_ahead(self) -> Any:
         """Open every file, check its columns, and return the schema that holds them all."""
         parts = [part for group in self._inputs for part in group.parts]
         schemas = []
         for number, part in enumerate(parts):
-            opened = open_table(part, self._table, self._table_options())
             if number == 0:
+                opened = plan_table(part, self._first_source, self._table, self._table_options())
                 self._table = opened.plan.table
-                self.metadata = opened.source.metadata
-            elif self._options.kind is None and kind_of_columns(opened.names) != self.kind:
-                raise DataError(
-                    f"{part.name}: holds {kind_of_columns(opened.names)}, but {parts[0].name} holds {self.kind}; "
-                    f"give files of one kind, or say --kind"
-                )
+            else:
+                opened = open_table(part, self._table, self._table_options())
+                if self._options.kind is None and kind_of_columns(opened.names) != self.kind:
+                    raise DataError(
+                        f"{part.name}: holds {kind_of_columns(opened.names)}, but {parts[0].name} holds {self.kind}; "
+                        f"give files of one kind, or say --kind"
+                    )
             schemas.append(opened.schema)
             if len(parts) == 1 or part.stream is not None:
                 self._held[part.name] = opened
@@ -127,7 +161,7 @@ class MeasurementReader:
         return TableOptions(
             renames=options.renames,
             constants=options.constants,
-            scene=options.scene,
+            scene=self.scene,
             batch_rows=options.chunk_rows,
             use_threads=options.use_threads,
             extra_columns=options.extra_columns,

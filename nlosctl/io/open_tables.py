@@ -16,7 +16,7 @@ from nlosctl.io.inputs import Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.raw import RawSource
 
-__all__ = ["OpenedPart", "TableOptions", "open_table", "plain_type", "unified_schema"]
+__all__ = ["OpenedPart", "TableOptions", "open_table", "plain_type", "plan_table", "unified_schema"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,11 @@ def open_table(part: Part, table: Table | None, options: TableOptions) -> Opened
 
     Raises DataError where the file is unreadable or lacks columns; nothing stays open then.
     """
-    source = open_part(part, options.batch_rows, options.use_threads)
+    return plan_table(part, open_part(part, options.batch_rows, options.use_threads), table, options)
+
+
+def plan_table(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
+    """Plan the columns of a file that is open already; as `open_table` otherwise."""
     try:
         return _plan(part, source, table, options)
     except BaseException:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pyarrow as pa
@@ -13,7 +13,7 @@ from nlosctl.io.inputs import Input, Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow, Problem, ProblemLog
-from nlosctl.io.raw import RawBatch
+from nlosctl.io.raw import RawBatch, RawSource
 
 __all__ = ["PlainReader"]
 
@@ -21,18 +21,18 @@ _BATCH_ROWS = 131_072
 
 
 class PlainReader:
-    """Reads the parts of one input as a table of the contract; columns that the contract lacks come as they are.
+    """Reads the parts of one input as one of several tables of the contract: the first whose columns are all there.
 
-    ``schema`` is there at once. Raises DataError where a required column is missing, has a wrong type, or a cell
-    can't be read.
+    Columns that the contract lacks come as they are. ``table`` and ``schema`` are there at once. Raises DataError
+    where the file is none of the tables, a column has a wrong type, or a cell can't be read.
     """
 
-    def __init__(self, given: Input, table: Table, *, needed: Sequence[str] = ()) -> None:
-        self._given, self._table = given, table
-        self._needed = (*(column.name for column in table.required), *needed)
+    def __init__(self, given: Input, *tables: Table) -> None:
+        self._given = given
         self._log = ProblemLog()
-        self.metadata: Mapping[bytes, bytes] = {}
-        self._first = self._open(given.parts[0])
+        source = open_part(given.parts[0], _BATCH_ROWS, True)
+        self.table = _table_of(given.parts[0], source, tables)
+        self._first = self._started(given.parts[0], source)
         self.schema: Any = self._first[1]
 
     def batches(self) -> Iterator[Any]:
@@ -47,18 +47,18 @@ class PlainReader:
                 source.close()
         self._log.raise_if_stopping()
 
-    def _open(self, part: Part) -> tuple[Any, Any]:
+    def _open(self, part: Part) -> tuple[RawSource, Any]:
         source = open_part(part, _BATCH_ROWS, True)
-        missing = [name for name in self._needed if name not in source.names]
-        if missing:
+        _table_of(part, source, [self.table])
+        return self._started(part, source)
+
+    def _started(self, part: Part, source: RawSource) -> tuple[RawSource, Any]:
+        types = {column.name: column.type for column in self.table.columns if column.name in source.names}
+        try:
+            return source, source.start(types, None)
+        except BaseException:
             source.close()
-            raise DataError(
-                f"{part.name}: no {self._table.name}: missing column {missing[0]!r}"
-                f"{did_you_mean(missing[0], source.names)}. The file has: {', '.join(source.names)}"
-            )
-        self.metadata = self.metadata or source.metadata
-        types = {column.name: column.type for column in self._table.columns if column.name in source.names}
-        return source, source.start(types, None)
+            raise
 
     def _take_faults(self, part: Part, batch: RawBatch) -> None:
         numbers = batch.row_numbers()
@@ -71,6 +71,18 @@ class PlainReader:
             for fault in batch.line_faults
         ]
         self._log.add([BadRow(problem=problem, values={}) for problem in found])
+
+
+def _table_of(part: Part, source: RawSource, tables: Sequence[Table]) -> Table:
+    for table in tables:
+        if all(column.name in source.names for column in table.required):
+            return table
+    source.close()
+    lacks = []
+    for table in tables:
+        missing = next(column.name for column in table.required if column.name not in source.names)
+        lacks.append(f"{table.name} need a column {missing!r}{did_you_mean(missing, source.names)}")
+    raise DataError(f"{part.name}: {'; '.join(lacks)}. The file has: {', '.join(source.names)}")
 
 
 def _plain(schema: Any) -> Any:

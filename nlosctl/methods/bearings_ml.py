@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
@@ -57,7 +57,7 @@ METHOD = MethodSpec(
     reference="Song, Willett, Zhou 2013, equation (6), information (20)-(29)",
     options=MaximumLikelihoodOptions,
     solve=solve,
-    cost=HALF_CHI_SQUARE,
+    cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_rad",),
 )

@@ -135,7 +135,7 @@ class MeasurementRun:
         best = estimates.alternative == 0
         for number, run in enumerate(self._runs):
             mine = best & (estimates.method == number)
-            cost = estimates.cost if run.spec.cost_is_half_chi_square else np.full(estimates.cost.shape, np.nan)
+            cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
             tally = self.report.methods[run.spec.name]
             tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
 

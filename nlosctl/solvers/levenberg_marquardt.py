@@ -18,8 +18,8 @@ BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
 
 _ROUNDING_DECREASE = 1e-8
-"""A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may be
-below the rounding of the cost."""
+"""A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may
+be below the rounding of the cost."""
 
 _NEARLY_FULL = 0.1
 """Up to this damping a step counts as a full one."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from nlosctl.contract.batches import FloatArray, IntArray
 from nlosctl.contract.results import Estimates, Flags, Solution
+from nlosctl.contract.statuses import Status
 
 __all__ = ["NUMBER_FIELDS", "close_solutions", "estimates_of", "same_bits"]
 
@@ -60,7 +61,8 @@ def close_solutions(expected: Solution, got: Solution, size_m: float) -> Iterato
 def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterator[str]:
     std_m = np.sqrt(np.nan_to_num(np.abs(one.covariance_m2[:, 0]) + np.abs(one.covariance_m2[:, 2])))
     allowed = _RELATIVE * size_m + _OF_STD * std_m
-    off = np.hypot(*(one.position_m - other.position_m).T)
+    answered = one.status <= Status.BOUNDARY  # what stands where there is no answer is the business of another law
+    off = np.where(answered, np.hypot(*(one.position_m - other.position_m).T), np.nan)
     worst = _worst(off / allowed)
     if worst is not None:
         yield f"the fix of estimate {worst} is off by {off[worst]:.3g} m, more than {allowed[worst]:.3g} m"

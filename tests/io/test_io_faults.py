@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests_io_reading import FIXTURES, Gathered, bearings, pa, read, save, scene_of
+from reading_support import FIXTURES, Gathered, bearings, pa, read, save, scene_of
 
 from nlosctl.errors import DataError
 from nlosctl.io.duplicates import find_duplicates

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests_io_reading import FIXTURES, bearings, read, save, scene_of, whole
+from reading_support import FIXTURES, bearings, read, save, scene_of, whole
 
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.errors import DataError, UsageError
@@ -117,9 +117,11 @@ def test_a_null_position_is_filled_by_row(tmp_path: Path) -> None:
 
 def test_renamed_and_constant_columns(tmp_path: Path) -> None:
     """--column reads a column under another name; a constant stands in for a missing one."""
-    table = bearings([1, 1]).rename_columns(
-        ["snapshot", "sensor", "sensor_x_m", "sensor_y_m", "AZ", "old_std"]
-    ).drop_columns(["old_std"])
+    table = (
+        bearings([1, 1])
+        .rename_columns(["snapshot", "sensor", "sensor_x_m", "sensor_y_m", "AZ", "old_std"])
+        .drop_columns(["old_std"])
+    )
     path = save(table, tmp_path / "a.parquet")
     found = whole(read([path], renames={"bearing_deg": "AZ"}, constants={"bearing_std_rad": 0.03}))
     np.testing.assert_allclose(found.columns["bearing_rad"], np.radians(0.1))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests_io_reading import FIXTURES
+from reading_support import FIXTURES
 
 from nlosctl.contract.scene import LineReflector, Scene, Sensor
 from nlosctl.contract.tables import TABLES
@@ -54,7 +54,7 @@ def test_slope_and_intercept_are_a_line() -> None:
         (LINE + "point = [0, 0]\nslope = 1\n", "one of the two pairs"),
         (2 * (LINE + "slope = 1\nintercept = 0\n"), "reflector[1].name: 'w' is taken by reflector[0]"),
         ('[[sensor]]\nname = "a"\n', "sensor[0].position: missing, expected two numbers"),
-        ('[[sensor]]\nname = 5\nposition = [0, 0]\n', "sensor[0].name: got 5, expected text"),
+        ("[[sensor]]\nname = 5\nposition = [0, 0]\n", "sensor[0].name: got 5, expected text"),
         ('[sensor]\nname = "a"\n', "[[sensor]]"),
     ],
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
-from tests_io_reading import FIXTURES, read
+from reading_support import FIXTURES, read
 
 from nlosctl.errors import DataError
 from nlosctl.io.file_format import FileFormat
@@ -50,9 +50,12 @@ def test_parquet_reads_back_with_its_metadata(tmp_path: Path) -> None:
     assert [file.metadata.row_group(place).num_rows for place in range(3)] == [10, 10, 5]
     assert file.schema_arrow.field("status").type == pa.string()
     assert file.metadata.metadata[b"nlosctl"] == b"{}"
-    assert open_part(Part(name="a", format=FileFormat.PARQUET, path=tmp_path / "a.parquet"), 10, False).metadata[
-        b"nlosctl"
-    ] == b"{}"
+    assert (
+        open_part(Part(name="a", format=FileFormat.PARQUET, path=tmp_path / "a.parquet"), 10, False).metadata[
+            b"nlosctl"
+        ]
+        == b"{}"
+    )
     assert file.read().column("x_m").to_pylist() == TABLE.column("x_m").to_pylist()
 
 

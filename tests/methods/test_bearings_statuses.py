@@ -43,13 +43,24 @@ def test_a_fix_less_sure_than_it_is_far_is_degenerate(method: MethodSpec) -> Non
 
 @pytest.mark.parametrize("measurements", [2, 3, 8])
 @pytest.mark.parametrize("fault", ["parallel", "one place", "on a sensor"])
-def test_lines_that_cross_on_a_sensor_are_degenerate(method: MethodSpec, fault: str, measurements: int) -> None:
-    """Parallel lines, sensors all in one place, and a source on a sensor give no answer, and never one that is ok."""
+def test_lines_that_cross_nowhere_but_on_a_sensor_are_degenerate(
+    method: MethodSpec, fault: str, measurements: int
+) -> None:
+    """Parallel lines, sensors all in one place, and a source on a sensor are degenerate.
+
+    ML may also not settle, or settle just beside the sensor where the source is.
+    """
     for seed in range(5):
-        batch = draw_bearings(np.random.default_rng(seed), 200, measurements, fault).batch
-        seen = set(words(estimate(method, batch)))
-        assert seen <= NO_ANSWER
-        assert method.name == "ml" or seen == {"degenerate"}
+        trial = draw_bearings(np.random.default_rng(seed), 200, measurements, fault)
+        estimates = estimate(method, trial.batch)
+        if method.name != "ml":
+            assert set(words(estimates)) == {"degenerate"}
+            continue
+        beside = np.linalg.norm(estimates.position_m - trial.batch.sensor_xy_m[:, 0], axis=1) < 1e-5 * trial.size_m
+        settled = np.array(words(estimates)) == "ok"
+        assert set(words(estimates)) <= NO_ANSWER | {"ok"}
+        assert not (settled & ~beside).any()
+        assert settled.mean() < (0.02 if fault == "on a sensor" else 1e-9)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3e6, -2e6)])

@@ -47,9 +47,7 @@ def whole(chunks: Sequence[Chunk]) -> Whole:
     return Whole(
         ids=[value for chunk in chunks for value in chunk.snapshot.to_pylist()],
         counts=[int(count) for chunk in chunks for count in np.diff(chunk.offsets)],
-        columns={
-            name: np.concatenate([chunk.columns[name] for chunk in chunks]) for name in chunks[0].columns
-        },
+        columns={name: np.concatenate([chunk.columns[name] for chunk in chunks]) for name in chunks[0].columns},
         table=pa.concat_tables([chunk.table for chunk in chunks]),
     )
 

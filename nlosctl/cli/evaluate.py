@@ -1,0 +1,96 @@
+"""``nlosctl evaluate``: estimates or flags against truth."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Quiet, Report
+from nlosctl.cli.terminal import print_json, print_table, write_report
+
+if TYPE_CHECKING:
+    from nlosctl.pipeline.evaluating import Evaluation
+
+__all__ = ["evaluate"]
+
+_CONDITION_MET = 4
+
+_LABELS = ("file", "source", "method")
+
+
+def evaluate(
+    inputs: Inputs,
+    truth: Annotated[
+        str | None,
+        typer.Option("--truth", metavar="FILE", help="True positions (snapshot, truth_x_m, truth_y_m) by snapshot."),
+    ] = None,
+    alternatives: Annotated[
+        Literal["first", "best"],
+        typer.Option("--alternatives", help="Which alternative counts: the first, or the one nearest to the truth."),
+    ] = "first",
+    fail_if: Annotated[
+        list[str],
+        typer.Option("--fail-if", metavar="CONDITION", help="Exit 4 if a figure meets it: 'rmse_m>5'. Repeatable."),
+    ] = [],  # noqa: B006 - typer copies it
+    input_format: InputFormat = None,
+    as_json: Json = False,
+    report: Report = None,
+    quiet: Quiet = False,
+    debug: Debug = False,
+    config: ConfigFile = None,
+) -> int:
+    """Hold estimates (or flags) against the truth: RMSE, bias, percentiles, NEES, ellipse coverage, by method.
+
+    A row without a fix counts in the fix rate and is infinite in the percentiles; RMSE, bias and NEES are of the rows
+    with one. Exit codes: 0 done, 1 bad data or files, 2 the words of the command line, 4 a --fail-if condition is met.
+    """
+    from nlosctl.io.evaluation_rows import TruthTable
+    from nlosctl.io.file_format import format_named
+    from nlosctl.io.inputs import expand_inputs
+    from nlosctl.pipeline.conditions import met_condition
+    from nlosctl.pipeline.evaluating import evaluate_inputs
+
+    given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
+    truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
+    evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
+    content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall}
+    if as_json:
+        print_json(content)
+    else:
+        _render(evaluation)
+    if report is not None:
+        write_report(report, content)
+    reasons = [met_condition(condition, evaluation.groups) for condition in fail_if]
+    for reason in filter(None, reasons):
+        sys.stderr.write(f"nlosctl: {reason}\n")
+    return _CONDITION_MET if any(reasons) else 0
+
+
+def _render(evaluation: Evaluation) -> None:
+    """Print a column per group, a row per figure: readable however many figures there are."""
+    groups = list(evaluation.groups)
+    if len(groups) > 1:
+        groups.append({"method": "overall", **evaluation.overall})
+    titles = [_title(group, number) for number, group in enumerate(groups)]
+    names = [name for name in evaluation.overall if name != "statuses"]
+    rows: list[dict[str, Any]] = [
+        {"figure": name, **{title: _figure(group[name]) for title, group in zip(titles, groups, strict=True)}}
+        for name in names
+    ]
+    words = dict.fromkeys(word for group in groups for word in group.get("statuses", {}))
+    for word in words:
+        counts = {title: str(group["statuses"].get(word, 0)) for title, group in zip(titles, groups, strict=True)}
+        rows.append({"figure": f"status {word}", **counts})
+    print_table(rows, ["figure", *titles])
+
+
+def _title(group: dict[str, Any], number: int) -> str:
+    labels = [str(group[label]) for label in _LABELS if label in group]
+    labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
+    return " ".join(labels) or f"group {number}"
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,107 @@
+"""Estimates or flags held against the truth, file by file, in bounded memory but for one error per row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlosctl.contract.tables import ESTIMATES, FLAGS
+from nlosctl.errors import DataError
+from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
+from nlosctl.evaluation.flags import FlagScores
+from nlosctl.evaluation.summaries import plain_dict
+from nlosctl.io.evaluation_rows import (
+    TruthTable,
+    boolean_codes,
+    estimate_arrays,
+    group_codes,
+    whole_snapshots,
+)
+from nlosctl.io.inputs import Input
+from nlosctl.io.plain_tables import PlainReader
+
+__all__ = ["Evaluation", "evaluate_inputs"]
+
+Readers = Sequence[tuple[Input, PlainReader]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """What was evaluated (``estimates`` or ``flags``): the figures of each group, and of all together."""
+
+    of: str
+    groups: list[dict[str, Any]]
+    overall: dict[str, Any]
+
+
+def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
+    """Evaluate files of estimates (or of flags), by method, ``sweep_*`` column and, if there are several, by file.
+
+    ``truth`` stands in for the truth columns of estimates. Without ``best_alternative`` only alternative 0 counts.
+    Raises DataError where a file is neither, or has no truth.
+    """
+    readers = [(given, PlainReader(given, ESTIMATES, FLAGS)) for given in inputs]
+    tables = {reader.table.name for _, reader in readers}
+    if len(tables) > 1:
+        raise DataError("the inputs are estimates and flags; evaluate them one by one")
+    if tables == {FLAGS.name}:
+        return _evaluate_flags(readers)
+    return _evaluate_estimates(readers, truth, best_alternative)
+
+
+def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
+    scores = EstimateScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        grouping = _grouping(reader.schema.names)
+        for table in whole_snapshots(reader.batches()):
+            arrays = estimate_arrays(table, truth, given.name)
+            rows = EstimateRows(
+                position_m=arrays.position_m,
+                covariance_m2=arrays.covariance_m2,
+                status=arrays.status,
+                truth_m=arrays.truth_m,
+            )
+            group, keys = group_codes(table, grouping)
+            if best_alternative:
+                same = [group_codes(table, ["snapshot", "target"])[0], group]
+                counted = nearest_alternatives(rows.error_m, arrays.alternative, *same)
+            else:
+                counted = np.flatnonzero(arrays.alternative == 0)
+            scores.add(rows.take(counted), group[counted], [_named(readers, given, key) for key in keys])
+    return _evaluation("estimates", scores, readers, grouping)
+
+
+def _evaluate_flags(readers: Readers) -> Evaluation:
+    scores = FlagScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        for name in ("los", "truth_los"):
+            if name not in reader.schema.names:
+                raise DataError(f"{given.name}: no column {name!r}: flags are evaluated by 'los' against 'truth_los'")
+        grouping = _grouping(reader.schema.names)
+        for table in reader.batches():
+            group, keys = group_codes(table, grouping)
+            los, truth_los = boolean_codes(table.column("los")), boolean_codes(table.column("truth_los"))
+            scores.add(los, truth_los, group, [_named(readers, given, key) for key in keys])
+    return _evaluation("flags", scores, readers, grouping)
+
+
+def _grouping(names: Sequence[str]) -> list[str]:
+    return [name for name in names if name in ("source", "method") or name.startswith("sweep_")]
+
+
+def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, ...]:
+    return (given.name, *key) if len(readers) > 1 else key
+
+
+def _evaluation(of: str, scores: EstimateScores | FlagScores, readers: Readers, grouping: Sequence[str]) -> Evaluation:
+    names = (["file"] if len(readers) > 1 else []) + list(grouping)
+    groups = []
+    for key, summary in scores.result().items():
+        assert isinstance(key, tuple)  # noqa: S101 - made above
+        groups.append({**dict(zip(names, key, strict=True)), **plain_dict(summary)})
+    return Evaluation(of=of, groups=groups, overall=plain_dict(scores.overall()))
