@@ -147,12 +147,9 @@ Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as
 BlockSize = Annotated[
     int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")
 ]
-<<<<<<< HEAD
-=======
 MaxSnapshotRows = Annotated[
     int, typer.Option("--max-snapshot-rows", min=1, help="A snapshot with more rows than this is an error.")
 ]
->>>>>>> main
 Report = Annotated[
     str | None, typer.Option("--report", metavar="FILE", help="Write the summary as JSON (- is standard error).")
 ]
