@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
-__all__ = ["Estimates", "Flags", "Solution", "Words", "single_estimates"]
+__all__ = ["Estimates", "Flags", "Solution", "Words", "no_estimates", "single_estimates"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +23,7 @@ class Estimates:
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
     NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
     says what the covariance accounts for, where the method has more than one kind. ``measurement`` (E,) is given
-    where every measurement is solved by itself: its place in the snapshot (estimates are then ordered by it within
-    a target).
+    where every measurement is solved by itself, for a target of its own: its place in the snapshot.
     """
 
     row: IntArray
@@ -43,11 +42,16 @@ class Estimates:
 class Words:
     """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``.
 
-    It reads like an array of text.
+    It reads like an array of text. A word may be None: nothing is said.
     """
 
     code: npt.NDArray[np.uint8]
-    words: tuple[str, ...]
+    words: tuple[str | None, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array."""
+        return self.code.shape
 
     def __getitem__(self, key: Any) -> Any:
         """Return the words at places of the array."""
@@ -71,13 +75,22 @@ class Flags:
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """The result of one batch. ``flags`` may be None when the batch did not want them.
+    """The result of one batch. ``flags`` may be None when the batch did not want them."""
 
-    ``estimates`` is None from a detector that estimates nothing.
-    """
-
-    estimates: Estimates | None = None
+    estimates: Estimates
     flags: Flags | None = None
+
+
+def no_estimates(size: int) -> Estimates:
+    """Return the estimates of B snapshots by a detector that makes none: rows without a position, read by nobody."""
+    nothing = np.full((size, 3), np.nan)
+    return single_estimates(
+        position_m=nothing[:, :2],
+        covariance_m2=nothing,
+        cost=nothing[:, 0],
+        n_used=np.zeros(size, dtype=np.int64),
+        status=np.full(size, Status.NO_TARGET, dtype=np.uint8),
+    )
 
 
 def single_estimates(

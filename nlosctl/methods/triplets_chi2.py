@@ -66,15 +66,16 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
         ("no_ellipse", ~rows.rays.has_ellipse & (rows.rays.baseline_m > 0.0)),
         ("monostatic", ~(rows.rays.baseline_m > 0.0)),
     )
+    estimates = path_estimates(rows, fits, options.ambiguous_within)
     flags = Flags(
-        used=rows.dense(~np.isnan(p_value)),
+        used=estimates.n_used.reshape(rows.shape) > 0,
         columns={
             "ip": rows.dense(ip),
             "p_value": rows.dense(p_value),
             "reason": Words(code=rows.dense(words.code), words=words.words),
         },
     )
-    return Solution(estimates=path_estimates(rows, fits, options.ambiguous_within), flags=flags)
+    return Solution(estimates=estimates, flags=flags)
 
 
 METHOD = MethodSpec(

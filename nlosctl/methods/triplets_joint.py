@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import path_rows, snapshot_centers
 from nlosctl.solvers.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.path_estimates import judge_targets
@@ -23,6 +25,7 @@ from nlosctl.solvers.triplet_problem import TripletProblem
 __all__ = ["METHOD", "JointOptions", "solve"]
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +69,9 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     p_value = own_p_value * common.direct
     ip = p_value < options.false_alarm
     inconsistent = own_p_value < options.false_alarm
+    estimates, used = _estimates(problem, common, center_x, center_y, options.ambiguous_within)
     flags = Flags(
-        used=~np.isnan(p_value),
+        used=used,
         columns={
             "ip": ip,
             "p_value": p_value,
@@ -75,42 +79,49 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
             "direct_probability": common.direct,
         },
     )
-    return Solution(estimates=_estimates(problem, common, center_x, center_y, options.ambiguous_within), flags=flags)
+    return Solution(estimates=estimates, flags=flags)
 
 
 def _estimates(
     problem: TripletProblem, common: CommonTargets, center_x: FloatArray, center_y: FloatArray, ambiguous_within: float
-) -> Estimates:
-    """Return the best set of targets of each snapshot, in order of rising target; at least one row a snapshot."""
-    rows, targets, positions, covariances, counts, statuses = ([] for _ in range(6))
-    for place in range(common.x.shape[0]):
-        information = common.information
-        covariance = type(information)(information.xx[place], information.xy[place], information.yy[place]).inverse()
+) -> tuple[Estimates, BoolArray]:
+    """Return the best set of targets of each snapshot, and the paths (B, K) that they rest on.
+
+    Every snapshot has at least one row, if only for its status; targets are numbered by the likelihood of each.
+    """
+    targets, size = common.x.shape
+    information = common.information
+    covariance = information.inverse()
+    status = np.empty((targets, size), dtype=np.uint8)
+    for place in range(targets):
+        here = Symmetric2x2(covariance.xx[place], covariance.xy[place], covariance.yy[place])
         x, y = common.x[place], common.y[place]
-        status = judge_targets(problem, x, y, covariance, np.isfinite(x + y))
-        status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
-        status[common.supporters[place] < 1.0] = Status.NO_TARGET
-        present = np.flatnonzero(np.isfinite(x)) if place else np.arange(x.shape[0])
-        rows.append(present)
-        targets.append(np.full(present.shape, place, dtype=np.int64))
-        positions.append(np.stack([x + center_x, y + center_y], axis=1)[present])
-        covariances.append(np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1)[present])
-        counts.append(common.supporters[place][present].astype(np.int64))
-        statuses.append(status[present])
-    row, target = np.concatenate(rows), np.concatenate(targets)
-    order = np.lexsort((target, row))
-    status = np.concatenate(statuses)[order]
-    answered = (status <= Status.BOUNDARY)[:, None]
-    return Estimates(
-        row=row[order],
-        target=target[order],
+        status[place] = judge_targets(problem, x, y, here, np.isfinite(x + y))
+    status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
+    status[~common.supported.any(axis=2)] = Status.NO_TARGET
+    answered = status <= Status.BOUNDARY
+    supported = common.supported & answered[:, :, None]
+    present = (np.isfinite(common.x) | (np.arange(targets) == 0)[:, None]).T
+
+    def listed(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return what is present of (T, B), snapshot by snapshot."""
+        return np.asarray(values.T[present])
+
+    def known(values: FloatArray) -> FloatArray:
+        return listed(np.where(answered, values, np.nan))
+
+    row, target = np.nonzero(present)
+    estimates = Estimates(
+        row=row,
+        target=target,
         alternative=np.zeros_like(row),
-        position_m=np.where(answered, np.concatenate(positions)[order], np.nan),
-        covariance_m2=np.where(answered, np.concatenate(covariances)[order], np.nan),
-        cost=np.where(answered[:, 0], common.cost[row[order]], np.nan),
-        n_used=np.where(answered[:, 0], np.concatenate(counts)[order], 0),
-        status=status,
+        position_m=np.stack([known(common.x + center_x), known(common.y + center_y)], axis=1),
+        covariance_m2=np.stack([known(covariance.xx), known(covariance.xy), known(covariance.yy)], axis=1),
+        cost=known(np.broadcast_to(common.cost, (targets, size))),
+        n_used=listed(np.count_nonzero(supported, axis=2)),
+        status=listed(status),
     )
+    return estimates, np.logical_or.reduce(supported, axis=0)
 
 
 METHOD = MethodSpec(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
-from nlosctl.contract.results import Flags, Solution, Words
+from nlosctl.contract.results import Flags, Solution, Words, no_estimates
 from nlosctl.geometry.triplets import DIFFERENCES
 from nlosctl.models.error_laws import ErrorLaw, parse_error_law
 from nlosctl.models.triplets import PathRows, path_rows
@@ -85,7 +85,8 @@ def solve(batch: TripletBatch, options: TdajOptions) -> Solution:
     if batch.want_details:
         columns |= _details(rows, decisions, law, options)
     dense = {name: _dense(rows, column) for name, column in columns.items()}
-    return Solution(flags=Flags(used=rows.dense(~np.isnan(p_value)), columns=dense))
+    used = np.zeros(rows.shape, dtype=bool)
+    return Solution(estimates=no_estimates(batch.size), flags=Flags(used=used, columns=dense))
 
 
 def _decide(rows: PathRows, rule: int | str, law: ErrorLaw, options: TdajOptions) -> Decision:
@@ -130,6 +131,11 @@ def _dense(rows: PathRows, column: Any) -> Any:
 
 _POINTS = tuple(f"{name}_{axis}_m" for name in ("dod_doa", "dod_toa", "doa_toa") for axis in ("x", "y"))
 
+
+def _safe_region_columns(options: TdajOptions) -> tuple[str, ...]:
+    return ("outside_safe_region",) if options.eta_m > 0.0 else ()
+
+
 METHOD = MethodSpec(
     name="tdaj",
     kind="triplets",
@@ -138,14 +144,12 @@ METHOD = MethodSpec(
     reference="Shen, Molisch 2012, Algorithm 1, equations (1)-(27), (35)-(36)",
     options=TdajOptions,
     solve=solve,
-    cost="none",
+    cost="none: it estimates nothing",
     minimum_measurements=1,
-    flags=(
-        "ip",
-        "p_value",
-        "reason",
-        "blind",
-        "outside_safe_region",
+    estimates=False,
+    flags=("ip", "p_value", "reason", "blind"),
+    flags_with=_safe_region_columns,
+    details=(
         *_POINTS,
         *(f"lambda{rule}_m" for rule in RULES),
         *(f"threshold{rule}_m" for rule in RULES),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +32,7 @@ def trace_over_objects(tx_xy_m: FloatArray, rx_xy_m: FloatArray, objects_xy_m: F
     size = objects_xy_m.shape[0]
     ends = [np.broadcast_to(end, (size, 2)) for end in (tx_xy_m, rx_xy_m)]
     points = [ends[0], *(objects_xy_m[:, h] for h in range(objects_xy_m.shape[1])), ends[1]]
-    steps = [after - before for before, after in zip(points[:-1], points[1:], strict=True)]
+    steps = [after - before for before, after in pairwise(points)]
     legs = np.stack([np.hypot(step[:, 0], step[:, 1]) for step in steps], axis=1)
     length = legs[:, 0]
     for leg in range(1, legs.shape[1]):

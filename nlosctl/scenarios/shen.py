@@ -50,9 +50,7 @@ class ShenOptions:
     power_dbm: float | None = option(None, unit="dBm", meaning="transmitted power; none: the scenario's own")
     reflectors: int = option(0, minimum=0, maximum=2, meaning="reflectors of an indirect path; 0: the scenario's own")
     indirect_fraction: float = option(0.5, minimum=0.0, maximum=1.0, meaning="share of indirect paths")
-    target_m: tuple[float, float] | None = option(
-        None, unit="m", meaning="x,y of the target; none: the scenario's own"
-    )
+    target_m: tuple[float, float] | None = option(None, unit="m", meaning="x,y of the target; none: the scenario's own")
     region_m: tuple[float, float, float, float] | None = option(
         None, unit="m", meaning="x from,to and y from,to of targets and reflectors; none: -8,8,0,10"
     )
@@ -109,10 +107,9 @@ def _measure(
     count = reflectors.shape[1]
     objects = np.empty((target.shape[0], count + 1, 2))
     for slot in range(count + 1):
-        before = np.minimum(slot, count - 1)
-        after = np.maximum(slot - 1, 0)
-        other = np.where((slot < place)[:, None], reflectors[:, before], reflectors[:, after])
-        objects[:, slot] = np.where((slot == place)[:, None], target, other)
+        before, after = reflectors[:, min(slot, count - 1)], reflectors[:, max(slot - 1, 0)]
+        objects[:, slot] = np.where((place > slot)[:, None], before, after)
+    objects[np.arange(target.shape[0]), place] = target
     detour = trace_over_objects(_TX, _RX, objects)
     snr = np.where(indirect, signal_to_noise(power_dbm, detour.legs_m), signal_to_noise(power_dbm, direct.legs_m))
     dod = np.where(indirect, detour.dod_rad, direct.dod_rad)

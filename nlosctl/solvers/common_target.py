@@ -30,6 +30,7 @@ __all__ = ["CommonTargets", "TargetModel", "weigh_targets"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 _ITERATIONS = 15
 _HYPOTHESES = 12
@@ -54,16 +55,16 @@ class CommonTargets:
     """What is known of the targets of B snapshots of K paths; T targets at most.
 
     ``direct`` (B, K) is the probability that a path is direct, over all hypotheses. Of the best set of targets:
-    ``x``, ``y`` (T, B) about the local origin, their ``information``, and how many paths are theirs (T, B), all
-    zero or NaN where the best set has fewer; ``cost`` (B,) is its negative log-likelihood, ``lead`` (B,) by how many
-    nats it is ahead of the next.
+    ``x``, ``y`` (T, B) about the local origin, their ``information``, NaN where the set has fewer, and which paths
+    ``supported`` (T, B, K) each; ``cost`` (B,) is its negative log-evidence, ``lead`` (B,) by how many nats it is
+    ahead of the next.
     """
 
     direct: FloatArray
     x: FloatArray
     y: FloatArray
     information: Symmetric2x2
-    supporters: FloatArray
+    supported: BoolArray
     cost: FloatArray
     lead: FloatArray
 
@@ -262,16 +263,14 @@ def _best_set(
         return np.where(present, np.take_along_axis(values, np.maximum(members, 0), axis=0), np.nan)
 
     supported = hypotheses.log_direct > hypotheses.log_indirect
-    supporters = np.zeros(supported.shape[:2])
-    for k in range(supported.shape[2]):
-        supporters += supported[:, :, k]
+    chosen = np.take_along_axis(supported, np.maximum(members, 0)[:, :, None], axis=0) & present[:, :, None]
     information = hypotheses.information
     return CommonTargets(
         direct,
         pick(hypotheses.x),
         pick(hypotheses.y),
         Symmetric2x2(pick(information.xx), pick(information.xy), pick(information.yy)),
-        np.nan_to_num(pick(supporters)),
+        chosen,
         cost,
         lead,
     )

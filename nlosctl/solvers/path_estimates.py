@@ -51,7 +51,7 @@ def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: floa
 
 
 def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) -> Estimates:
-    """Return an estimate of the target for every path; the covariance is the inverse Fisher information."""
+    """Return an estimate for every path, each of a target of its own; covariance: the inverse Fisher information."""
     problem = TripletProblem.of_paths(rows)
     covariance = problem.information(fits.x, fits.y).inverse()
     judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
@@ -69,15 +69,15 @@ def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) ->
     matrix = np.stack(
         [by_snapshot(np.where(certain, value, np.nan)) for value in (turned.xx, turned.xy, turned.yy)], axis=1
     )
-    zeros = np.zeros(size * count, dtype=np.int64)
+    places = np.tile(np.arange(count), size)
     return Estimates(
         row=np.repeat(np.arange(size), count),
-        target=zeros,
-        alternative=zeros,
+        target=places,
+        alternative=np.zeros_like(places),
         position_m=np.asarray(position, dtype=np.float64),
         covariance_m2=np.asarray(matrix, dtype=np.float64),
         cost=np.asarray(by_snapshot(np.where(answered, fits.cost, np.nan)), dtype=np.float64),
         n_used=np.asarray(by_snapshot(answered.astype(np.int64)), dtype=np.int64),
         status=np.asarray(by_snapshot(status), dtype=np.uint8),
-        measurement=np.tile(np.arange(count), size),
+        measurement=places,
     )
