@@ -14,6 +14,7 @@ BIN := .venv/bin
 	touch $@
 
 demo: .venv/runtime ## solve a bundled file of bearings and compare with its truth
+	mkdir -p out
 	$(BIN)/nlosctl localize --method ml fixtures/good_bearings.parquet -o out/fixes.parquet --overwrite
 	$(BIN)/nlosctl evaluate out/fixes.parquet
 

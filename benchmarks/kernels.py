@@ -78,7 +78,8 @@ def report() -> list[str]:
     lines = [
         '## Kernels against a loop of `least_squares(method="lm")` with analytic Jacobian, 8 sensors',
         "",
-        f"Answers within 1e-3 m of each other in {np.mean(apart < 1e-3):.1%} of the snapshots (worst {apart.max():.2g} m).",
+        f"Answers within 1e-3 m of each other in {np.mean(apart < 1e-3):.1%} of the snapshots "
+        f"(worst {apart.max():.2g} m).",
         "",
         "| program | microseconds per snapshot | times the loop's throughput |",
         "|---|---|---|",

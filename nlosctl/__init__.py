@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from nlosctl.version import __version__
+
 if TYPE_CHECKING:
     from nlosctl.api import Localization, evaluate, localize, simulate
-
-__version__ = "0.1.0"
 
 __all__ = ["Localization", "__version__", "evaluate", "localize", "simulate"]
 

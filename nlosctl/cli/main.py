@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from nlosctl import __version__
 from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.localize import localize
@@ -18,6 +17,7 @@ from nlosctl.cli.schema import schema
 from nlosctl.cli.simulate import simulate
 from nlosctl.cli.validate import validate
 from nlosctl.errors import NlosctlError
+from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
 

@@ -12,13 +12,13 @@ IntArray = npt.NDArray[np.int64]
 
 
 def sum_measurements(values: FloatArray) -> FloatArray:
-    """Return the sum (B,) over the measurements of ``values`` (B, K), added one by one in order.
+    """Return the sum (..., B) over the measurements of ``values`` (..., B, K), added one by one in order.
 
     ``np.sum`` would add in pairs when a block holds one snapshot and in order when it holds several.
     """
-    total = np.zeros(values.shape[0])
-    for k in range(values.shape[1]):
-        total += values[:, k]
+    total = np.zeros(values.shape[:-1])
+    for k in range(values.shape[-1]):
+        total += values[..., k]
     return total
 
 

@@ -7,11 +7,11 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nlosctl import __version__
 from nlosctl.contract.scene import Scene
 from nlosctl.io.inputs import Input
 from nlosctl.io.scenes import SCENE_KEY, scene_to_toml
 from nlosctl.io.write import provenance_text
+from nlosctl.version import __version__
 
 __all__ = ["PROVENANCE_KEY", "describe_inputs", "file_metadata"]
 

@@ -59,7 +59,8 @@ class BearingProblem:
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if x.shape[0] < _SMALL_BLOCK:
-                totals = [sum_measurements(term) for term in self._terms(slice(None), x[:, None], y[:, None])]
+                terms = np.stack(self._terms(slice(None), x[:, None], y[:, None]))
+                totals = list(sum_measurements(terms))
             else:
                 totals = [np.zeros(x.shape) for _ in range(_TERMS)]
                 for k in range(self.origin_x.shape[1]):

@@ -20,7 +20,10 @@ StatusArray = npt.NDArray[np.uint8]
 CONDITION_LIMIT = 1e6
 """Largest condition number of the lines' normals with which they still count as crossing."""
 
-_RELATIVE_MINIMUM_RANGE = 1e-6
+_RELATIVE_MINIMUM_RANGE = 1e-5
+
+_ROUNDING = 1e-12
+"""Relative size of what rounding leaves of a coordinate."""
 
 _TRAP_RANGE = 0.01
 """An iteration that does not settle this close to an origin (in units of the farthest) is being drawn onto it: the
@@ -39,13 +42,17 @@ def judge_fixes(
     """Return the status (B,) of fixes at x, y (B,) about the local origin, with their survey and covariance.
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
-    an origin than ``minimum_range_m`` (or than a millionth of that distance); behind: behind a ray's origin;
+    an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
     infeasible: on another side of a mirror than the sensor.
     """
     farthest = survey.farthest_m
     with np.errstate(invalid="ignore", over="ignore"):
-        uncertain = ~(covariance.trace <= farthest * farthest)
-        on_sensor = survey.nearest_m < np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
+        sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
+        uncertain = ~sure | nearly_singular(covariance)
+        # Sensors all in one place have no size to go by but that of their coordinates.
+        rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
+        least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
+        on_sensor = survey.nearest_m <= least_m
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
     status[lines.beyond_mirror(x, y)] = Status.INFEASIBLE
     status[survey.behind] = Status.BEHIND

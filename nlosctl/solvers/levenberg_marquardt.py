@@ -21,6 +21,9 @@ _ROUNDING_DECREASE = 1e-8
 """A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may
 be below the rounding of the cost."""
 
+_ROUNDING_STEP = 1e-13
+"""A step this small beside the coordinates is rounding: nothing is gained by another."""
+
 _NEARLY_FULL = 0.1
 """Up to this damping a step counts as a full one."""
 
@@ -167,6 +170,8 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
     with np.errstate(invalid="ignore", over="ignore"):
         decrease = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
         length = np.sqrt(np.maximum(decrease, 0.0))
+        step_m, place_m = np.abs(step_x) + np.abs(step_y), np.abs(state.x) + np.abs(state.y)
+        length[step_m <= _ROUNDING_STEP * place_m] = 0.0
     unusable = ~np.isfinite(length)
     step_x, step_y = np.where(unusable, 0.0, step_x), np.where(unusable, 0.0, step_y)
     return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
