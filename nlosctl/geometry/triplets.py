@@ -61,13 +61,14 @@ class BaselineFrame:
         )
 
     def matrix_to_global(self, matrix: Symmetric2x2) -> Symmetric2x2:
-        """Return covariances of the frame in global axes."""
+        """Return covariances of the frame in global axes; whatever where they are not finite."""
         cosine2, sine2, both = self.cosine * self.cosine, self.sine * self.sine, self.cosine * self.sine
-        return Symmetric2x2(
-            cosine2 * matrix.xx - 2.0 * both * matrix.xy + sine2 * matrix.yy,
-            both * (matrix.xx - matrix.yy) + (cosine2 - sine2) * matrix.xy,
-            sine2 * matrix.xx + 2.0 * both * matrix.xy + cosine2 * matrix.yy,
-        )
+        with np.errstate(invalid="ignore", over="ignore"):
+            return Symmetric2x2(
+                cosine2 * matrix.xx - 2.0 * both * matrix.xy + sine2 * matrix.yy,
+                both * (matrix.xx - matrix.yy) + (cosine2 - sine2) * matrix.xy,
+                sine2 * matrix.xx + 2.0 * both * matrix.xy + cosine2 * matrix.yy,
+            )
 
     def rays(self, dod_rad: FloatArray, doa_rad: FloatArray, path_length_m: FloatArray) -> TripletRays:
         """Return triplets, their angles in the global frame, as rays in this one."""

@@ -153,7 +153,7 @@ def _refine(
         better = likelihood > best
         best_x, best_y, best = np.where(better, x, best_x), np.where(better, y, best_y), np.fmax(best, likelihood)
         step_x, step_y = Symmetric2x2(xx, xy, yy).solve(-gradient_x, -gradient_y)
-        usable = np.isfinite(step_x + step_y)
+        usable = np.isfinite(step_x) & np.isfinite(step_y)
         x, y = np.where(usable, x + step_x, x), np.where(usable, y + step_y, y)
     return best_x.reshape(shape), best_y.reshape(shape)
 
@@ -173,7 +173,8 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
         indirect.append(log_indirect.reshape(shape))
     # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long.
     ridge = 1.0 / (scales * scales)
-    volume = np.log(ridge) - 0.5 * np.log((xx + ridge) * (yy + ridge) - xy * xy)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        volume = np.log(ridge) - 0.5 * np.log((xx + ridge) * (yy + ridge) - xy * xy)
     score = (likelihood + volume).reshape(shape)
     score = np.where(np.isnan(score), -np.inf, score)
     order = np.argsort(-score, axis=0, kind="stable")
