@@ -34,7 +34,7 @@ class RocCurve:
 
     def p_d_at(self, p_fa: float) -> float:
         """Return P_d on the curve at a P_fa; the upper end where it rises straight up there."""
-        return float(np.interp(p_fa, self.p_fa, np.maximum.accumulate(self.p_d))) if self.p_fa.size else math.nan
+        return float(np.interp(p_fa, self.p_fa, self.p_d)) if self.p_fa.size else math.nan
 
 
 def roc_curve(p_value: FloatArray, indirect: BoolArray) -> RocCurve:
