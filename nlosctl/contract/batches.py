@@ -18,7 +18,7 @@ import numpy.typing as npt
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch", "batch_class"]
+__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch", "TripletBatch", "batch_class"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -31,8 +31,8 @@ class Batch:
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
     when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
-    look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``SOURCES`` says of which columns of
-    the file each array is made.
+    look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``want_details`` is true when the
+    flags are to show what they were decided by. ``SOURCES`` says of which columns of the file each array is made.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -41,6 +41,7 @@ class Batch:
     field: Field = dataclasses.field(default_factory=SensorsField)
     seed: npt.NDArray[np.uint64]
     want_flags: bool = True
+    want_details: bool = False
 
     @property
     def size(self) -> int:
@@ -113,7 +114,42 @@ class RangeBatch(Batch):
         return int(self.range_m.shape[1])
 
 
-_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch, "ranges": RangeBatch}
+@dataclass(frozen=True, kw_only=True)
+class TripletBatch(Batch):
+    """B snapshots of K paths each, every path from a transmitter over a target to a receiver.
+
+    ``tx_xy_m`` and ``rx_xy_m`` (B, K, 2) and ``path_length_m`` are in metres; ``dod_rad`` is the direction in which
+    the path leaves the transmitter, ``doa_rad`` that from the receiver to where the wave comes from, radians; all
+    are finite and the standard deviations positive.
+    """
+
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "tx_xy_m": ("tx_x_m", "tx_y_m"),
+        "rx_xy_m": ("rx_x_m", "rx_y_m"),
+        "dod_rad": ("dod_rad",),
+        "doa_rad": ("doa_rad",),
+        "path_length_m": ("path_length_m",),
+        "dod_std_rad": ("dod_std_rad",),
+        "doa_std_rad": ("doa_std_rad",),
+        "path_length_std_m": ("path_length_std_m",),
+    }
+
+    tx_xy_m: FloatArray
+    rx_xy_m: FloatArray
+    dod_rad: FloatArray
+    doa_rad: FloatArray
+    path_length_m: FloatArray
+    dod_std_rad: FloatArray
+    doa_std_rad: FloatArray
+    path_length_std_m: FloatArray
+
+    @property
+    def measurements(self) -> int:
+        """The number of measurements of each snapshot, K."""
+        return int(self.dod_rad.shape[1])
+
+
+_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch, "ranges": RangeBatch, "triplets": TripletBatch}
 
 
 def batch_class(kind: str) -> type[Any]:

@@ -33,7 +33,9 @@ class MethodSpec:
     `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the flags
     besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with which it can
     answer, ``covariance_kinds`` what its covariance may account for where that is not simply the noise,
-    ``randomized`` whether it draws random numbers, ``reads`` the optional columns that it uses.
+    ``randomized`` whether it draws random numbers, ``reads`` the optional columns that it uses. ``details`` are the
+    flags' further columns when the batch wants details, ``flags_with(options)`` those that an option asks for.
+    ``estimates`` is false for a detector that estimates nothing.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
@@ -47,6 +49,9 @@ class MethodSpec:
     cost: str
     minimum_measurements: int
     flags: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
+    flags_with: Callable[[Any], tuple[str, ...]] | None = None
+    estimates: bool = True
     covariance_kinds: tuple[str, ...] = ()
     randomized: bool = False
     reads: frozenset[str] = frozenset()
@@ -57,6 +62,11 @@ class MethodSpec:
     def cost_tells_fit(self) -> bool:
         """Whether the cost can be held against the chi-square distribution of a good fit."""
         return self.cost == LEAST_HALF_CHI_SQUARE
+
+    def flag_columns(self, options: Any, *, details: bool) -> tuple[str, ...]:
+        """Return the columns that it adds to the flags under ``options``, with or without the details."""
+        asked_for = () if self.flags_with is None else self.flags_with(options)
+        return (*self.flags, *asked_for, *(self.details if details else ()))
 
     @property
     def full_name(self) -> str:

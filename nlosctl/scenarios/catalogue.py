@@ -19,6 +19,8 @@ __all__ = ["find_scenario", "scenarios"]
 _MODULES = {
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
+    "room": "nlosctl.scenarios.room",
+    "shen": "nlosctl.scenarios.shen",
     "song-flat": "nlosctl.scenarios.song_flat",
 }
 

@@ -11,6 +11,7 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
 from nlosctl.testing.range_draws import RANGE_DRAWS
 from nlosctl.testing.trials import Draw, Trial
+from nlosctl.testing.triplet_draws import TRIPLET_DRAWS
 
 __all__ = ["DRAWS", "Draw", "Trial", "draw_bearings"]
 
@@ -104,5 +105,6 @@ DRAWS: dict[tuple[str, str], Draw] = {
         directions=("bearing_rad",),
     ),
     **RANGE_DRAWS,
+    **TRIPLET_DRAWS,
 }
 """How batches are drawn, by kind of measurement and job."""
