@@ -23,7 +23,8 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 Said = Mapping[str, npt.NDArray[Any] | Words]
 
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
-_ALWAYS_CARRIED = ("truth_x_m", "truth_y_m", "scene")
+_TRUTH = ("truth_x_m", "truth_y_m")
+_ALWAYS_CARRIED = (*_TRUTH, "scene")
 _KEPT_FLAGS = ("los", "ip")
 _STATUS_WORDS = pa.array([status.word for status in Status])
 
@@ -31,12 +32,13 @@ _STATUS_WORDS = pa.array([status.word for status in Status])
 def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     """Return the input's columns that estimates carry over: truth, scene, ``sweep_*``, and the ``wanted`` ones.
 
-    Raises DataError where a wanted column is not there.
+    Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is not there.
     """
     for name in wanted:
         if name not in input_names:
             raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
-    chosen = {*_ALWAYS_CARRIED, *wanted}
+    truth = () if "truth_target" in input_names else _TRUTH
+    chosen = {"scene", *truth, *wanted}
     taken = {column.name for column in ESTIMATES.columns if column.name not in _ALWAYS_CARRIED}
     return tuple(
         name for name in input_names if (name in chosen or name.startswith("sweep_")) and name not in {*taken, "source"}

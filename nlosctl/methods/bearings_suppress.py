@@ -14,7 +14,8 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bootstraps import count_bootstraps
-from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model, restore_rows
+from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
+from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.suppressed_fixes import suppress_outliers
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -39,7 +40,7 @@ class Problem:
 
     kind: str
     scene: Scene
-    field: Field = SensorsField()
+    field: Field = dataclasses.field(default_factory=SensorsField)
     columns: Mapping[str, npt.NDArray[Any]]
     offsets: IntArray
     kept: BoolArray

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["find_scenario", "scenarios"]
 
 _MODULES = {
+    "echo-field": "nlosctl.scenarios.echo_field",
+    "liang": "nlosctl.scenarios.liang",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
     "room": "nlosctl.scenarios.room",
