@@ -32,10 +32,12 @@ class Batch:
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
     when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
     look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``want_details`` is true when the
-    flags are to show what they were decided by. ``SOURCES`` says of which columns of the file each array is made.
+    flags are to show what they were decided by. ``SOURCES`` says of which columns of the file each array is made,
+    ``ABSENT`` what fills an array where the file lacks its columns.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    ABSENT: ClassVar[Mapping[str, float]] = {}
 
     scene: Scene = dataclasses.field(default_factory=Scene)
     field: Field = dataclasses.field(default_factory=SensorsField)
@@ -100,6 +102,7 @@ class RangeBatch(Batch):
         "path": ("path",),
         "sensor_height_m": ("sensor_height_m",),
     }
+    ABSENT: ClassVar[Mapping[str, float]] = {"sensor_height_m": 0.0}
 
     sensor: IntArray
     sensor_xy_m: FloatArray

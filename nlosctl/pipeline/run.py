@@ -113,7 +113,7 @@ class MeasurementRun:
             kind=self._reader.kind,
             scene=self._reader.scene,
             field=settings.field,
-            columns=with_sensor_heights(chunk.columns, settings.target_z_m, chunk.table.num_rows),
+            columns=with_sensor_heights(chunk.columns, settings.target_z_m),
             offsets=chunk.offsets,
             kept=~chunk.left_out,
             seed=self._seeds(chunk),

@@ -109,8 +109,8 @@ def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: boo
         problem.kind,
         problem.columns,
         problem.scene,
-        problem.field,
         problem.seed,
+        field=problem.field,
         flags=want_flags,
         details=want_details,
     )
