@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from nlosctl.contract.results import Solution
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import FLAGS
 
 __all__ = ["CONTRACT_VERSION", "HALF_CHI_SQUARE", "LEAST_HALF_CHI_SQUARE", "Job", "Law", "MethodSpec"]
 
@@ -63,10 +65,15 @@ class MethodSpec:
         """Whether the cost can be held against the chi-square distribution of a good fit."""
         return self.cost == LEAST_HALF_CHI_SQUARE
 
-    def flag_columns(self, options: Any, *, details: bool) -> tuple[str, ...]:
-        """Return the columns that it adds to the flags under ``options``, with or without the details."""
+    def flag_columns(self, options: Any, scene: Scene, *, details: bool) -> tuple[str, ...]:
+        """Return the columns that it adds to the flags under ``options`` in a scene, with or without the details.
+
+        Some are said only where the scene has circles.
+        """
         asked_for = () if self.flags_with is None else self.flags_with(options)
-        return (*self.flags, *asked_for, *(self.details if details else ()))
+        of_circles = set() if scene.has_circles else {column.name for column in FLAGS.columns if column.of_circles}
+        columns = (*self.flags, *asked_for, *(self.details if details else ()))
+        return tuple(name for name in columns if name not in of_circles)
 
     @property
     def full_name(self) -> str:

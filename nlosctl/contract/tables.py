@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 __all__ = [
+    "BOUND",
     "ESTIMATES",
     "FLAGS",
     "KINDS",
@@ -41,7 +42,8 @@ class Column:
     ``too_large_means`` says what values beyond ``largest_magnitude`` plainly are. ``constant_option`` is the
     option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
     the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
-    or flags of an earlier step: checked for their type, carried through, and seen by no method.
+    or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
+    flags that are said only in a scene with circles.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Column:
     scene_axis: int | None = None
     names_reflector: bool = False
     carried: bool = False
+    of_circles: bool = False
     spellings: tuple[Spelling, ...] = ()
 
 
@@ -420,6 +423,13 @@ FLAGS = Table(
             meaning="number of the target that the row is given to, from 0",
         ),
         Column(
+            name="under_horizon",
+            type="boolean",
+            nullable=True,
+            of_circles=True,
+            meaning="whether the bearing points under the sensor's horizon, from where no wave comes by its circle",
+        ),
+        Column(
             name="los",
             type="boolean",
             nullable=True,
@@ -487,6 +497,30 @@ FLAGS = Table(
     ),
 )
 
+BOUND = Table(
+    name="bound",
+    title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
+    columns=(
+        Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        *(
+            Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
+            for name, unit, meaning in (
+                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null where it has no bound"),
+                ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("rms_m", "m", "root of the trace: least RMSE"),
+                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
+                ("cep50_m", "m", "radius of the circle that holds half of the Gaussian errors"),
+            )
+        ),
+        Column(name="n_used", type="integer", required=True, meaning="rows that can see the position as the scene is"),
+    ),
+)
+
 TRUTH = Table(
     name="truth",
     title="Truth: the true position of the source of each snapshot",
@@ -499,5 +533,5 @@ TRUTH = Table(
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
 """The kinds of measurement, by name."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRUTH)}}
+TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, BOUND, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""

@@ -1,14 +1,25 @@
-"""Sums over the measurements of a block (B, K) whose bits do not depend on the number of snapshots in it."""
+"""Blocks (B, K): sums over the measurements whose bits do not depend on the number of snapshots, and rows of them."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["max_measurements", "sum_measurements", "take_rows"]
+__all__ = ["gather_rows", "max_measurements", "sum_measurements", "take_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+
+def gather_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:
+    """Return rows of a block (B, K), in any order and as often as named, in Fortran order."""
+    taken = np.empty((rows.shape[0], array.shape[1]), dtype=array.dtype, order="F")
+    for k in range(array.shape[1]):
+        np.take(array[:, k], rows, out=taken[:, k])
+    return taken
 
 
 def sum_measurements(values: FloatArray) -> FloatArray:
@@ -32,9 +43,4 @@ def max_measurements(values: FloatArray) -> FloatArray:
 
 def take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
     """Return some rows of a block (B, K) in Fortran order; ``rows`` rise, so that B of them are the block itself."""
-    if rows.shape[0] == array.shape[0]:
-        return array
-    taken = np.empty((rows.shape[0], array.shape[1]), order="F")
-    for k in range(array.shape[1]):
-        np.take(array[:, k], rows, out=taken[:, k])
-    return taken
+    return array if rows.shape[0] == array.shape[0] else gather_rows(array, rows)

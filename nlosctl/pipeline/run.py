@@ -151,7 +151,7 @@ class MeasurementRun:
 
     def _said(self) -> tuple[str, ...]:
         details = self._settings.want_details
-        columns = (run.spec.flag_columns(run.options, details=details) for run in self._runs)
+        columns = (run.spec.flag_columns(run.options, self._reader.scene, details=details) for run in self._runs)
         return tuple(dict.fromkeys(name for names in columns for name in names))
 
     def _measurement_name(self) -> str:

@@ -98,7 +98,8 @@ def solve_flat(
             _flatten(problem, block, solution.estimates, number) for block, solution in solutions if run.spec.estimates
         ]
         if want_flags:
-            flags.append(_scatter_flags(problem.kept.shape[0], run, solutions, details=want_details))
+            declared = run.spec.flag_columns(run.options, problem.scene, details=want_details)
+            flags.append(_scatter_flags(problem.kept.shape[0], declared, solutions))
     return _in_order(_concatenate(parts), alternatives) if parts else None, flags
 
 
@@ -174,7 +175,7 @@ def _in_order(estimates: FlatEstimates, alternatives: int) -> FlatEstimates:
     return FlatEstimates(**{name: getattr(estimates, name)[order] for name in FlatEstimates.__annotations__})
 
 
-def _scatter_flags(rows: int, run: MethodRun, solutions: list[tuple[Block, Solution]], *, details: bool) -> FlatFlags:
+def _scatter_flags(rows: int, declared: Sequence[str], solutions: list[tuple[Block, Solution]]) -> FlatFlags:
     used = np.zeros(rows, dtype=bool)
     columns: dict[str, FlagColumn] = {}
     for block, solution in solutions:
@@ -182,7 +183,7 @@ def _scatter_flags(rows: int, run: MethodRun, solutions: list[tuple[Block, Solut
         if flags is None:
             continue
         used[block.row] = flags.used
-        for name in run.spec.flag_columns(run.options, details=details):
+        for name in declared:
             if name in flags.columns:
                 columns.setdefault(name, FlagColumn(rows)).set(block.row, flags.columns[name])
     return FlatFlags(used=used, columns={name: column.values() for name, column in columns.items()})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from math import log, pi, radians, sqrt
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -102,7 +103,7 @@ def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     groups = group_paths(keys, batch.path)
     names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
     arrays = {name: getattr(batch, name) for name in names}
-    sorted_arrays = {name: sort_rows(array, groups) for name, array in arrays.items() if array is not None}
+    sorted_arrays: dict[str, Any] = {name: sort_rows(array, groups) for name, array in arrays.items() if array is not None}
     return dataclasses.replace(batch, **sorted_arrays), groups
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +33,7 @@ class PathGroups:
     last: BoolArray | None
 
 
-def group_paths(keys: list[npt.NDArray[np.generic]], path: IntArray) -> PathGroups:
+def group_paths(keys: Sequence[npt.NDArray[Any]], path: IntArray) -> PathGroups:
     """Return the groups of rows (B, K) whose ``keys`` are all equal; ``path`` (B, K) numbers the rows of a group.
 
     Rows of equal path number count as ranked in the file's order. Cost K^2.

@@ -132,7 +132,7 @@ def flags(bench: Bench) -> Iterator[str]:
         if solution.flags is None:
             yield "there are none where the batch wants them"
             return
-        declared = bench.spec.flag_columns(bench.options, details=False)
+        declared = bench.spec.flag_columns(bench.options, batch.scene, details=False)
         if set(solution.flags.columns) != set(declared):
             yield f"columns {sorted(solution.flags.columns)}, declared are {sorted(declared)}"
         if solution.flags.used.dtype != np.bool_:

@@ -1,0 +1,204 @@
+"""Bearings seen by reflection on circles: the true path of each row, its residual and gradient.
+
+Song, Willett, Zhou 2013, Section 3. The rows of a block (B, K) that name a circle are held as flat arrays (N,).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.scene import CircleReflector, Scene
+from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, reflect_at, short_arc_point
+from nlosctl.geometry.visibility import clears_blocker, elevation, horizon_elevation, sees_by_reflection
+from nlosctl.models.placed_rows import PlacedRows
+
+__all__ = ["CircleRows", "circle_table", "likeliest_points", "locate_circle_rows", "misplaced_sensors"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+_GROUND_TOLERANCE = 1e-6
+"""A sensor may be this share of the blocker's radius under it (6 m on the earth): coordinates are rounded."""
+
+
+@dataclass(frozen=True)
+class CircleRows(PlacedRows):
+    """N rows of a block that are seen by reflection on a circle.
+
+    ``blocker_radius`` is NaN where the circle has none: then any of up to four paths may be the row's.
+    ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker.
+    """
+
+    radius: FloatArray
+    blocker_radius: FloatArray
+    least_elevation_rad: FloatArray
+    bearing_rad: FloatArray
+
+    @property
+    def has_choice(self) -> BoolArray:
+        """Which rows have no blocker, so that several paths are possible."""
+        return np.isnan(self.blocker_radius)
+
+    @property
+    def takes_any_path(self) -> BoolArray:
+        """Which rows may take another specular path than that on the short arc: no blocker, or a sensor above it."""
+        height = np.hypot(self.sensor_x, self.sensor_y) / self.blocker_radius
+        return self.has_choice | (height > 1.0 + _GROUND_TOLERANCE)
+
+    def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath:
+        """Return the path (N,) of each row from points (B,).
+
+        From a sensor on the blocker that on the short arc, the only one that can be free (Lemma 3). Without a blocker
+        the one nearest to the row's bearing, from a sensor above the blocker the nearest of those that are free (of
+        all where none is). NaN where the point or the sensor is not inside the circle.
+        """
+        source_x, source_y = self.about_circle(x, y)
+        geometry = (self.sensor_x, self.sensor_y, source_x, source_y, self.radius)
+        several = self.takes_any_path
+        if not several.any():
+            hit_x, hit_y = short_arc_point(*geometry)
+        elif several.all():
+            hit_x, hit_y = _nearest_point(self.bearing_rad, self.blocker_radius, *geometry)
+        else:
+            hit_x, hit_y = np.empty_like(source_x), np.empty_like(source_y)
+            hit_x[several], hit_y[several] = _nearest_point(
+                self.bearing_rad[several], self.blocker_radius[several], *(part[several] for part in geometry)
+            )
+            hit_x[~several], hit_y[~several] = short_arc_point(*(part[~several] for part in geometry))
+        return reflect_at(hit_x, hit_y, self.sensor_x, self.sensor_y, source_x, source_y)
+
+    def residual_rad(self, path: ReflectedPath) -> FloatArray:
+        """Return measured minus predicted bearing (N,), in (-pi, pi]."""
+        return wrap_angle(self.bearing_rad - path.bearing_rad)
+
+    def outside(self, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which rows (N,) can't see their point (B,): not in the circle, or not in A2 where it has a blocker."""
+        source_x, source_y = self.about_circle(x, y)
+        path = self.paths_from(x, y)
+        limits = (self.radius, self.blocker_radius, self.least_elevation_rad)
+        seen = sees_by_reflection(self.sensor_x, self.sensor_y, source_x, source_y, path, *limits)
+        return ~np.where(self.has_choice, np.isfinite(path.bearing_rad), seen)
+
+    def under_horizon(self) -> BoolArray:
+        """Return which rows (N,) have a bearing under their horizon, from where no wave can come."""
+        return elevation(self.sensor_x, self.sensor_y, self.bearing_rad) < self.least_elevation_rad
+
+
+def locate_circle_rows(
+    scene: Scene, reflector: IntArray, sensor_x: FloatArray, sensor_y: FloatArray, bearing_rad: FloatArray
+) -> CircleRows | None:
+    """Return the circle rows of a block (B, K), centres in the scene's coordinates, or None where there is none.
+
+    Rows whose sensor is not inside the circle, or under the blocker, get a sensor that is NaN: no path leads to it.
+    """
+    table = circle_table(scene)
+    measurement, snapshot = np.nonzero(((reflector >= 0) & np.isfinite(table[0])[reflector]).T)
+    if not snapshot.size:
+        return None
+    place = (snapshot, measurement)
+    middle_x, middle_y, radius, blocker, least = (column[reflector[place]] for column in table)
+    x, y = sensor_x[place] - middle_x, sensor_y[place] - middle_y
+    distance = np.hypot(x, y)
+    outside, under = misplaced_sensors(distance, radius, blocker)
+    impossible = outside | under
+    horizon = horizon_elevation(distance, blocker)
+    return CircleRows(
+        snapshot=snapshot,
+        measurement=measurement,
+        sensor_x=np.where(impossible, np.nan, x),
+        sensor_y=np.where(impossible, np.nan, y),
+        center_x=middle_x,
+        center_y=middle_y,
+        radius=radius,
+        blocker_radius=blocker,
+        least_elevation_rad=np.fmax(horizon, least),
+        bearing_rad=bearing_rad[place],
+    )
+
+
+def misplaced_sensors(
+    distance_m: FloatArray, radius: FloatArray, blocker_radius: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """Return which sensors, by their distance from the centre, are not inside the circle, and which under the blocker.
+
+    ``blocker_radius`` is NaN where there is none.
+    """
+    return ~(distance_m < radius), distance_m < blocker_radius * (1.0 - _GROUND_TOLERANCE)
+
+
+def circle_table(scene: Scene) -> tuple[FloatArray, ...]:
+    """Return centre x, y, radius, blocker's radius and least elevation of each reflector (S,); NaN for what is not."""
+    rows = [
+        [
+            *reflector.center,
+            reflector.radius,
+            np.nan if reflector.blocker_radius is None else reflector.blocker_radius,
+            np.nan if reflector.min_elevation_deg is None else np.radians(reflector.min_elevation_deg),
+        ]
+        if isinstance(reflector, CircleReflector)
+        else [np.nan] * 5
+        for reflector in scene.reflectors
+    ]
+    return tuple(np.array(rows, dtype=np.float64).reshape(-1, 5).T.copy())
+
+
+def likeliest_points(
+    sensor_x: FloatArray,
+    sensor_y: FloatArray,
+    source_x: FloatArray,
+    source_y: FloatArray,
+    radius: FloatArray,
+    blocker_radius: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the reflection points (N,) of the shortest free paths; of the shortest of all where none is free.
+
+    ``blocker_radius`` is NaN where there is none. NaN where there is no path.
+    """
+    hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
+    length = np.hypot(hit_x - sensor_x, hit_y - sensor_y) + np.hypot(hit_x - source_x, hit_y - source_y)
+    free = _free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
+    return _least(length + np.where(free, 0.0, 4.0 * radius), hit_x, hit_y)
+
+
+def _nearest_point(
+    bearing_rad: FloatArray,
+    blocker_radius: FloatArray,
+    sensor_x: FloatArray,
+    sensor_y: FloatArray,
+    source_x: FloatArray,
+    source_y: FloatArray,
+    radius: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the reflection points (N,) that are seen nearest to the bearings, free ones before blocked ones."""
+    hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
+    off = np.abs(wrap_angle(bearing_rad - np.arctan2(hit_y - sensor_y, hit_x - sensor_x)))
+    if not np.isnan(blocker_radius).all():
+        free = _free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
+        off += np.where(free, 0.0, 2.0 * np.pi)
+    return _least(off, hit_x, hit_y)
+
+
+def _free_legs(
+    hit_x: FloatArray,
+    hit_y: FloatArray,
+    sensor_x: FloatArray,
+    sensor_y: FloatArray,
+    source_x: FloatArray,
+    source_y: FloatArray,
+    blocker_radius: FloatArray,
+) -> BoolArray:
+    first = clears_blocker(sensor_x, sensor_y, hit_x, hit_y, blocker_radius)
+    second = clears_blocker(source_x, source_y, hit_x, hit_y, blocker_radius)
+    return np.isnan(blocker_radius) | (first & second)
+
+
+def _least(figure: FloatArray, hit_x: FloatArray, hit_y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the points (N,) of (4, N) with the least figure."""
+    best = np.argmin(np.where(np.isnan(figure), np.inf, figure), axis=0)
+    column = np.arange(best.shape[0])
+    return hit_x[best, column], hit_y[best, column]
