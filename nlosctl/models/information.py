@@ -79,7 +79,7 @@ def _range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Infor
 def _ranges_seen_from(batch: RangeBatch, x: FloatArray, y: FloatArray) -> RangeBatch:
     shape = (x.shape[0], batch.measurements)
     names = ("sensor", "sensor_xy_m", "range_std_m", "path", "sensor_height_m")
-    seen = {
+    seen: dict[str, Any] = {
         name: np.asfortranarray(np.broadcast_to(array, (*shape, *array.shape[2:])))
         for name, array in ((name, getattr(batch, name)) for name in names)
     }

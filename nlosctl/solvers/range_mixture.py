@@ -41,10 +41,13 @@ class DirectRanges:
         part = self.circles
         return DirectRanges(
             RangeCircles(
-                part.center_x[rows],
-                part.center_y[rows],
-                *(take_rows(array, rows) for array in (part.sensor_x, part.sensor_y, part.range_m, part.std_m)),
-                None if part.height is None else take_rows(part.height, rows),
+                center_x=part.center_x[rows],
+                center_y=part.center_y[rows],
+                sensor_x=take_rows(part.sensor_x, rows),
+                sensor_y=take_rows(part.sensor_y, rows),
+                range_m=take_rows(part.range_m, rows),
+                std_m=take_rows(part.std_m, rows),
+                height=None if part.height is None else take_rows(part.height, rows),
             )
         )
 
