@@ -17,7 +17,7 @@ from nlosctl.pipeline.run import MeasurementRun, RunSettings
 from nlosctl.pipeline.simulation import Simulation
 from nlosctl.pipeline.workers import usable_jobs
 
-__all__ = ["Localization", "evaluate", "localize", "simulate"]
+__all__ = ["Detection", "Localization", "detect_ip", "evaluate", "localize", "simulate"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +78,60 @@ def localize(
         flags=gather([chunk.flags for chunk in chunks], run.flags_schema),
         report=run.report,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Flags as an Arrow table, as the command line writes them, estimates or None, and the report of the run."""
+
+    flags: Any
+    estimates: Any | None
+    report: RunReport
+
+
+def detect_ip(
+    table: Any,
+    *,
+    method: str | Sequence[str] = "chi2",
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    all_rows: bool = False,
+    details: bool = False,
+    carry: Sequence[str] = (),
+    seed: int = 0,
+    jobs: int = 1,
+    block_size: int = 4096,
+    **parameters: Any,
+) -> Detection:
+    """Flag indirect paths in a table of triplets; the same results to the bit as ``nlosctl detect-ip``.
+
+    ``details`` adds what the flags were decided by; the estimates are None where no method makes any. The rest as in
+    `localize`.
+
+    Raises DataError for faults of the data, UsageError for an unknown method or parameter.
+    """
+    options = ReadOptions(
+        kind="triplets", renames=dict(columns or {}), constants=dict(constants or {}), all_rows=all_rows
+    )
+    reader = MeasurementReader([input_of_table(table)], options)
+    names = [method] if isinstance(method, str) else list(method)
+    runs = method_runs(names, reader.kind, "detect-ip", parameters)
+    settings = RunSettings(
+        seed=seed,
+        jobs=usable_jobs(jobs),
+        block_size=block_size,
+        carry=tuple(carry),
+        want_estimates=any(run.spec.estimates for run in runs),
+        want_flags=True,
+        want_details=details,
+    )
+    run = MeasurementRun(reader, runs, settings)
+    chunks = list(run.tables())
+    estimates = None
+    if settings.want_estimates:
+        estimates = gather([chunk.estimates for chunk in chunks], run.estimates_schema)
+    flags = gather([chunk.flags for chunk in chunks], run.flags_schema)
+    return Detection(flags=flags, estimates=estimates, report=run.report)
 
 
 def simulate(scenario: str, *, trials: int = 1000, seed: int = 0, **parameters: Any) -> Any:

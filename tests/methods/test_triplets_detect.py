@@ -7,12 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import stats
+from triplet_worlds import batch_of, draw, one_path
 
 from nlosctl.errors import UsageError
 from nlosctl.evaluation.detection import kolmogorov_smirnov
 from nlosctl.methods import triplets_chi2, triplets_joint, triplets_tdaj
-from triplet_worlds import batch_of, draw, one_path
-
 
 
 def direct_path(**changes):

@@ -45,9 +45,7 @@ def test_three_alike_in_closed_form():
     """Three uniform errors are the Irwin-Hall law, three Laplace ones a difference of two Gamma(3)."""
     z = np.array([0.0, 0.5, 1.0, 1.9, 2.5, 2.9])
     corner = z * np.sqrt(3.0) / np.sqrt(3.0) / 2.0 + 1.5
-    irwin_hall = 1.0 - sum(
-        (-1.0) ** k * [1, 3, 3, 1][k] * np.maximum(corner - k, 0.0) ** 3 / 6.0 for k in range(4)
-    )
+    irwin_hall = 1.0 - sum((-1.0) ** k * [1, 3, 3, 1][k] * np.maximum(corner - k, 0.0) ** 3 / 6.0 for k in range(4))
     np.testing.assert_allclose(parse_error_law("uniform").survival(z, (1.0, 1.0, 1.0)), irwin_hall, atol=1e-12)
     scale = np.sqrt(0.5)
     sums = z * np.sqrt(3.0)

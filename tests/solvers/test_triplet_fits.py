@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from triplet_worlds import batch_of, draw
 
 from nlosctl.models.triplets import path_rows
 from nlosctl.solvers.elliptic_coordinates import _EllipticProblem
 from nlosctl.solvers.triplet_fits import fit_paths, fit_snapshots
 from nlosctl.solvers.triplet_problem import TripletProblem
-from triplet_worlds import batch_of, draw
 
 
 def _problem(count=300, seed=1):
@@ -77,9 +77,7 @@ def test_no_fit_is_worse_than_those_of_many_starts():
                              parts[2][0, 0] * one.inverse_length_std[0, 0]])  # fmt: skip
 
         length = rows.rays.path_length_m[n]
-        costs = [
-            least_squares(residuals, 0.5 * length * np.array([np.cos(a), np.sin(a)])).cost for a in angle
-        ]
+        costs = [least_squares(residuals, 0.5 * length * np.array([np.cos(a), np.sin(a)])).cost for a in angle]
         assert fits.cost[n] <= min(costs) * (1.0 + 1e-6) + 1e-6
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from triplet_worlds import one_path
 
 from nlosctl.evaluation.detection_theory import DetectionScene
 from nlosctl.models.error_laws import GaussianErrors
 from nlosctl.models.triplets import path_rows
 from nlosctl.solvers.triplet_rules import blind_rows, decide, decide_fusion, rays_miss_by, rule_quantity
-from triplet_worlds import one_path
 
 RULES = (1, 2, 3, 4, 5, 6, "ellipse")
 
