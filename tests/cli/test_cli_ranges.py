@@ -11,6 +11,8 @@ import pyarrow.csv
 import pytest
 from cli_support import FIXTURES, Outcome, table_csv
 
+import nlosctl
+
 Cli = Callable[..., Outcome]
 ANCHORS, ECHOES = FIXTURES / "good_ranges.csv", FIXTURES / "good_echoes.csv"
 FIELD = "--field=-200,200,-200,200"
@@ -209,3 +211,13 @@ def test_the_bound_of_ranges(cli: Cli, tmp_path: Path) -> None:
     assert bound["bound_xx_m2"][0].as_py() == pytest.approx(0.005)
     assert bound["bound_yy_m2"][0].as_py() == pytest.approx(0.005)
     assert bound["bound_xy_m2"][0].as_py() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_python_gives_the_same(cli: Cli, tmp_path: Path) -> None:
+    """``nlosctl.identify_los`` and ``evaluate`` give what the command line gives."""
+    table = read(ECHOES)
+    result = nlosctl.identify_los(table, field="-200,200,-200,200")
+    assert cli("identify-los", ECHOES, FIELD, "-o", "f.csv", "--estimates-out", "e.csv").code == 0
+    assert result.estimates.to_pylist() == read(tmp_path / "e.csv").to_pylist()
+    theirs = cli("evaluate", "f.csv", "--estimates", "e.csv", "--json").json["overall"]
+    assert nlosctl.evaluate(result.flags, estimates=result.estimates).overall == theirs
