@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from nlosctl.contract.results import Solution
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import FLAGS
 
 __all__ = ["CONTRACT_VERSION", "HALF_CHI_SQUARE", "LEAST_HALF_CHI_SQUARE", "Job", "Law", "MethodSpec"]
 
@@ -52,6 +54,11 @@ class MethodSpec:
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int = CONTRACT_VERSION
+
+    def flags_in(self, scene: Scene) -> tuple[str, ...]:
+        """Return the columns that it adds to the flags in a scene: some are said only where there are circles."""
+        of_circles = {column.name for column in FLAGS.columns if column.of_circles}
+        return tuple(name for name in self.flags if scene.has_circles or name not in of_circles)
 
     @property
     def cost_tells_fit(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["LineReflector", "Reflector", "Scene", "SegmentReflector", "Sensor"]
+__all__ = ["CircleReflector", "LineReflector", "Reflector", "Scene", "SegmentReflector", "Sensor"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,23 @@ class SegmentReflector:
         return self.end[0] - self.start[0], self.end[1] - self.start[1]
 
 
-Reflector = LineReflector | SegmentReflector
+@dataclass(frozen=True, kw_only=True)
+class CircleReflector:
+    """The inner side of a circle about ``center`` (metres) mirrors; sensors and sources are inside it.
+
+    ``blocker_radius`` is an opaque concentric circle (as the earth in the ionosphere), which no wave crosses.
+    ``min_elevation_deg`` is the least elevation above the sensor's horizontal at which a path is received (to avoid
+    ground clutter); without it the blocker's horizon is the limit.
+    """
+
+    name: str
+    center: tuple[float, float]
+    radius: float
+    blocker_radius: float | None = None
+    min_elevation_deg: float | None = None
+
+
+Reflector = LineReflector | SegmentReflector | CircleReflector
 """Any kind of reflector."""
 
 
@@ -54,6 +70,11 @@ class Scene:
 
     sensors: tuple[Sensor, ...] = ()
     reflectors: tuple[Reflector, ...] = field(default=())
+
+    @property
+    def has_circles(self) -> bool:
+        """Whether any reflector is a circle."""
+        return any(isinstance(reflector, CircleReflector) for reflector in self.reflectors)
 
     @property
     def reflector_names(self) -> tuple[str, ...]:

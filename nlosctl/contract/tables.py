@@ -39,7 +39,8 @@ class Column:
     ``too_large_means`` says what values beyond ``largest_magnitude`` plainly are. ``constant_option`` is the
     option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
     the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
-    or flags of an earlier step: checked for their type, carried through, and seen by no method.
+    or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
+    flags that are said only in a scene with circles.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Column:
     scene_axis: int | None = None
     names_reflector: bool = False
     carried: bool = False
+    of_circles: bool = False
     spellings: tuple[Spelling, ...] = ()
 
 
@@ -278,6 +280,13 @@ FLAGS = Table(
             unit="rad",
             nullable=True,
             meaning="bearing, measured minus predicted at the estimate",
+        ),
+        Column(
+            name="under_horizon",
+            type="boolean",
+            nullable=True,
+            of_circles=True,
+            meaning="whether the bearing points under the sensor's horizon, from where no wave comes by its circle",
         ),
         Column(
             name="los",

@@ -1,13 +1,25 @@
-"""Sums over the measurements of a block (B, K) whose bits do not depend on the number of snapshots in it."""
+"""Blocks (B, K): sums over the measurements whose bits do not depend on the number of snapshots, and rows of them."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["max_measurements", "sum_measurements"]
+__all__ = ["gather_rows", "max_measurements", "sum_measurements"]
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+
+def gather_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:
+    """Return rows of a block (B, K), in any order and as often as named, in Fortran order."""
+    taken = np.empty((rows.shape[0], array.shape[1]), dtype=array.dtype, order="F")
+    for k in range(array.shape[1]):
+        np.take(array[:, k], rows, out=taken[:, k])
+    return taken
 
 
 def sum_measurements(values: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,20 +16,11 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.columns import SNAPSHOT, ColumnPlan, FoundColumn
+from nlosctl.io.faults import Describe, Fault
 from nlosctl.io.names import NULL_CODE, NameCodes, text_at
+from nlosctl.io.placement import placement_faults
 
-__all__ = ["Fault", "Normalized", "Normalizer", "RunNames"]
-
-Describe = Callable[[int], str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fault:
-    """Rows of a batch at fault in one column: ``mask`` (N,), and what to say of a row."""
-
-    mask: BoolArray
-    column: str
-    describe: Describe
+__all__ = ["Normalized", "Normalizer", "RunNames"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +65,7 @@ class Normalizer:
             values = self._column(column, batch, columns, faults)
             if values is not None:
                 columns[column.name] = values
+        faults += placement_faults(self._names.scene, self._plan, columns)
         return Normalized(columns=columns, left_out=self._left_out(batch), faults=faults)
 
     def _column(

@@ -13,8 +13,9 @@ import pyarrow as pa
 from nlosctl.contract.batches import BoolArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT
+from nlosctl.io.faults import Fault
 from nlosctl.io.names import plain, text_at
-from nlosctl.io.normalize import Fault, Normalizer, RunNames
+from nlosctl.io.normalize import Normalizer, RunNames
 from nlosctl.io.open_tables import OpenedPart
 from nlosctl.io.problems import BadRow, Problem, ProblemLog
 from nlosctl.io.raw import RawBatch

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from nlosctl.contract.scene import LineReflector, Reflector
+from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector
 from nlosctl.io.toml_structs import Decoder, Finite, Point
 
 __all__ = ["REFLECTOR_KINDS", "ReflectorKind", "kind_of_reflector"]
@@ -54,8 +54,45 @@ def _write_line(reflector: LineReflector) -> dict[str, Any]:
     return {"name": reflector.name, "point": reflector.point, "direction": reflector.direction}
 
 
+class _CircleEntry(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    kind: str
+    center: Point
+    radius: Finite
+    blocker_radius: Finite | None = None
+    min_elevation_deg: Finite | None = None
+
+
+def _read_circle(decoder: Decoder, entry: Mapping[str, Any], where: str) -> CircleReflector:
+    read = decoder.decode(entry, _CircleEntry, where)
+    blocker, least = read.blocker_radius, read.min_elevation_deg
+    if not read.radius > 0.0:
+        decoder.refuse(f"{where}.radius", f"got {read.radius:g}, expected a radius above 0")
+    if blocker is not None and not 0.0 < blocker < read.radius:
+        decoder.refuse(
+            f"{where}.blocker_radius", f"got {blocker:g}, expected one inside the reflector: in (0, {read.radius:g})"
+        )
+    if least is not None and blocker is None:
+        decoder.refuse(f"{where}.min_elevation_deg", "needs a blocker_radius: without a blocker there is no horizon")
+    if least is not None and not 0.0 <= least < 90.0:
+        decoder.refuse(f"{where}.min_elevation_deg", f"got {least:g}, expected an angle in [0, 90)")
+    return CircleReflector(
+        name=read.name, center=read.center, radius=read.radius, blocker_radius=blocker, min_elevation_deg=least
+    )
+
+
+def _write_circle(reflector: CircleReflector) -> dict[str, Any]:
+    entry = {"name": reflector.name, "center": reflector.center, "radius": reflector.radius}
+    if reflector.blocker_radius is not None:
+        entry["blocker_radius"] = reflector.blocker_radius
+    if reflector.min_elevation_deg is not None:
+        entry["min_elevation_deg"] = reflector.min_elevation_deg
+    return entry
+
+
 REFLECTOR_KINDS: dict[str, ReflectorKind] = {
     "line": ReflectorKind(reflector=LineReflector, read=_read_line, write=_write_line),
+    "circle": ReflectorKind(reflector=CircleReflector, read=_read_circle, write=_write_circle),
 }
 """By the word in ``kind``."""
 

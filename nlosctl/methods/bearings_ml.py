@@ -9,10 +9,11 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.bearing_problem import BearingProblem
+from nlosctl.solvers.alternatives import finish_alternatives
+from nlosctl.solvers.feasible_bearings import hold_within_scene
 from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield
+from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.several_optima import find_ends
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 
@@ -25,27 +26,50 @@ class MaximumLikelihoodOptions:
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
     max_iterations: int = option(30, minimum=1, meaning="steps after which a snapshot counts as not converged")
+    feasible: bool = option(
+        False, meaning="constrain the estimate to what the scene allows (sides of mirrors, annulus, visibility)"
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="an estimate is ambiguous when another optimum is not worse by more"
+    )
 
 
 def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
-    """Solve a batch by maximum likelihood; equation (6) of Song, Willett, Zhou 2013.
+    """Solve a batch by maximum likelihood; equations (6) and (35) of Song, Willett, Zhou 2013.
 
-    Levenberg-Marquardt from Stansfield's fix, residuals wrapped. The covariance is the inverse Fisher
-    information at the estimate, equations (27)-(29).
+    Levenberg-Marquardt from Stansfield's fix (with the focus of circles in its weights), residuals wrapped. The
+    covariance is the inverse Fisher information at the estimate, equations (27)-(29), with the closed-form gradient of
+    reflected bearings on circles. On a circle without a blocker each row takes the path that fits best, the search
+    starts from the crossings of all pairs of rays too, and up to 10 distinct optima are given, best first.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
-    start = fit_stansfield(lines, first)
-    minimum = minimize(BearingProblem.of_lines(lines), start.x, start.y, max_iterations=options.max_iterations)
-    return finish_bearings_fix(
+    start = fit_focused(lines, first)
+    ends = find_ends(lines, start.x, start.y, options.max_iterations)
+    held = None
+    if options.feasible:
+        ends, held = hold_within_scene(ends, options.max_iterations)
+    if ends.snapshot is None:
+        covariance = ends.lines.information(ends.x, ends.y).inverse()
+        return finish_bearings_fix(
+            batch,
+            lines,
+            ends.x,
+            ends.y,
+            covariance,
+            first.normal,
+            min_range_m=options.min_range_m,
+            converged=ends.converged,
+            held=held,
+        )
+    return finish_alternatives(
         batch,
-        lines,
-        minimum.x,
-        minimum.y,
-        lines.information(minimum.x, minimum.y).inverse(),
+        ends,
+        ends.snapshot,
         first.normal,
         min_range_m=options.min_range_m,
-        converged=minimum.converged,
+        ambiguous_within=options.ambiguous_within,
+        held=held,
     )
 
 
@@ -59,5 +83,5 @@ METHOD = MethodSpec(
     solve=solve,
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
-    flags=("residual_rad",),
+    flags=("residual_rad", "under_horizon"),
 )

@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield
+from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield, stansfield_covariance
 
 __all__ = ["METHOD", "StansfieldOptions", "solve"]
 
@@ -28,14 +28,14 @@ def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     """Solve a batch by Stansfield's estimator; equations (10)-(15) of Song, Willett, Zhou 2013.
 
     The distances in the weights are those of the least-squares fix: one pass, not iterated. The covariance is
-    the inverse of the weighted normal matrix.
+    the inverse of the weighted normal matrix; with rows on a circle, whose errors are not as the distances, the
+    sandwich with the spread of the ray tubes.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     fit = fit_stansfield(lines, first)
-    return finish_bearings_fix(
-        batch, lines, fit.x, fit.y, fit.normal.inverse(), first.normal, min_range_m=options.min_range_m
-    )
+    covariance = stansfield_covariance(lines, fit, first)
+    return finish_bearings_fix(batch, lines, fit.x, fit.y, covariance, first.normal, min_range_m=options.min_range_m)
 
 
 METHOD = MethodSpec(
@@ -48,5 +48,5 @@ METHOD = MethodSpec(
     solve=solve,
     cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
-    flags=("residual_rad",),
+    flags=("residual_rad", "under_horizon"),
 )

@@ -1,7 +1,10 @@
-"""Bearings as sight lines: every row, direct or seen in a flat mirror, as a ray from an origin.
+"""Bearings as sight lines: every row, direct, seen in a flat mirror or on a circle, as a ray from an origin.
 
 A row seen in a mirror is unfolded: its origin is the sensor's image, its direction the bearing's image
-(equations (3), (4) of Song, Willett, Zhou 2013). After that all rows are alike.
+(equations (3), (4) of Song, Willett, Zhou 2013). On a circle the mirror is the tangent where the bearing meets it
+(41)-(45), carried as point and direction: the ray is the very one that the wave came along. After that all rows are
+alike, but for two things: where the point is not on the ray, the bearing of a circle row is that of its true path, and
+the ray's error there is not std times distance but std times the spread of the ray tube.
 """
 
 from __future__ import annotations
@@ -13,28 +16,19 @@ import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
-from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.blocks import gather_rows, sum_measurements
+from nlosctl.geometry.circular_reflection import short_arc_reflection
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.circle_rows import CircleRows, circle_table, locate_circle_rows
+from nlosctl.models.direct_rows import DirectRows, locate_direct_rows
+from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
 
-__all__ = ["MirrorRows", "SightLines", "Survey", "predict_bearings", "sight_lines"]
+__all__ = ["SightLines", "Survey", "predict_bearings", "sight_lines"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class MirrorRows:
-    """The mirror of each row: a point on it (about the local origin), its angle, and the side of the sensor.
-
-    Shape (B, K). ``sensor_side_m`` is the sensor's signed distance from it, NaN for direct rows.
-    """
-
-    point_x: FloatArray
-    point_y: FloatArray
-    angle_rad: FloatArray
-    sensor_side_m: FloatArray
 
 
 @dataclass(frozen=True)
@@ -52,7 +46,8 @@ class SightLines:
     """Rays (B, K) about a local origin (B,): ``origin + t (cosine, sine)``, t > 0.
 
     ``handedness`` is -1 where the row was unfolded by a mirror (a bearing that turns one way turns the ray the
-    other way), else 1. Lengths in metres, ``std_rad`` in radians.
+    other way), else 1. ``focusing`` and ``circles`` are None where no row is seen on a circle; ``direct`` holds the
+    direct rows once for each opaque circle of the scene. Lengths in metres, ``std_rad`` in radians.
     """
 
     center_x: FloatArray
@@ -64,17 +59,64 @@ class SightLines:
     std_rad: FloatArray
     handedness: FloatArray | None
     mirrors: MirrorRows | None
+    focusing: Focusing | None = None
+    circles: CircleRows | None = None
+    direct: tuple[DirectRows, ...] = ()
+
+    def take(self, rows: IntArray) -> SightLines:
+        """Return the rays of some snapshots, in any order and as often as named."""
+        mirrors, focusing, circles = self.mirrors, self.focusing, self.circles
+        return SightLines(
+            center_x=self.center_x[rows],
+            center_y=self.center_y[rows],
+            origin_x=gather_rows(self.origin_x, rows),
+            origin_y=gather_rows(self.origin_y, rows),
+            cosine=gather_rows(self.cosine, rows),
+            sine=gather_rows(self.sine, rows),
+            std_rad=gather_rows(self.std_rad, rows),
+            handedness=None if self.handedness is None else gather_rows(self.handedness, rows),
+            mirrors=None if mirrors is None else mirrors.take(rows),
+            focusing=None if focusing is None else focusing.take(rows),
+            circles=None if circles is None else circles.take(rows, *self.origin_x.shape),
+            direct=tuple(direct.take(rows, *self.origin_x.shape) for direct in self.direct),
+        )
 
     def range_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the unfolded distance (B, K) of points (B,), given about the local origin, from the origins."""
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         return np.sqrt(dx * dx + dy * dy)
 
+    def spread_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the width of each ray's tube (B, K) per radian of bearing at points (B,): the range, if unfocused."""
+        range_m = self.range_m(x, y)
+        if self.focusing is None:
+            return range_m
+        return range_m - self.focusing.strength * (range_m - self.focusing.first_leg_m)
+
+    def inside_circles(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points (B,) that are moved, where they are not inside a row's circle, to the middle height there.
+
+        That is half way between the sensor's distance from the centre and the radius, in the same direction.
+        """
+        if self.circles is None:
+            return x, y
+        rows = self.circles
+        source_x, source_y = rows.about_circle(x, y)
+        distance = np.hypot(source_x, source_y)
+        far = distance >= rows.radius
+        snapshot = rows.snapshot[far]
+        scale = 0.5 * (rows.radius + np.hypot(rows.sensor_x, rows.sensor_y))[far] / distance[far]
+        x, y = x.copy(), y.copy()
+        x[snapshot] = source_x[far] * scale + rows.center_x[far]
+        y[snapshot] = source_y[far] * scale + rows.center_y[far]
+        return x, y
+
     def survey(self, x: FloatArray, y: FloatArray) -> Survey:
         """Return what the rays of each snapshot say of a point (B,), in one pass over the measurements."""
         nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
         chi_square = np.zeros(x.shape)
         behind = np.zeros(x.shape, dtype=bool)
+        bent = None if self.circles is None else self.residual_rad(x, y)
         with np.errstate(invalid="ignore", over="ignore"):
             for k in range(self.origin_x.shape[1]):
                 cosine, sine = self.cosine[:, k], self.sine[:, k]
@@ -84,7 +126,7 @@ class SightLines:
                 np.maximum(farthest, squared_range, out=farthest)
                 along = cosine * dx + sine * dy
                 behind |= along < 0.0
-                scaled = np.arctan2(sine * dx - cosine * dy, along)
+                scaled = np.arctan2(sine * dx - cosine * dy, along) if bent is None else bent[:, k].copy()
                 scaled /= self.std_rad[:, k]
                 chi_square += scaled * scaled
         return Survey(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
@@ -92,11 +134,17 @@ class SightLines:
     def residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the ray's direction minus that of the points (B,) from the origins, (B, K) in (-pi, pi].
 
-        Equals the measured minus the predicted bearing, times ``handedness``.
+        Equals the measured minus the predicted bearing, times ``handedness``; so it is made for circle rows too,
+        but where no path leads to the point.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(invalid="ignore", over="ignore"):
-            return np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
+            residual = np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
+        if self.circles is not None:
+            bent = -self.circles.residual_rad(self.circles.paths_from(x, y))
+            straight = self.circles.pick_from(residual)
+            self.circles.place_in(residual, np.where(np.isfinite(bent), bent, straight))
+        return residual
 
     def bearing_residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus predicted bearing (B, K) at points (B,) about the local origin."""
@@ -110,45 +158,56 @@ class SightLines:
             weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
             dx *= weight
             dy *= weight
+        if self.circles is not None:
+            slope_x, slope_y = self.circles.paths_from(x, y).bearing_gradient()
+            inverse_std = 1.0 / self.circles.pick_from(self.std_rad)
+            self.circles.place_in(dx, -slope_y * inverse_std)
+            self.circles.place_in(dy, slope_x * inverse_std)
         return Symmetric2x2(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
-    def beyond_mirror(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (B,) lie on another side of a row's mirror than its sensor, or on the mirror."""
-        beyond = np.zeros(x.shape[0], dtype=bool)
-        if self.mirrors is None:
-            return beyond
-        rows = self.mirrors
-        with np.errstate(invalid="ignore"):
-            side = side_of_line(x[:, None], y[:, None], rows.point_x, rows.point_y, rows.angle_rad)
-        wrong = side * rows.sensor_side_m <= 0.0
-        for k in range(wrong.shape[1]):
-            beyond |= wrong[:, k]
-        return beyond
+    def all_under_horizon(self) -> BoolArray:
+        """Return in which snapshots (B,) every bearing points under its horizon, from where no wave can come."""
+        if self.circles is None:
+            return np.zeros(self.center_x.shape, dtype=bool)
+        under = np.bincount(self.circles.snapshot[self.circles.under_horizon()], minlength=self.center_x.shape[0])
+        return np.asarray(under == self.origin_x.shape[1])
+
+    def outside_scene(self, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which points (B,) the scene does not allow.
+
+        On another side of a row's mirror than its sensor, or on the mirror; or not where a row by a circle or a direct
+        row can come from (regions A2 and A3).
+        """
+        outside = np.zeros(x.shape[0], dtype=bool) if self.mirrors is None else self.mirrors.beyond(x, y)
+        for placed in (*self.direct, *(() if self.circles is None else (self.circles,))):
+            outside[placed.snapshot[placed.outside(x, y)]] = True
+        return outside
 
 
 def sight_lines(batch: BearingBatch) -> SightLines:
-    """Return the unfolded rays of a batch, about the mean of their origins in each snapshot."""
+    """Return the unfolded rays of a batch, about the mean of their origins in each snapshot.
+
+    A circle row whose sensor is not inside its circle, or under the blocker, makes its snapshot NaN.
+    """
     x, y, direction = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.bearing_rad
     reflected = batch.reflector >= 0
-    handedness = None
-    mirrors = None
+    direct = locate_direct_rows(batch.scene, batch.reflector, x, y)
+    handedness, mirrors, focusing, circles = None, None, None, None
     if reflected.any():
-        point_x, point_y, angle = _gather_mirrors(batch.scene, batch.reflector)
-        image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
+        point_x, point_y, angle = gather_mirrors(batch.scene, batch.reflector)
+        circles = locate_circle_rows(batch.scene, batch.reflector, x, y, direction)
+        if circles is not None:
+            focusing = place_tangents(circles, point_x, point_y, angle)
         sensor_side = side_of_line(x, y, point_x, point_y, angle)
+        image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
         x, y = np.where(reflected, image_x, x), np.where(reflected, image_y, y)
         direction = np.where(reflected, reflect_direction(direction, angle), direction)
         handedness = np.where(reflected, -1.0, 1.0)
         mirrors = MirrorRows(point_x, point_y, angle, np.where(reflected, sensor_side, np.nan))
+        if circles is not None:
+            circles.place_in(mirrors.sensor_side_m, np.full(circles.snapshot.shape, np.nan))
     center_x = sum_measurements(x) / x.shape[1]
     center_y = sum_measurements(y) / y.shape[1]
-    if mirrors is not None:
-        mirrors = MirrorRows(
-            mirrors.point_x - center_x[:, None],
-            mirrors.point_y - center_y[:, None],
-            mirrors.angle_rad,
-            mirrors.sensor_side_m,
-        )
     return SightLines(
         center_x=center_x,
         center_y=center_y,
@@ -158,27 +217,31 @@ def sight_lines(batch: BearingBatch) -> SightLines:
         sine=np.sin(direction),
         std_rad=batch.bearing_std_rad,
         handedness=handedness,
-        mirrors=mirrors,
+        mirrors=None if mirrors is None else mirrors.about(center_x, center_y),
+        focusing=focusing,
+        circles=None if circles is None else circles.about(center_x, center_y),
+        direct=tuple(rows.about(center_x, center_y) for rows in direct),
     )
 
 
 def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene, source_xy_m: FloatArray) -> FloatArray:
     """Return the noise-free bearings (...) of sources (..., 2) from sensors (..., 2), in (-pi, pi].
 
-    By the image of the source, equation (2) of Song et al. with atan2: the sensor looks at the image.
+    By the image of the source, equation (2) of Song et al. with atan2: the sensor looks at the image. On a circle by
+    the specular point on the short arc, equation (34) (with a blocker, the only one). NaN where no path leads to it.
     """
     x, y = source_xy_m[..., 0], source_xy_m[..., 1]
-    if (reflector >= 0).any():
-        point_x, point_y, angle = _gather_mirrors(scene, reflector)
-        image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
-        x, y = np.where(reflector >= 0, image_x, x), np.where(reflector >= 0, image_y, y)
-    return np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
-
-
-def _gather_mirrors(scene: Scene, reflector: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return point x, point y and angle of the mirror of each row; whatever for direct rows (-1)."""
-    table = np.array(
-        [[*mirror.point, np.arctan2(mirror.direction[1], mirror.direction[0])] for mirror in scene.reflectors]
-    )
-    point_x, point_y, angle = table.T
-    return point_x[reflector], point_y[reflector], angle[reflector]
+    if not (reflector >= 0).any():
+        return np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
+    point_x, point_y, angle = gather_mirrors(scene, reflector)
+    image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
+    x, y = np.where(reflector >= 0, image_x, x), np.where(reflector >= 0, image_y, y)
+    bearing = np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
+    circle = (reflector >= 0) & np.isnan(angle)
+    if circle.any():
+        middle_x, middle_y, radius, _, _ = (column[reflector[circle]] for column in circle_table(scene))
+        sensor, source = sensor_xy_m[circle], np.broadcast_to(source_xy_m, (*reflector.shape, 2))[circle]
+        bearing[circle] = short_arc_reflection(
+            sensor[:, 0] - middle_x, sensor[:, 1] - middle_y, source[:, 0] - middle_x, source[:, 1] - middle_y, radius
+        ).bearing_rad
+    return bearing

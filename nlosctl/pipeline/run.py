@@ -63,7 +63,7 @@ class MeasurementRun:
         self._flags_layout = FlagsLayout(
             methods=methods,
             input_schema=reader.schema,
-            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags)),
+            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags_in(reader.scene))),
             with_source=reader.has_several_sources,
         )
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})

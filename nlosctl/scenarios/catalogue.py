@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 __all__ = ["find_scenario", "scenarios"]
 
 _MODULES = {
+    "mixed": "nlosctl.scenarios.mixed_paths",
+    "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
+    "song-circle": "nlosctl.scenarios.song_circle",
     "song-flat": "nlosctl.scenarios.song_flat",
 }
 

@@ -43,7 +43,7 @@ def judge_fixes(
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
-    infeasible: on another side of a mirror than the sensor.
+    infeasible: where the scene does not allow it (`SightLines.outside_scene`), or all bearings are under the horizon.
     """
     farthest = survey.farthest_m
     with np.errstate(invalid="ignore", over="ignore"):
@@ -54,7 +54,7 @@ def judge_fixes(
         least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
         on_sensor = survey.nearest_m <= least_m
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
-    status[lines.beyond_mirror(x, y)] = Status.INFEASIBLE
+    status[lines.outside_scene(x, y) | lines.all_under_horizon()] = Status.INFEASIBLE
     status[survey.behind] = Status.BEHIND
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status
@@ -70,21 +70,15 @@ def finish_bearings_fix(
     *,
     min_range_m: float,
     converged: BoolArray | None = None,
+    held: StatusArray | None = None,
 ) -> Solution:
     """Return the solution of fixes x, y (B,) about the local origin that use every row.
 
     ``normal`` is the unweighted normal matrix of the lines (B,), which tells whether they cross at all;
-    ``converged`` (B,) is given by iterative methods. The cost is half the chi-square of the residuals.
+    ``converged`` (B,) is given by iterative methods, ``held`` (B,) by constrained ones: the status that stands in for
+    ok and infeasible. The cost is half the chi-square of the residuals.
     """
-    survey = lines.survey(x, y)
-    status = judge_fixes(lines, x, y, survey, covariance, min_range_m)
-    if converged is not None:
-        drawn_to_sensor = survey.nearest_m < _TRAP_RANGE * survey.farthest_m
-        open_end = ~converged & (status <= Status.BOUNDARY)
-        status[open_end] = np.where(drawn_to_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)[open_end]
-    status[nearly_singular(normal)] = Status.DEGENERATE
-    if batch.measurements < 2:
-        status[:] = Status.TOO_FEW
+    status, survey = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held)
     estimates = single_estimates(
         position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
         covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
@@ -92,11 +86,43 @@ def finish_bearings_fix(
         n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
         status=status,
     )
-    flags = _flags(status, lines.bearing_residual_rad(x, y)) if batch.want_flags else None
-    return Solution(estimates=estimates, flags=flags)
+    return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y) if batch.want_flags else None)
 
 
-def _flags(status: StatusArray, residual: FloatArray) -> Flags:
+def judge_ends(
+    lines: SightLines,
+    x: FloatArray,
+    y: FloatArray,
+    covariance: Symmetric2x2,
+    normal: Symmetric2x2,
+    min_range_m: float,
+    converged: BoolArray | None = None,
+    held: StatusArray | None = None,
+) -> tuple[StatusArray, Survey]:
+    """Return the status and survey of fixes; arguments as in `finish_bearings_fix`."""
+    survey = lines.survey(x, y)
+    status = judge_fixes(lines, x, y, survey, covariance, min_range_m)
+    if converged is not None:
+        drawn_to_sensor = survey.nearest_m < _TRAP_RANGE * survey.farthest_m
+        open_end = ~converged & (status <= Status.BOUNDARY)
+        status[open_end] = np.where(drawn_to_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)[open_end]
+    if held is not None:
+        status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), held, status)
+    status[nearly_singular(normal)] = Status.DEGENERATE
+    if lines.origin_x.shape[1] < 2:
+        status[:] = Status.TOO_FEW
+    return status, survey
+
+
+def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:
+    """Return the flags of fixes (B,): ``used``, ``residual_rad``, and ``under_horizon`` where the scene has circles."""
     answered = (status <= Status.BOUNDARY)[:, None]
+    residual = lines.bearing_residual_rad(x, y)
     used = np.broadcast_to(answered, residual.shape).copy()
-    return Flags(used=used, columns={"residual_rad": np.where(answered, residual, np.nan)})
+    columns: dict[str, npt.NDArray[np.generic]] = {"residual_rad": np.where(answered, residual, np.nan)}
+    if batch.scene.has_circles:
+        under = np.zeros(residual.shape, dtype=bool)
+        if lines.circles is not None:
+            lines.circles.place_in(under, lines.circles.under_horizon())
+        columns["under_horizon"] = under
+    return Flags(used=used, columns=columns)

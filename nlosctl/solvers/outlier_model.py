@@ -11,13 +11,13 @@ import numpy.typing as npt
 from scipy.special import erf
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.blocks import gather_rows, max_measurements, sum_measurements
 from nlosctl.geometry.regions import Region
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.solvers.bearing_mixture import DirectBearings, take_lines
+from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.fixes import nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
-from nlosctl.solvers.mixture import Mixture, take_rows
+from nlosctl.solvers.mixture import Mixture
 from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares
 from nlosctl.solvers.search_regions import search_region
 
@@ -54,16 +54,16 @@ class OutlierModel:
     def take(self, rows: IntArray) -> OutlierModel:
         """Return the model of some snapshots."""
         return OutlierModel(
-            lines=take_lines(self.lines, rows),
+            lines=self.lines.take(rows),
             mixture=self.mixture.take(rows),
-            leader=take_rows(self.leader, rows),
-            share=take_rows(self.share, rows),
+            leader=gather_rows(self.leader, rows),
+            share=gather_rows(self.share, rows),
             region=self.region.take(rows),
             minimum_range_m=self.minimum_range_m[rows],
             extent_m=self.extent_m[rows],
             sensor_extent_m=self.sensor_extent_m[rows],
-            measured_m=None if self.measured_m is None else take_rows(self.measured_m, rows),
-            range_std_m=None if self.range_std_m is None else take_rows(self.range_std_m, rows),
+            measured_m=None if self.measured_m is None else gather_rows(self.measured_m, rows),
+            range_std_m=None if self.range_std_m is None else gather_rows(self.range_std_m, rows),
         )
 
     def uninformative(self) -> BoolArray:

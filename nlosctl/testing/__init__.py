@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from nlosctl.testing.bench import LawBroken
 from nlosctl.testing.check import LAWS, MethodLaw, check_law, check_method
+from nlosctl.testing.circle_draws import CIRCLES
 from nlosctl.testing.draws import DRAWS, Draw, Trial
 
-__all__ = ["DRAWS", "LAWS", "Draw", "LawBroken", "MethodLaw", "Trial", "check_law", "check_method"]
+__all__ = ["CIRCLES", "DRAWS", "LAWS", "Draw", "LawBroken", "MethodLaw", "Trial", "check_law", "check_method"]

@@ -12,7 +12,7 @@ import numpy as np
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.testing import answer_laws, form_laws
 from nlosctl.testing.bench import Bench, LawBroken
-from nlosctl.testing.draws import DRAWS
+from nlosctl.testing.draws import DRAWS, Draw
 
 __all__ = ["LAWS", "MethodLaw", "check_law", "check_method"]
 
@@ -61,11 +61,16 @@ def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None) -> Non
         check_law(spec, law, seed=seed, options=options)
 
 
-def check_law(spec: MethodSpec, law: MethodLaw, *, seed: int = 0, options: Any = None) -> None:
-    """Hold a method to one law, unless it is exempt; raises LawBroken. An exception of the method breaks the law."""
+def check_law(
+    spec: MethodSpec, law: MethodLaw, *, seed: int = 0, options: Any = None, draw: Draw | None = None
+) -> None:
+    """Hold a method to one law, unless it is exempt; raises LawBroken. An exception of the method breaks the law.
+
+    ``draw`` draws the batches; without one it goes by the method's kind and job.
+    """
     if law.name in spec.exempt_from:
         return
-    draw = DRAWS.get((spec.kind, spec.job))
+    draw = DRAWS.get((spec.kind, spec.job)) if draw is None else draw
     if draw is None:
         known = ", ".join(f"{kind} ({job})" for kind, job in sorted(DRAWS))
         complaint = f"no batches can be drawn for {spec.kind} ({spec.job}); there are: {known}"

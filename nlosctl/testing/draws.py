@@ -14,7 +14,7 @@ from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
 
-__all__ = ["DRAWS", "Draw", "Trial", "draw_bearings"]
+__all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings"]
 
 _SCALES_M = (1e-2, 1.0, 1e3, 1e6)
 _WRAPS = 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])
@@ -73,7 +73,7 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     wrapped = wrap_angle(bearing)
     turned = wrapped + generator.choice(_WRAPS, size=shape)
     bearing = np.where(np.abs(turned) <= 2.0 * np.pi, turned, wrapped)
-    return Trial(batch=_bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector), size_m=3.0 * scale)
+    return Trial(batch=bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector), size_m=3.0 * scale)
 
 
 def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
@@ -90,7 +90,7 @@ def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
     )
 
 
-def _bearing_batch(
+def bearing_batch(
     generator: np.random.Generator,
     scene: Scene,
     sensor: IntArray,
@@ -99,6 +99,7 @@ def _bearing_batch(
     std: FloatArray,
     reflector: IntArray,
 ) -> BearingBatch:
+    """Return a batch that wants flags, with seeds of its own and the paths of each sensor numbered."""
     seed = np.asarray(generator.integers(0, 2**63, bearing.shape[0]), dtype=np.uint64)
     return BearingBatch(
         scene=scene,

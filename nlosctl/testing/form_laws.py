@@ -132,8 +132,9 @@ def flags(bench: Bench) -> Iterator[str]:
         if solution.flags is None:
             yield "there are none where the batch wants them"
             return
-        if set(solution.flags.columns) != set(bench.spec.flags):
-            yield f"columns {sorted(solution.flags.columns)}, declared are {sorted(bench.spec.flags)}"
+        declared = bench.spec.flags_in(batch.scene)
+        if set(solution.flags.columns) != set(declared):
+            yield f"columns {sorted(solution.flags.columns)}, declared are {sorted(declared)}"
         if solution.flags.used.dtype != np.bool_:
             yield f"used is {solution.flags.used.dtype}, not bool"
         for name, column in {"used": solution.flags.used, **solution.flags.columns}.items():

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl.contract.batches import FloatArray, IntArray
-from nlosctl.contract.scene import LineReflector, Reflector, Scene, Sensor
+from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, Sensor
 from nlosctl.geometry.angles import wrap_angle
 
 __all__ = ["Motion", "copy_batch", "move_batch", "permute_measurements", "replace_rows", "take_rows"]
@@ -122,6 +122,8 @@ def _move_reflector(reflector: Reflector, motion: Motion) -> Reflector:
         case LineReflector():
             point, direction = motion.point(reflector.point), motion.direction(reflector.direction)
             return dataclasses.replace(reflector, point=point, direction=direction)
+        case CircleReflector():
+            return dataclasses.replace(reflector, center=motion.point(reflector.center))
 
 
 def _with_arrays(batch: Any, change: Callable[[str, Any], Any]) -> Any:

@@ -1,0 +1,60 @@
+"""Some rows of a block (B, K), held as flat arrays (N,) with their places, each about the centre of a circle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.blocks import gather_rows
+
+__all__ = ["PlacedRows"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+RowsT = TypeVar("RowsT", bound="PlacedRows")
+
+
+@dataclass(frozen=True)
+class PlacedRows:
+    """N rows of a block. Sensors are given about the circle's centre, the centre about the snapshot's local origin.
+
+    ``snapshot`` and ``measurement`` are the row's place in the block (B, K).
+    """
+
+    snapshot: IntArray
+    measurement: IntArray
+    sensor_x: FloatArray
+    sensor_y: FloatArray
+    center_x: FloatArray
+    center_y: FloatArray
+
+    def place_in(self, block: npt.NDArray[ScalarT], values: npt.NDArray[ScalarT]) -> None:
+        """Write ``values`` (N,) into a block (B, K)."""
+        block[self.snapshot, self.measurement] = values
+
+    def pick_from(self, block: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        """Return the values (N,) of a block (B, K)."""
+        return block[self.snapshot, self.measurement]
+
+    def take(self: RowsT, rows: IntArray, snapshots: int, measurements: int) -> RowsT:
+        """Return the rows of some snapshots (any order, repeated) of the block, which has that size."""
+        number = np.full((snapshots, measurements), -1, dtype=np.int64, order="F")
+        self.place_in(number, np.arange(self.snapshot.shape[0]))
+        taken = gather_rows(number, rows).T
+        measurement, snapshot = np.nonzero(taken >= 0)
+        chosen = taken[measurement, snapshot]
+        others = {field.name: getattr(self, field.name)[chosen] for field in fields(self)}
+        return replace(self, **{**others, "snapshot": snapshot, "measurement": measurement})
+
+    def about(self: RowsT, origin_x: FloatArray, origin_y: FloatArray) -> RowsT:
+        """Return the same rows with their centres about local origins (B,)."""
+        x, y = origin_x[self.snapshot], origin_y[self.snapshot]
+        return replace(self, center_x=self.center_x - x, center_y=self.center_y - y)
+
+    def about_circle(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points (B,), given about the local origins, about the circle's centre of each row (N,)."""
+        return x[self.snapshot] - self.center_x, y[self.snapshot] - self.center_y

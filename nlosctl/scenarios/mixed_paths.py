@@ -1,0 +1,90 @@
+"""Direct rows, rows by a flat mirror and rows by a circle together: sensors in a valley under a curved layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlosctl.contract.options import option
+from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, Sensor
+from nlosctl.scenarios.bearing_rows import bearing_columns, sensor_names
+from nlosctl.scenarios.spec import Columns, ScenarioSpec
+
+__all__ = ["SCENARIO", "MixedPathsOptions", "generate", "scene"]
+
+_GROUND_SHARE, _LAYER_SHARE = 40.0, 41.5
+"""Radii of the ground and of the layer above it, in baselines."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MixedPathsOptions:
+    """Parameters of ``mixed``."""
+
+    sensors: int = option(6, minimum=1, maximum=1000, meaning="sensors, evenly along the ground")
+    baseline_m: float = option(
+        10e3, unit="m", minimum=0.0, exclusive=True, meaning="distance along the ground from first to last sensor"
+    )
+    shares: tuple[float, float, float] = option(
+        (0.4, 0.3, 0.3), minimum=0.0, maximum=1.0, meaning="shares of direct, flat-mirror and circle rows"
+    )
+    bearing_std_deg: float = option(
+        1.0, unit="deg", minimum=0.0, maximum=180.0, exclusive=True, meaning="standard deviation of every bearing"
+    )
+    outlier_fraction: float = option(
+        0.0, minimum=0.0, maximum=1.0, meaning="share of the rows whose bearing is uniform over the circle"
+    )
+
+
+def scene(options: MixedPathsOptions) -> Scene:
+    """Return sensors on a ground of 40 baselines radius, a ``layer`` 1.5 baselines above it, and a steep ``cliff``."""
+    ground = _GROUND_SHARE * options.baseline_m
+    angle = np.linspace(-0.5, 0.5, options.sensors) / _GROUND_SHARE if options.sensors > 1 else np.zeros(1)
+    sensors = (
+        Sensor(name=name, position=(float(ground * np.sin(a)), float(ground * np.cos(a)) - ground))
+        for name, a in zip(sensor_names(options.sensors), angle, strict=True)
+    )
+    return Scene(
+        sensors=tuple(sensors),
+        reflectors=(
+            LineReflector(name="cliff", point=(0.8 * options.baseline_m, 0.0), direction=(0.1, 1.0)),
+            CircleReflector(
+                name="layer",
+                center=(0.0, -ground),
+                radius=_LAYER_SHARE * options.baseline_m,
+                blocker_radius=ground,
+            ),
+        ),
+    )
+
+
+def generate(options: MixedPathsOptions, generator: np.random.Generator, snapshots: int) -> Columns:
+    """Draw snapshots, each with a source of its own above the ground: every sensor sees it along every path."""
+    world = scene(options)
+    positions = np.array([sensor.position for sensor in world.sensors])
+    shape = (snapshots, options.sensors)
+    x = generator.uniform(-0.5, 0.5, snapshots)
+    y = generator.uniform(0.2, 0.8, snapshots)
+    shares = np.cumsum(options.shares) / max(sum(options.shares), np.finfo(float).tiny)
+    path = np.minimum(np.searchsorted(shares, generator.random(shape), side="right"), 2) - 1
+    return bearing_columns(
+        scene=world,
+        generator=generator,
+        names=tuple(sensor.name for sensor in world.sensors),
+        sensor_xy_m=np.broadcast_to(positions, (*shape, 2)),
+        source_xy_m=options.baseline_m * np.stack([x, y], axis=1),
+        bearing_std_rad=np.full(shape, np.radians(options.bearing_std_deg)),
+        reflector=path,
+        outlier_fraction=options.outlier_fraction,
+    )
+
+
+SCENARIO = ScenarioSpec(
+    name="mixed",
+    kind="bearings",
+    summary="direct rows, rows by a flat mirror and rows by a circle over an opaque ground, in one snapshot",
+    reference="generic",
+    options=MixedPathsOptions,
+    scene=scene,
+    generate=generate,
+)

@@ -1,0 +1,82 @@
+"""The least half chi-square among the vertices of a grid, for many snapshots at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.models.bearings import SightLines
+
+__all__ = ["GridBest", "search_grid"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+_POINTS_AT_ONCE = 4096
+
+
+@dataclass(frozen=True)
+class GridBest:
+    """The best vertex (B,) about the local origins, and its half chi-square.
+
+    ``found`` is false where no vertex is allowed: x and y are then the centre. ``evaluations`` (B,) counts the
+    vertices at which the model was evaluated.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    found: BoolArray
+    on_edge: BoolArray
+    evaluations: IntArray
+
+
+def search_grid(
+    lines: SightLines, center_x: FloatArray, center_y: FloatArray, *, width_m: float, height_m: float, step_m: float
+) -> GridBest:
+    """Return the best vertices that the scene allows, of grids along x and y about centres (B,).
+
+    The centre is a vertex; the grid has floor(size / step / 2) steps to each side. Of equal vertices the first counts.
+    """
+    half_x, half_y = int(0.5 * width_m / step_m), int(0.5 * height_m / step_m)
+    offset_x = np.repeat(np.arange(-half_x, half_x + 1), 2 * half_y + 1)
+    offset_y = np.tile(np.arange(-half_y, half_y + 1), 2 * half_x + 1)
+    size = center_x.shape[0]
+    best, cost = np.full(size, -1, dtype=np.int64), np.full(size, np.inf)
+    evaluations = np.zeros(size, dtype=np.int64)
+    usable = np.flatnonzero(np.isfinite(center_x) & np.isfinite(center_y))
+    for rows, vertices in _pieces(usable, offset_x.shape[0]):
+        x = center_x[rows][:, None] + step_m * offset_x[vertices]
+        y = center_y[rows][:, None] + step_m * offset_y[vertices]
+        found = _costs(lines.take(np.repeat(rows, vertices.shape[0])), x.ravel(), y.ravel()).reshape(x.shape)
+        evaluations[rows] += np.isfinite(found).sum(axis=1)
+        place = np.argmin(found, axis=1)
+        least = found[np.arange(rows.shape[0]), place]
+        lower = least < cost[rows]
+        best[rows[lower]], cost[rows[lower]] = vertices[place[lower]], least[lower]
+    there = best >= 0
+    step_x, step_y = np.where(there, offset_x[best], 0), np.where(there, offset_y[best], 0)
+    on_edge = there & ((np.abs(step_x) == half_x) | (np.abs(step_y) == half_y))
+    return GridBest(center_x + step_m * step_x, center_y + step_m * step_y, cost, there, on_edge, evaluations)
+
+
+def _pieces(rows: IntArray, vertices: int) -> list[tuple[IntArray, IntArray]]:
+    """Return pieces of snapshots and vertices that are small enough for the cache."""
+    rows_at_once = max(1, _POINTS_AT_ONCE // vertices)
+    vertices_at_once = max(1, _POINTS_AT_ONCE // rows_at_once)
+    return [
+        (rows[i : i + rows_at_once], np.arange(j, min(j + vertices_at_once, vertices)))
+        for i in range(0, rows.shape[0], rows_at_once)
+        for j in range(0, vertices, vertices_at_once)
+    ]
+
+
+def _costs(lines: SightLines, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return half the chi-square (P,) at points, infinite where the scene does not allow them."""
+    allowed = np.flatnonzero(~lines.outside_scene(x, y))
+    cost = np.full(x.shape, np.inf)
+    cost[allowed] = 0.5 * lines.take(allowed).survey(x[allowed], y[allowed]).chi_square
+    return cost

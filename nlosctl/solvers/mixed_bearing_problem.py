@@ -1,0 +1,120 @@
+"""The likelihood of bearings of which some are seen on circles, as a batched least-squares problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines
+from nlosctl.models.circle_rows import CircleRows
+from nlosctl.solvers.bearing_problem import BearingProblem
+from nlosctl.solvers.levenberg_marquardt import Evaluation
+
+__all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class MixedBearingProblem:
+    """Half the chi-square of bearings (B, K), direct, by lines and by circles, as a function of a local point.
+
+    ``circles`` are the circle rows of ``lines``. Where a circle has no blocker, each row takes the path that fits best
+    at the point. The cost is NaN where no path leads to the point, or (with a blocker) the point lies beyond a focus:
+    the likelihood ends at the caustic, and a step across it is refused. ``plain_rows`` are the snapshots without a
+    circle row, and ``plain`` is their problem: it is solved as it would be alone.
+    """
+
+    lines: SightLines
+    circles: CircleRows
+    inverse_std: FloatArray
+    plain_rows: IntArray
+    plain: BearingProblem
+
+    @classmethod
+    def of_lines(cls, lines: SightLines, circles: CircleRows) -> MixedBearingProblem:
+        """Return the problem of a block of sight lines and its circle rows."""
+        has_circles = np.zeros(lines.center_x.shape, dtype=bool)
+        has_circles[circles.snapshot] = True
+        plain_rows = np.flatnonzero(~has_circles)
+        return cls(
+            lines=lines,
+            circles=circles,
+            inverse_std=1.0 / lines.std_rad,
+            plain_rows=plain_rows,
+            plain=BearingProblem.of_lines(lines.take(plain_rows)),
+        )
+
+    def take(self, rows: IntArray) -> MixedBearingProblem:
+        """Return the problems of some rows."""
+        lines = self.lines.take(rows)
+        return MixedBearingProblem.of_lines(lines, self.circles if lines.circles is None else lines.circles)
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        """Return cost, gradient and Gauss-Newton matrix, with the closed-form gradient of reflected bearings.
+
+        Of snapshots without a circle row the exact second derivatives, as `BearingProblem` has them.
+        """
+        residual, slope_x, slope_y = self._linearize(x, y)
+        with np.errstate(invalid="ignore", over="ignore"):
+            at = Evaluation(
+                0.5 * sum_measurements(residual * residual),
+                sum_measurements(residual * slope_x),
+                sum_measurements(residual * slope_y),
+                Symmetric2x2(
+                    sum_measurements(slope_x * slope_x),
+                    sum_measurements(slope_x * slope_y),
+                    sum_measurements(slope_y * slope_y),
+                ),
+            )
+        if self.plain_rows.size:
+            rows = self.plain_rows
+            plain = self.plain.evaluate(x[rows], y[rows])
+            at.cost[rows], at.gradient_x[rows], at.gradient_y[rows] = plain.cost, plain.gradient_x, plain.gradient_y
+            for block, values in zip(vars(at.hessian).values(), vars(plain.hessian).values(), strict=True):
+                block[rows] = values
+        return at
+
+    def _linearize(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the scaled residuals (B, K) and their derivatives by x and y."""
+        circles = self.circles
+        if circles.snapshot.shape[0] < self.inverse_std.size:
+            residual, slope_x, slope_y = self._linearize_straight(x, y)
+        else:
+            residual, slope_x, slope_y = (np.empty(self.inverse_std.shape, order="F") for _ in range(3))
+        inverse_std = circles.pick_from(self.inverse_std)
+        for block, values in zip((residual, slope_x, slope_y), _linearize_circles(circles, x, y), strict=True):
+            circles.place_in(block, values * inverse_std)
+        return residual, slope_x, slope_y
+
+    def _linearize_straight(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the same for direct and line rows, (23); circle rows hold whatever."""
+        lines = self.lines
+        dx, dy = x[:, None] - lines.origin_x, y[:, None] - lines.origin_y
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            residual = np.arctan2(lines.sine * dx - lines.cosine * dy, lines.cosine * dx + lines.sine * dy)
+            weight = self.inverse_std / (dx * dx + dy * dy)
+            return residual * self.inverse_std, dy * weight, -dx * weight
+
+
+BearingLikelihood = BearingProblem | MixedBearingProblem
+"""The likelihood of a block of bearings."""
+
+
+def bearing_problem(lines: SightLines) -> BearingLikelihood:
+    """Return the likelihood of a block of sight lines: the plain one where no row is seen on a circle."""
+    if lines.circles is None:
+        return BearingProblem.of_lines(lines)
+    return MixedBearingProblem.of_lines(lines, lines.circles)
+
+
+def _linearize_circles(circles: CircleRows, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    path = circles.paths_from(x, y)
+    gradient_x, gradient_y = path.bearing_gradient()
+    beyond_focus = ~(path.spread_m > 0.0) & ~circles.has_choice
+    return np.where(beyond_focus, np.nan, circles.residual_rad(path)), -gradient_x, -gradient_y
