@@ -41,7 +41,7 @@ class MixtureOptions:
     )
     path_prior: Literal["uniform", "first", "falling"] = option(
         "uniform",
-        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as the one before",
+        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as the last",
     )
     use_ranges: bool = option(True, meaning="whether ranges join the likelihood where rows have them")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
@@ -152,4 +152,5 @@ METHOD = MethodSpec(
     flags=("los", "los_probability", "residual_rad", "residual_m"),
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
+    reads=frozenset({"range_m", "range_std_m"}),
 )

@@ -18,7 +18,7 @@ from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bootstraps import conditioned_pairs
 from nlosctl.solvers.fixes import judge_fixes, nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
-from nlosctl.solvers.outlier_model import range_columns
+from nlosctl.solvers.ranged_bearings import range_columns
 from nlosctl.solvers.sequential import Prior, RangedLines, Run, run_all_orders
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
@@ -61,7 +61,8 @@ def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
     lines = sight_lines(batch)
     prior = _prior(batch, lines, options)
     ranges = range_columns(batch, options.use_ranges)
-    ranged = RangedLines(lines, *(ranges or (None, None)), options.range_noise == "lognormal")
+    measured_m, range_std_m = ranges or (None, None)
+    ranged = RangedLines(lines, measured_m, range_std_m, options.range_noise == "lognormal")
     needs = 2 if prior is None else 1
     if batch.measurements < needs:
         return _too_few(batch)
@@ -179,4 +180,5 @@ METHOD = MethodSpec(
     minimum_measurements=1,
     flags=("residual_rad", "residual_m"),
     randomized=True,
+    reads=frozenset({"range_m", "range_std_m", "prior_x_m", "prior_y_m", "prior_std_m"}),
 )

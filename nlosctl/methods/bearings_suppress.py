@@ -134,4 +134,5 @@ METHOD = MethodSpec(
     flags=("los", "los_probability", "residual_rad", "residual_m"),
     covariance_kinds=("inliers",),
     randomized=True,
+    reads=frozenset({"range_m", "range_std_m"}),
 )

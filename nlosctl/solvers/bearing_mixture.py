@@ -127,11 +127,22 @@ class DirectBearings:
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""
         lines = self.lines
+        row = self.terms(k, x, y)
+        dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
+        impossible = lines.cosine[:, k] * dx + lines.sine[:, k] * dy <= 0.0
+        impossible |= dx * dx + dy * dy < self.squared_minimum
+        if lines.mirrors is not None:
+            impossible |= _beyond(lines.mirrors, k, x, y)
+        np.copyto(row.misfit, np.inf, where=impossible)
+        return row
+
+    def terms(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+        """Return half the chi-square of row ``k`` at points (B,) and its derivatives, from wherever the row is seen."""
+        lines = self.lines
         cosine, sine = lines.cosine[:, k], lines.sine[:, k]
         dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
         squared_range = dx * dx + dy * dy
-        along = cosine * dx + sine * dy
-        residual = np.arctan2(sine * dx - cosine * dy, along)
+        residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
         inverse = 1.0 / np.maximum(squared_range, self.squared_minimum)
         weight = 2.0 * self.weight[:, k]
         if lines.focusing is not None:
@@ -151,10 +162,6 @@ class DirectBearings:
         )
         if self.precision is not None and self.measured_m is not None:
             row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
-        impossible = (along <= 0.0) | (squared_range < self.squared_minimum)
-        if lines.mirrors is not None:
-            impossible |= _beyond(lines.mirrors, k, x, y)
-        np.copyto(row.misfit, np.inf, where=impossible)
         return row
 
     def _range_misfit(self, range_m: FloatArray, measured_m: FloatArray, precision: FloatArray) -> FloatArray:

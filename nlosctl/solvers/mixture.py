@@ -16,7 +16,7 @@ from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.levenberg_marquardt import Evaluation
 
-__all__ = ["Mixture", "MixtureRows", "RowDerivatives"]
+__all__ = ["Mixture", "MixtureRows", "RowDerivatives", "positive_hessian"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -157,7 +157,7 @@ class Mixture:
             -total.logarithm - self.log_nlos - self.least_cost,
             total.gradient[0],
             total.gradient[1],
-            _positive(exact, gauss),
+            positive_hessian(exact, gauss),
         )
 
     def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, Symmetric2x2]:
@@ -269,7 +269,8 @@ class _Group:
                 total[closes] = 0.0
 
 
-def _positive(exact: Symmetric2x2, gauss: Symmetric2x2) -> Symmetric2x2:
+def positive_hessian(exact: Symmetric2x2, gauss: Symmetric2x2) -> Symmetric2x2:
+    """Return the exact second derivatives, or those that stand in for them where they are not positive definite."""
     positive = (exact.xx > 0.0) & (exact.determinant > _LEAST_SHARE * gauss.determinant)
     if positive.all():
         return exact

@@ -139,11 +139,13 @@ def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, a
         snapshot, place = np.nonzero(usable & lost[:, None])
         if not snapshot.size:
             break
-        problem: Mixture | _Bounded = mixture.take(snapshot)
+        followed = mixture.take(snapshot)
+        start_x, start_y = x[snapshot, place], y[snapshot, place]
         if edge:
-            problem = _Bounded(problem, snapshot, allowed)
             held |= lost
-        minimum = minimize(problem, x[snapshot, place], y[snapshot, place])
+            minimum = minimize(_Bounded(followed, snapshot, allowed), start_x, start_y)
+        else:
+            minimum = minimize(followed, start_x, start_y)
         good = np.isfinite(minimum.cost) & allowed(snapshot, minimum.x[:, None], minimum.y[:, None])[:, 0]
         cost[snapshot[good], place[good]] = (minimum.cost + mixture.least_cost[snapshot])[good]
         values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
@@ -151,7 +153,7 @@ def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, a
             part[snapshot, place] = value
     order = np.argsort(cost, axis=1, kind="stable")
     parts = [np.take_along_axis(part, order, axis=1) for part in parts]
-    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), usable.any(axis=1), held)
+    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), np.asarray(usable.any(axis=1)), held)
 
 
 @dataclass(frozen=True)

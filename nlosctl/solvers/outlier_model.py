@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from math import log, pi, radians, sqrt
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,13 +20,15 @@ from nlosctl.solvers.fixes import nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
 from nlosctl.solvers.mixture import Mixture
 from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares
+from nlosctl.solvers.ranged_bearings import range_columns
 from nlosctl.solvers.search_regions import search_region
 
-__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "range_columns", "restore_rows"]
+__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "restore_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 _MINIMUM_RANGE_SHARE = 0.005
 """Minimum range, unless given, in units of the larger side of the box of the sensors."""
@@ -79,21 +82,11 @@ class OutlierModel:
         return nothing
 
     def residuals(self, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
-        """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where rows have ranges."""
+        """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` if there are ranges."""
         residuals = {"residual_rad": self.lines.bearing_residual_rad(x, y)}
         if self.measured_m is not None:
             residuals["residual_m"] = self.measured_m - self.lines.range_m(x, y)
         return residuals
-
-
-def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return range and standard deviation (B, K) in metres, both NaN in rows without; None where no row has them."""
-    if not use_ranges or batch.range_m is None or batch.range_std_m is None:
-        return None
-    known = np.isfinite(batch.range_m) & np.isfinite(batch.range_std_m)
-    if not known.any():
-        return None
-    return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
 
 
 def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
@@ -104,18 +97,17 @@ def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
         return batch, groups
     order = groups.order
 
-    def sort(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def sort(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
         places = order if array.ndim == 2 else order[..., None]
         return np.asfortranarray(np.take_along_axis(array, places, axis=1))
 
     names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
-    arrays = {name: getattr(batch, name) for name in names}
-    return dataclasses.replace(
-        batch, **{name: sort(array) for name, array in arrays.items() if array is not None}
-    ), groups
+    arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
+    sorted_arrays: dict[str, Any] = {name: sort(array) for name, array in arrays.items() if array is not None}
+    return dataclasses.replace(batch, **sorted_arrays), groups
 
 
-def restore_rows(values: npt.NDArray[np.generic], groups: PathGroups) -> npt.NDArray[np.generic]:
+def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
     """Return values (B, K) of a grouped batch in the file's order."""
     if groups.order is None:
         return values
@@ -172,7 +164,7 @@ def outlier_model(
     )
 
 
-def _sorted(values: npt.NDArray[np.generic], groups: PathGroups) -> npt.NDArray[np.generic]:
+def _sorted(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
     if groups.order is None:
         return values
     return np.asfortranarray(np.take_along_axis(values, groups.order, axis=1))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +32,7 @@ class PathGroups:
     last: BoolArray | None
 
 
-def group_paths(keys: list[npt.NDArray[np.generic]], path: IntArray) -> PathGroups:
+def group_paths(keys: Sequence[npt.NDArray[Any]], path: IntArray) -> PathGroups:
     """Return the groups of rows (B, K) whose ``keys`` are all equal; ``path`` (B, K) numbers the rows of a group.
 
     Rows of equal path number count as ranked in the file's order. Cost K^2.
@@ -73,5 +75,6 @@ def path_shares(groups: PathGroups, prior: str) -> FloatArray:
     if prior == "first":
         return np.where(groups.rank == 0, 1.0, 0.0)
     if prior == "falling":
-        return np.exp2(-1.0 - groups.rank) / (1.0 - np.exp2(-groups.size.astype(np.float64)))
-    return 1.0 / groups.size
+        shares: FloatArray = np.exp2(-1.0 - groups.rank) / (1.0 - np.exp2(-groups.size.astype(np.float64)))
+        return shares
+    return 1.0 / groups.size.astype(np.float64)

@@ -37,13 +37,13 @@ def posterior_covariance(
     size = modes.cost.shape[0]
     block = max(1, _POINTS // (_STEPS * _STEPS))
     parts = [
-        _moments(mixture, modes, allowed, snapshot[first : first + block], place[first : first + block])
-        for first in range(0, snapshot.shape[0], block)
+        _moments(mixture, modes, allowed, snapshot[start : start + block], place[start : start + block])
+        for start in range(0, snapshot.shape[0], block)
     ]
     of_mode = np.concatenate(parts, axis=1) if parts else np.zeros((6, 0))
-    mass, mean_x, mean_y, xx, xy, yy = (np.bincount(snapshot, weights=part, minlength=size) for part in of_mode)
+    totals = [np.bincount(snapshot, weights=part, minlength=size).astype(np.float64) for part in of_mode]
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean_x, mean_y, xx, xy, yy = (moment / mass for moment in (mean_x, mean_y, xx, xy, yy))
+        mean_x, mean_y, xx, xy, yy = (total / totals[0] for total in totals[1:])
     dx, dy = modes.x - modes.x[:, :1], modes.y - modes.y[:, :1]  # moments are about the best mode: shift them
     return Symmetric2x2(
         xx[:, None] - 2.0 * dx * mean_x[:, None] + dx * dx,
@@ -91,7 +91,8 @@ def _nearest(modes: Modes, snapshot: IntArray, place: IntArray, x: FloatArray, y
         )
         dx, dy = x - mode_x, y - mode_y
         with np.errstate(invalid="ignore", over="ignore"):
-            return xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
+            squared: FloatArray = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
+        return squared
 
     own = squared_distance(place)
     nearest = np.ones(x.shape, dtype=bool)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from nlosctl.solvers.polar_updates import (
     SourceState,
     bootstrap_state,
     pick_rows,
+    ranged_state,
     update_bearings,
     update_ranges,
 )
@@ -23,6 +25,7 @@ __all__ = ["Prior", "RangedLines", "Run", "run_all_orders"]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ class Run:
         """Return the states (B, 1) and rows (B,) of one run of each snapshot."""
         place = best[:, None]
 
-        def take(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        def take(array: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
             return np.take_along_axis(array, place, axis=1)
 
         states = [
@@ -107,7 +110,8 @@ def run_all_orders(
 ) -> Run:
     """Return the runs that start from pairs ``first``, ``second`` (B, M), or from the prior where there is one.
 
-    The rest of the rows (all, after a prior) follow in random order (Section III-B, steps 1 to 4).
+    The rest of the rows (all, after a prior) follow in random order (Section III-B, steps 1 to 4). Where the first row
+    of a pair has a range, it starts alone: its end is exact in its own polar frame, as a crossing is not.
     """
     from_prior = None if prior is None else np.broadcast_to(prior.known[:, None], first.shape)
     order = _orders(seed, first, second, ranged.lines.origin_x.shape[1], from_prior)
@@ -120,13 +124,13 @@ def run_all_orders(
         rows = pick_rows(ranged.lines, row, ranged.measured_m, ranged.range_std_m)
         updated = update_ranges(update_bearings(state, rows), rows, lognormal=ranged.lognormal)
         if step == 0:
-            state = updated if from_prior is None else updated.where(from_prior, start)
-            before = rows
+            end = ranged_state(rows) or start
+            state = end if from_prior is None else updated.where(from_prior, end)
+            before, begun = rows, state.alive
         elif step == 1:
             pair = bootstrap_state(before, rows)
-            for both in (before, rows):
-                pair = update_ranges(pair, both, lognormal=ranged.lognormal)
-            state = pair if from_prior is None else updated.where(from_prior, pair)
+            pair = update_ranges(pair, rows, lognormal=ranged.lognormal)
+            state = updated.where(begun, pair)
         else:
             state = updated
         states.append(state)
