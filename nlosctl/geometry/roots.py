@@ -41,7 +41,7 @@ def bracketed_roots(
             poor = ~((newton >= low) & (newton <= high)) | (2.0 * np.abs(newton - root) > np.abs(last_step))
         proposed = np.where(poor, 0.5 * (low + high), newton)
         last_step = proposed - root
-        root = np.where(settled, root, proposed)
+        root = np.where(settled, root, np.where(np.isnan(value), np.nan, proposed))
         settled |= (np.abs(last_step) <= tolerance) | np.isnan(value)
         if settled.all():
             break

@@ -13,6 +13,7 @@ from nlosctl.geometry.circular_reflection import ReflectedPath
 
 __all__ = [
     "TOLERANCE",
+    "clears_blocker",
     "elevation",
     "horizon_elevation",
     "reach_by_reflection",
@@ -39,6 +40,20 @@ def horizon_elevation(sensor_radius: FloatArray, blocker_radius: FloatArray) -> 
     return -_dip(sensor_radius, blocker_radius)
 
 
+def clears_blocker(
+    first_x: FloatArray, first_y: FloatArray, second_x: FloatArray, second_y: FloatArray, blocker_radius: FloatArray
+) -> BoolArray:
+    """Return which straight segments between points on or above the blocker stay out of it.
+
+    The points are not farther apart than both their horizons: acos(r / r1) + acos(r / r2). False where NaN.
+    """
+    first_r, second_r = np.hypot(first_x, first_y), np.hypot(second_x, second_y)
+    reach = _dip(first_r, blocker_radius) + _dip(second_r, blocker_radius)
+    apart = _angle_between(first_x, first_y, second_x, second_y)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.minimum(first_r, second_r) * (reach - apart) >= -TOLERANCE * blocker_radius)
+
+
 def sees_directly(
     sensor_x: FloatArray,
     sensor_y: FloatArray,
@@ -51,10 +66,9 @@ def sees_directly(
 
     For a sensor on the blocker: rho cos(dphi) >= r. ``min_elevation_rad`` may be -inf (the horizon is the limit).
     """
-    sensor_r, source_r = np.hypot(sensor_x, sensor_y), np.hypot(source_x, source_y)
-    between = _angle_between(sensor_x, sensor_y, source_x, source_y)
+    source_r = np.hypot(source_x, source_y)
     slack = TOLERANCE * blocker_radius
-    free = source_r * (_dip(sensor_r, blocker_radius) + _dip(source_r, blocker_radius) - between) >= -slack
+    free = clears_blocker(sensor_x, sensor_y, source_x, source_y, blocker_radius)
     bearing = np.arctan2(source_y - sensor_y, source_x - sensor_x)
     high = elevation(sensor_x, sensor_y, bearing) >= min_elevation_rad - TOLERANCE
     return free & high & (source_r >= blocker_radius - slack)
@@ -72,19 +86,16 @@ def sees_by_reflection(
 ) -> BoolArray:
     """Return which sources are in the region A2: between the circles, and both legs of their ``path`` are free.
 
-    ``path`` is that of `short_arc_reflection`. False where it is NaN or lies beyond a focus.
+    ``path`` is the one that is asked about; False where it is NaN.
     """
-    sensor_r, source_r = np.hypot(sensor_x, sensor_y), np.hypot(source_x, source_y)
+    source_r = np.hypot(source_x, source_y)
     slack = TOLERANCE * blocker_radius
-    to_hit = _angle_between(sensor_x, sensor_y, path.hit_x, path.hit_y)
-    from_hit = _angle_between(path.hit_x, path.hit_y, source_x, source_y)
-    dip_of_reflector = _dip(radius, blocker_radius)
     with np.errstate(invalid="ignore"):
-        first = sensor_r * (_dip(sensor_r, blocker_radius) + dip_of_reflector - to_hit) >= -slack
-        second = source_r * (_dip(source_r, blocker_radius) + dip_of_reflector - from_hit) >= -slack
+        first = clears_blocker(sensor_x, sensor_y, path.hit_x, path.hit_y, blocker_radius)
+        second = clears_blocker(source_x, source_y, path.hit_x, path.hit_y, blocker_radius)
         high = elevation(sensor_x, sensor_y, path.bearing_rad) >= min_elevation_rad - TOLERANCE
         between = (source_r >= blocker_radius - slack) & (source_r <= radius)
-        return first & second & high & between & (path.spread_m > 0.0)
+        return first & second & high & between
 
 
 def reach_by_reflection(

@@ -17,10 +17,9 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
-from nlosctl.geometry.circular_reflection import short_arc_reflection
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.models.circle_rows import CircleRows, circle_table, locate_circle_rows
+from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
 from nlosctl.models.direct_rows import DirectRows, locate_direct_rows
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
 
@@ -228,7 +227,7 @@ def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene,
     """Return the noise-free bearings (...) of sources (..., 2) from sensors (..., 2), in (-pi, pi].
 
     By the image of the source, equation (2) of Song et al. with atan2: the sensor looks at the image. On a circle by
-    the specular point on the short arc, equation (34) (with a blocker, the only one). NaN where no path leads to it.
+    equation (34), along the shortest path that no blocker cuts (of all where each is cut). NaN where there is no path.
     """
     x, y = source_xy_m[..., 0], source_xy_m[..., 1]
     if not (reflector >= 0).any():
@@ -239,9 +238,11 @@ def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene,
     bearing = np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
     circle = (reflector >= 0) & np.isnan(angle)
     if circle.any():
-        middle_x, middle_y, radius, _, _ = (column[reflector[circle]] for column in circle_table(scene))
+        middle_x, middle_y, radius, blocker, _ = (column[reflector[circle]] for column in circle_table(scene))
         sensor, source = sensor_xy_m[circle], np.broadcast_to(source_xy_m, (*reflector.shape, 2))[circle]
-        bearing[circle] = short_arc_reflection(
-            sensor[:, 0] - middle_x, sensor[:, 1] - middle_y, source[:, 0] - middle_x, source[:, 1] - middle_y, radius
-        ).bearing_rad
+        sensor_x, sensor_y = sensor[:, 0] - middle_x, sensor[:, 1] - middle_y
+        hit_x, hit_y = likeliest_points(
+            sensor_x, sensor_y, source[:, 0] - middle_x, source[:, 1] - middle_y, radius, blocker
+        )
+        bearing[circle] = np.arctan2(hit_y - sensor_y, hit_x - sensor_x)
     return bearing

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from nlosctl.contract.scene import CircleReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, reflect_at, short_arc_point
-from nlosctl.geometry.visibility import elevation, horizon_elevation, sees_by_reflection
+from nlosctl.geometry.visibility import clears_blocker, elevation, horizon_elevation, sees_by_reflection
 from nlosctl.models.placed_rows import PlacedRows
 
-__all__ = ["CircleRows", "circle_table", "locate_circle_rows", "misplaced_sensors"]
+__all__ = ["CircleRows", "circle_table", "likeliest_points", "locate_circle_rows", "misplaced_sensors"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -30,8 +30,8 @@ _GROUND_TOLERANCE = 1e-6
 class CircleRows(PlacedRows):
     """N rows of a block that are seen by reflection on a circle.
 
-    ``blocker_radius`` is NaN where the circle has none: then any of up to four paths may be the row's, else the one on
-    the short arc is. ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker.
+    ``blocker_radius`` is NaN where the circle has none: then any of up to four paths may be the row's.
+    ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker.
     """
 
     radius: FloatArray
@@ -44,24 +44,32 @@ class CircleRows(PlacedRows):
         """Which rows have no blocker, so that several paths are possible."""
         return np.isnan(self.blocker_radius)
 
-    def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath:
-        """Return the path (N,) of each row from points (B,): where there is a choice, the one nearest to its bearing.
+    @property
+    def takes_any_path(self) -> BoolArray:
+        """Which rows may take another specular path than that on the short arc: no blocker, or a sensor above it."""
+        height = np.hypot(self.sensor_x, self.sensor_y) / self.blocker_radius
+        return self.has_choice | (height > 1.0 + _GROUND_TOLERANCE)
 
-        NaN where the point or the sensor is not inside the circle.
+    def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath:
+        """Return the path (N,) of each row from points (B,).
+
+        From a sensor on the blocker that on the short arc, the only one that can be free (Lemma 3). Without a blocker
+        the one nearest to the row's bearing, from a sensor above the blocker the nearest of those that are free (of
+        all where none is). NaN where the point or the sensor is not inside the circle.
         """
         source_x, source_y = self.about_circle(x, y)
-        arguments = (self.sensor_x, self.sensor_y, source_x, source_y, self.radius)
-        choice = self.has_choice
-        if not choice.any():
-            hit_x, hit_y = short_arc_point(*arguments)
-        elif choice.all():
-            hit_x, hit_y = _nearest_point(self.bearing_rad, *arguments)
+        geometry = (self.sensor_x, self.sensor_y, source_x, source_y, self.radius)
+        several = self.takes_any_path
+        if not several.any():
+            hit_x, hit_y = short_arc_point(*geometry)
+        elif several.all():
+            hit_x, hit_y = _nearest_point(self.bearing_rad, self.blocker_radius, *geometry)
         else:
             hit_x, hit_y = np.empty_like(source_x), np.empty_like(source_y)
-            hit_x[choice], hit_y[choice] = _nearest_point(
-                self.bearing_rad[choice], *(argument[choice] for argument in arguments)
+            hit_x[several], hit_y[several] = _nearest_point(
+                self.bearing_rad[several], self.blocker_radius[several], *(part[several] for part in geometry)
             )
-            hit_x[~choice], hit_y[~choice] = short_arc_point(*(argument[~choice] for argument in arguments))
+            hit_x[~several], hit_y[~several] = short_arc_point(*(part[~several] for part in geometry))
         return reflect_at(hit_x, hit_y, self.sensor_x, self.sensor_y, source_x, source_y)
 
     def residual_rad(self, path: ReflectedPath) -> FloatArray:
@@ -139,16 +147,58 @@ def circle_table(scene: Scene) -> tuple[FloatArray, ...]:
     return tuple(np.array(rows, dtype=np.float64).reshape(-1, 5).T.copy())
 
 
+def likeliest_points(
+    sensor_x: FloatArray,
+    sensor_y: FloatArray,
+    source_x: FloatArray,
+    source_y: FloatArray,
+    radius: FloatArray,
+    blocker_radius: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the reflection points (N,) of the shortest free paths; of the shortest of all where none is free.
+
+    ``blocker_radius`` is NaN where there is none. NaN where there is no path.
+    """
+    hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
+    length = np.hypot(hit_x - sensor_x, hit_y - sensor_y) + np.hypot(hit_x - source_x, hit_y - source_y)
+    free = _free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
+    return _least(length + np.where(free, 0.0, 4.0 * radius), hit_x, hit_y)
+
+
 def _nearest_point(
     bearing_rad: FloatArray,
+    blocker_radius: FloatArray,
     sensor_x: FloatArray,
     sensor_y: FloatArray,
     source_x: FloatArray,
     source_y: FloatArray,
     radius: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
+    """Return the reflection points (N,) that are seen nearest to the bearings, free ones before blocked ones."""
     hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
     off = np.abs(wrap_angle(bearing_rad - np.arctan2(hit_y - sensor_y, hit_x - sensor_x)))
-    best = np.argmin(np.where(np.isnan(off), np.inf, off), axis=0)
+    if not np.isnan(blocker_radius).all():
+        free = _free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
+        off += np.where(free, 0.0, 2.0 * np.pi)
+    return _least(off, hit_x, hit_y)
+
+
+def _free_legs(
+    hit_x: FloatArray,
+    hit_y: FloatArray,
+    sensor_x: FloatArray,
+    sensor_y: FloatArray,
+    source_x: FloatArray,
+    source_y: FloatArray,
+    blocker_radius: FloatArray,
+) -> BoolArray:
+    first = clears_blocker(sensor_x, sensor_y, hit_x, hit_y, blocker_radius)
+    second = clears_blocker(source_x, source_y, hit_x, hit_y, blocker_radius)
+    return np.isnan(blocker_radius) | (first & second)
+
+
+def _least(figure: FloatArray, hit_x: FloatArray, hit_y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the points (N,) of (4, N) with the least figure."""
+    best = np.argmin(np.where(np.isnan(figure), np.inf, figure), axis=0)
     column = np.arange(best.shape[0])
     return hit_x[best, column], hit_y[best, column]

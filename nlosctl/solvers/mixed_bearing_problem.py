@@ -25,7 +25,7 @@ class MixedBearingProblem:
     """Half the chi-square of bearings (B, K), direct, by lines and by circles, as a function of a local point.
 
     ``circles`` are the circle rows of ``lines``. Where a circle has no blocker, each row takes the path that fits best
-    at the point. The cost is NaN where no path leads to the point, or (with a blocker) the point lies beyond a focus:
+    at the point. The cost is NaN where no path leads to the point, or (seen from the blocker) it lies beyond a focus:
     the likelihood ends at the caustic, and a step across it is refused. ``plain_rows`` are the snapshots without a
     circle row, and ``plain`` is their problem: it is solved as it would be alone.
     """
@@ -116,5 +116,5 @@ def bearing_problem(lines: SightLines) -> BearingLikelihood:
 def _linearize_circles(circles: CircleRows, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     path = circles.paths_from(x, y)
     gradient_x, gradient_y = path.bearing_gradient()
-    beyond_focus = ~(path.spread_m > 0.0) & ~circles.has_choice
+    beyond_focus = ~(path.spread_m > 0.0) & ~circles.takes_any_path
     return np.where(beyond_focus, np.nan, circles.residual_rad(path)), -gradient_x, -gradient_y

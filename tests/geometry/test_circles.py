@@ -1,0 +1,48 @@
+"""Where a ray leaves a circle."""
+
+from __future__ import annotations
+
+import numpy as np
+from circle_worlds import draw_disc, parts
+
+from nlosctl.geometry.circles import leave_circle
+
+
+def test_the_exit_is_on_the_circle_and_ahead():
+    """The exit lies on the circle, at the told distance ahead, and the normal part is R cos(incidence)."""
+    generator = np.random.default_rng(1)
+    start, turn = draw_disc(generator, 2000, 7.0), np.exp(2j * np.pi * generator.random(2000))
+    found = leave_circle(*parts(start), *parts(turn), np.full(2000, 7.0))
+    end = found.x + 1j * found.y
+    np.testing.assert_allclose(np.abs(end), 7.0, rtol=1e-14)
+    np.testing.assert_allclose(end, start + found.distance_m * turn, atol=1e-13)
+    assert (found.distance_m > 0.0).all()
+    np.testing.assert_allclose(found.normal_m, np.real(end * np.conj(turn)), atol=1e-13)
+
+
+def test_it_is_one_of_the_two_crossings_of_the_paper():
+    """(42)-(43), where they are not singular, give the same point with the sign of cos(psi)."""
+    generator = np.random.default_rng(2)
+    start, bearing = draw_disc(generator, 500, 5.0), generator.uniform(-np.pi, np.pi, 500)
+    x, y = parts(start)
+    tangent, cosine = np.tan(bearing), np.cos(bearing)
+    root = np.sign(cosine) * np.sqrt(25.0 / cosine**2 - (y - x * tangent) ** 2)  # (43)
+    expected_x = cosine**2 * (tangent * (x * tangent - y) + root)  # (42)
+    expected_y = cosine**2 * ((y - x * tangent) + root * tangent)
+    found = leave_circle(x, y, cosine, np.sin(bearing), np.full(500, 5.0))
+    usable = np.abs(cosine) > 0.01
+    np.testing.assert_allclose(found.x[usable], expected_x[usable], atol=1e-9)
+    np.testing.assert_allclose(found.y[usable], expected_y[usable], atol=1e-9)
+
+
+def test_near_the_circle_no_digits_are_lost():
+    """A sensor a millimetre inside of 6671 km, looking up, is a millimetre from it, not zero."""
+    found = leave_circle(np.array([6671e3 - 1e-3]), np.zeros(1), np.ones(1), np.zeros(1), np.array([6671e3]))
+    assert abs(found.distance_m[0] - 1e-3) < 1e-8
+
+
+def test_a_ray_from_outside_leaves_nothing():
+    """From outside or on the circle there is no exit: NaN."""
+    found = leave_circle(np.array([1.0, 2.0]), np.zeros(2), -np.ones(2), np.zeros(2), np.ones(2))
+    assert np.isnan(found.x).all()
+    assert np.isnan(found.distance_m).all()
