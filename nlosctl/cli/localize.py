@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,6 +15,8 @@ from nlosctl.cli.options import (
     Columns,
     ConfigFile,
     Debug,
+    DoaStdDeg,
+    DodStdDeg,
     Format,
     Hash,
     InputFormat,
@@ -27,6 +27,7 @@ from nlosctl.cli.options import (
     Output,
     Overwrite,
     Params,
+    PathLengthStdM,
     Quiet,
     RangeStdM,
     Report,
@@ -35,13 +36,9 @@ from nlosctl.cli.options import (
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import Opened, ReadWords, open_measurements, open_output
-from nlosctl.cli.terminal import Preview, Terminal, write_report
-from nlosctl.errors import UsageError
-
-if TYPE_CHECKING:
-    from nlosctl.io.write import TableWriter
-    from nlosctl.pipeline.run import MeasurementRun
+from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.solving import Outputs, solve_and_write
+from nlosctl.cli.terminal import Terminal
 
 __all__ = ["localize"]
 
@@ -66,6 +63,9 @@ def localize(
     column: Columns = [],  # noqa: B006
     bearing_std_deg: BearingStdDeg = None,
     range_std_m: RangeStdM = None,
+    dod_std_deg: DodStdDeg = None,
+    doa_std_deg: DoaStdDeg = None,
+    path_length_std_m: PathLengthStdM = None,
     all_rows: AllRows = False,
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
@@ -84,7 +84,7 @@ def localize(
     debug: Debug = False,
     config: ConfigFile = None,
 ) -> int:
-    """Estimate positions from bearings, with covariances and a status for every snapshot.
+    """Estimate positions from measurements, with covariances and a status for every snapshot.
 
     Without -o a terminal shows a preview, a pipe gets CSV. Exit codes: 0 done, 1 bad data or files, 2 the words of
     the command line, 3 under --strict when some snapshot got no estimate, 130 interrupted.
@@ -103,6 +103,9 @@ def localize(
         columns=column,
         bearing_std_deg=bearing_std_deg,
         range_std_m=range_std_m,
+        dod_std_deg=dod_std_deg,
+        doa_std_deg=doa_std_deg,
+        path_length_std_m=path_length_std_m,
         all_rows=all_rows,
         max_snapshot_rows=max_snapshot_rows,
         bad_rows=bad_rows,
@@ -120,57 +123,15 @@ def localize(
             want_flags=flags_out is not None,
         )
         run = MeasurementRun(opened.reader, runs, settings)
-        _write(run, opened, Outputs(output, flags_out, format, overwrite, hash), terminal)
-    for line in run.report.lines():
-        terminal.note(line)
-    if report is not None:
-        write_report(report, run.report.as_dict())
+        outputs = Outputs(
+            main=output,
+            other=flags_out,
+            other_option="--flags-out",
+            estimates_first=True,
+            format=format,
+            overwrite=overwrite,
+            with_hash=hash,
+            report=report,
+        )
+        solve_and_write(run, opened, outputs, "localize", terminal)
     return _UNANSWERED if strict and run.report.unanswered else 0
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Where the tables go."""
-
-    estimates: str
-    flags: str | None
-    format: str | None
-    overwrite: bool
-    with_hash: bool
-
-
-def _write(run: MeasurementRun, opened: Opened, outputs: Outputs, terminal: Terminal) -> None:
-    if outputs.flags == outputs.estimates:
-        raise UsageError(f"-o and --flags-out both name {outputs.flags!r}; give two names")
-    preview = Preview.wanted(outputs.estimates, outputs.format)
-    metadata = run.metadata("localize", opened.inputs, with_hash=outputs.with_hash)
-    with ExitStack() as stack:
-
-        def open_sink(target: str, schema: Any, format: str | None) -> TableWriter:
-            return stack.enter_context(
-                open_output(
-                    target,
-                    schema,
-                    format_name=format,
-                    overwrite=outputs.overwrite,
-                    inputs=opened.paths,
-                    metadata=metadata,
-                )
-            )
-
-        estimates = preview or open_sink(outputs.estimates, run.estimates_schema, outputs.format)
-        flags = None if outputs.flags is None else open_sink(outputs.flags, run.flags_schema, None)
-        progress = stack.enter_context(terminal.progress("localize"))
-        rows = 0
-        for tables in run.tables():
-            estimates.write(tables.estimates)
-            if flags is not None:
-                flags.write(tables.flags)
-            rows += tables.rows
-            progress(rows, None)
-        closing = run.metadata("localize", opened.inputs, with_hash=outputs.with_hash)
-        for sink in (estimates, flags):
-            if sink is not None:
-                sink.set_metadata(closing)
-    if preview is not None:
-        preview.show()

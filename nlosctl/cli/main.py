@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
@@ -36,6 +37,7 @@ app = typer.Typer(
     context_settings={"auto_envvar_prefix": "NLOSCTL", "help_option_names": ["-h", "--help"]},
 )
 app.command()(localize)
+app.command(name="detect-ip")(detect_ip)
 app.command()(simulate)
 app.command()(evaluate)
 app.command()(validate)

@@ -19,6 +19,9 @@ __all__ = [
     "Columns",
     "ConfigFile",
     "Debug",
+    "Details",
+    "DoaStdDeg",
+    "DodStdDeg",
     "Format",
     "Hash",
     "InputFormat",
@@ -30,6 +33,7 @@ __all__ = [
     "Output",
     "Overwrite",
     "Params",
+    "PathLengthStdM",
     "Quiet",
     "RangeStdM",
     "Report",
@@ -121,6 +125,21 @@ BearingStdDeg = Annotated[
 RangeStdM = Annotated[
     float | None,
     typer.Option("--range-std-m", metavar="M", help="Std of every range, where the file has no such column."),
+]
+DodStdDeg = Annotated[
+    float | None,
+    typer.Option("--dod-std-deg", metavar="DEG", help="Std of every direction of departure, where the file has none."),
+]
+DoaStdDeg = Annotated[
+    float | None,
+    typer.Option("--doa-std-deg", metavar="DEG", help="Std of every direction of arrival, where the file has none."),
+]
+PathLengthStdM = Annotated[
+    float | None,
+    typer.Option("--path-length-std-m", metavar="M", help="Std of every path length, where the file has none."),
+]
+Details = Annotated[
+    bool, typer.Option("--details", help="Show in the flags what they were decided by (see 'nlosctl methods show').")
 ]
 BadRows = Annotated[
     str | None,

@@ -30,6 +30,9 @@ class ReadWords:
     columns: Sequence[str] = ()
     bearing_std_deg: float | None = None
     range_std_m: float | None = None
+    dod_std_deg: float | None = None
+    doa_std_deg: float | None = None
+    path_length_std_m: float | None = None
     all_rows: bool = False
     max_snapshot_rows: int = 1_000_000
     bad_rows: str | None = None
@@ -39,9 +42,15 @@ class ReadWords:
     @property
     def constants(self) -> dict[str, float]:
         """The constant columns, in the contract's units."""
+        degrees = {
+            "bearing_std_rad": self.bearing_std_deg,
+            "dod_std_rad": self.dod_std_deg,
+            "doa_std_rad": self.doa_std_deg,
+        }
         given = {
-            "bearing_std_rad": None if self.bearing_std_deg is None else math.radians(self.bearing_std_deg),
+            **{name: None if value is None else math.radians(value) for name, value in degrees.items()},
             "range_std_m": self.range_std_m,
+            "path_length_std_m": self.path_length_std_m,
         }
         return {name: value for name, value in given.items() if value is not None}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
-__all__ = ["Estimates", "Flags", "Solution", "Trace", "single_estimates"]
+__all__ = ["Estimates", "Flags", "Solution", "Trace", "Words", "no_estimates", "single_estimates"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,8 @@ class Estimates:
     ``row`` (E,) is the snapshot's place in the batch; every snapshot has at least one estimate, if only to carry
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
     NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
-    says what the covariance accounts for, where the method has more than one kind.
+    says what the covariance accounts for, where the method has more than one kind. ``measurement`` (E,) is given
+    where every measurement is solved by itself, for a target of its own: its place in the snapshot.
     """
 
     row: IntArray
@@ -33,6 +35,31 @@ class Estimates:
     n_used: IntArray
     status: npt.NDArray[np.uint8]
     covariance_kind: str | None = None
+    measurement: IntArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``.
+
+    It reads like an array of text. A word may be None: nothing is said.
+    """
+
+    code: npt.NDArray[np.uint8]
+    words: tuple[str | None, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array."""
+        return self.code.shape
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return the words at places of the array."""
+        return np.array(self.words, dtype=object)[self.code[key]]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[np.object_]:
+        """Return the words (B, K) as an array of text."""
+        return np.array(self.words, dtype=object)[self.code]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +70,7 @@ class Flags:
     """
 
     used: BoolArray
-    columns: Mapping[str, npt.NDArray[np.generic]] = field(default_factory=dict)
+    columns: Mapping[str, npt.NDArray[np.generic] | Words] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +98,18 @@ class Solution:
     estimates: Estimates
     flags: Flags | None = None
     trace: Trace | None = None
+
+
+def no_estimates(size: int) -> Estimates:
+    """Return the estimates of B snapshots by a detector that makes none: rows without a position, read by nobody."""
+    nothing = np.full((size, 3), np.nan)
+    return single_estimates(
+        position_m=nothing[:, :2],
+        covariance_m2=nothing,
+        cost=nothing[:, 0],
+        n_used=np.zeros(size, dtype=np.int64),
+        status=np.full(size, Status.NO_TARGET, dtype=np.uint8),
+    )
 
 
 def single_estimates(

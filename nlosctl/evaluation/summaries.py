@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["EstimateSummary", "FlagSummary", "plain_dict"]
+__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "plain_dict"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,36 @@ class FlagSummary:
     accuracy: float
 
 
-def plain_dict(summary: EstimateSummary | FlagSummary) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class DetectionSummary:
+    """Indirect-path flags against truth: a confusion table where an indirect path is the positive.
+
+    ``rows`` have both a flag and a truth, ``without_flag`` a truth alone, ``without_truth`` the rest. ``p_fa``: of the
+    direct paths, the share called indirect; ``p_d``: of the indirect ones, the share called so. ``auc`` is the area
+    under the curve of P_d over P_fa as the p-value's threshold moves, ``p_d_at_5`` and ``p_d_at_1`` the P_d on it where
+    5 and 1 % of the direct paths are called indirect. ``ks`` is the Kolmogorov-Smirnov distance of the direct paths'
+    p-values from the uniform law, ``ks_p_value`` how often chance explains so large a one. NaN where there is no such
+    row, or no p-values.
+    """
+
+    rows: int
+    without_flag: int
+    without_truth: int
+    direct_called_direct: int
+    direct_called_indirect: int
+    indirect_called_direct: int
+    indirect_called_indirect: int
+    p_fa: float
+    p_d: float
+    accuracy: float
+    auc: float
+    p_d_at_5: float
+    p_d_at_1: float
+    ks: float
+    ks_p_value: float
+
+
+def plain_dict(summary: EstimateSummary | FlagSummary | DetectionSummary) -> dict[str, Any]:
     """Return a summary as a dict that JSON can hold: what is not finite becomes None."""
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value

@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["gather_rows", "max_measurements", "sum_measurements"]
+__all__ = ["gather_rows", "max_measurements", "sum_measurements", "take_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -39,3 +39,13 @@ def max_measurements(values: FloatArray) -> FloatArray:
     for k in range(values.shape[1]):
         np.maximum(largest, values[:, k], out=largest)
     return largest
+
+
+def take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
+    """Return some rows of a block (B, K) in Fortran order; ``rows`` rise, so that B of them are the block itself."""
+    if rows.shape[0] == array.shape[0]:
+        return array
+    taken = np.empty((rows.shape[0], array.shape[1]), order="F")
+    for k in range(array.shape[1]):
+        np.take(array[:, k], rows, out=taken[:, k])
+    return taken

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import ESTIMATES, FLAGS, Column
 from nlosctl.errors import DataError, did_you_mean
@@ -19,6 +20,7 @@ __all__ = ["EstimatesLayout", "FlagsLayout", "carried_columns"]
 
 IntArray = npt.NDArray[np.int64]
 Arrays = Mapping[str, npt.NDArray[Any]]
+Said = Mapping[str, npt.NDArray[Any] | Words]
 
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
 _ALWAYS_CARRIED = ("truth_x_m", "truth_y_m", "scene")
@@ -43,13 +45,17 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatesLayout:
-    """How the estimates table of a run looks: same columns in every chunk."""
+    """How the estimates table of a run looks: same columns in every chunk.
+
+    ``measurement_name`` is the input's column that an estimate of a single measurement carries, if there is one.
+    """
 
     methods: tuple[str, ...]
     input_schema: pa.Schema
     carried: tuple[str, ...]
     with_covariance_kind: bool
     with_source: bool
+    measurement_name: str = ""
 
     @property
     def schema(self) -> pa.Schema:
@@ -59,6 +65,8 @@ class EstimatesLayout:
             if column.name in _ALWAYS_CARRIED or (column.name == "covariance_kind" and not self.with_covariance_kind):
                 continue
             fields.append(pa.field(column.name, _TYPES[column.type]))
+        if self.measurement_name:
+            fields.append(self.input_schema.field(self.measurement_name).with_metadata(None).with_nullable(True))
         fields += [self.input_schema.field(name).with_metadata(None) for name in self.carried]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
@@ -86,9 +94,12 @@ class EstimatesLayout:
             values[name] = pa.array(arrays[name])
         if self.with_covariance_kind:
             values["covariance_kind"] = pa.array(arrays["covariance_kind"], pa.string())
-        places = pa.array(first_row[snapshot])
+        single = arrays["row"]
+        places = pa.array(np.where(single >= 0, single, first_row[snapshot]))
         for name in self.carried:
             values[name] = rows.column(name).take(places)
+        if self.measurement_name:
+            values[self.measurement_name] = rows.column(self.measurement_name).take(pa.array(single, mask=single < 0))
         if self.with_source:
             values["source"] = _repeated(source, snapshot.shape[0])
         schema = self.schema
@@ -119,7 +130,7 @@ class FlagsLayout:
         return pa.schema([_plain(field) for field in fields])
 
     def table(
-        self, flags: Sequence[tuple[Any, Arrays]], *, rows: pa.Table, snapshot_of_row: IntArray, source: str
+        self, flags: Sequence[tuple[Any, Said]], *, rows: pa.Table, snapshot_of_row: IntArray, source: str
     ) -> pa.Table:
         """Return the table of a chunk's flags: for each snapshot, the rows by the first method, then the next.
 
@@ -134,7 +145,7 @@ class FlagsLayout:
         order = np.lexsort((method, np.tile(snapshot_of_row, len(tables))))
         return pa.concat_tables(tables).take(pa.array(order))
 
-    def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Arrays, rows: pa.Table) -> pa.Table:
+    def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Said, rows: pa.Table) -> pa.Table:
         columns: list[Any] = []
         for field in self.schema:
             if field.name == "method" and len(self.methods) > 1:
@@ -162,9 +173,11 @@ def _repeated(text: str, size: int) -> pa.Array:
     return pa.array([text]).take(pa.array(np.zeros(size, dtype=np.int64)))
 
 
-def _said(values: npt.NDArray[Any] | None, kind: pa.DataType, rows: pa.Table, name: str) -> Any:
+def _said(values: npt.NDArray[Any] | Words | None, kind: pa.DataType, rows: pa.Table, name: str) -> Any:
     if values is None:
         new = pa.nulls(rows.num_rows, kind)
+    elif isinstance(values, Words):
+        new = pa.array(values.words, kind).take(pa.array(values.code))
     elif values.dtype.kind == "f":
         new = _nullable(values)
     else:

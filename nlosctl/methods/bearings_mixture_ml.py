@@ -5,24 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.bearing_candidates import BearingCandidates
-from nlosctl.solvers.modes import Modes, find_modes
-from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model, restore_rows
+from nlosctl.solvers.modes import find_modes
+from nlosctl.solvers.outlier_model import grouped_batch, outlier_model
+from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
-from nlosctl.solvers.ranked_fixes import RankedFixes, ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.ranged_bearings import row_residuals
+from nlosctl.solvers.ranked_fixes import RankedFixes, rank_modes, ranked_estimates, ranked_flags, ranked_status
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +97,7 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         most=options.max_modes,
         gap=options.mode_gap * batch.measurements,
     )
-    fixes, probability = _fixes(model, modes)
+    fixes, probability = rank_modes(model.mixture, modes)
     status = ranked_status(fixes, modes.candidates, model.uninformative(), options.ambiguous_within, modes.held)
     if candidates.count == 0:
         status[:] = Status.TOO_FEW
@@ -113,30 +109,13 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = modes.x[:, 0], modes.y[:, 0]
-    numbers = {"los_probability": probability, **model.residuals(x, y)}
+    numbers = {"los_probability": probability, **row_residuals(grouped, model.lines, x, y)}
     flags = ranked_flags(
         status,
         restore_rows(probability > 0.5, groups),
         {name: restore_rows(values, groups) for name, values in numbers.items()},
     )
     return Solution(estimates=estimates, flags=flags)
-
-
-def _fixes(model: OutlierModel, modes: Modes) -> tuple[RankedFixes, FloatArray]:
-    """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
-    snapshot, place = np.nonzero(np.isfinite(modes.cost))
-    probability, information = model.mixture.take(snapshot).responsibilities(
-        modes.x[snapshot, place], modes.y[snapshot, place]
-    )
-    covariance = information.inverse()
-    parts = [np.full(modes.cost.shape, np.nan) for _ in range(3)]
-    for part, values in zip(parts, (covariance.xx, covariance.xy, covariance.yy), strict=True):
-        part[snapshot, place] = values
-    n_used = np.zeros(modes.cost.shape, dtype=np.int64)
-    n_used[snapshot, place] = np.count_nonzero(probability > 0.5, axis=1)
-    best = np.full((modes.cost.shape[0], model.mixture.count), np.nan, order="F")
-    best[snapshot[place == 0]] = probability[place == 0]
-    return RankedFixes(modes.x, modes.y, modes.cost, Symmetric2x2(*parts), n_used), best
 
 
 METHOD = MethodSpec(
@@ -150,6 +129,7 @@ METHOD = MethodSpec(
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=1,
     flags=("los", "los_probability", "residual_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m"},
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"range_m", "range_std_m"}),

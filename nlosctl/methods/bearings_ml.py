@@ -101,5 +101,6 @@ METHOD = MethodSpec(
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_rad", "residual_m", "under_horizon"),
+    flags_needing={"residual_m": "range_m"},
     reads=frozenset({"range_m", "range_std_m"}),
 )

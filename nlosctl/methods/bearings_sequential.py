@@ -18,7 +18,7 @@ from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bootstraps import conditioned_pairs
 from nlosctl.solvers.fixes import judge_fixes, nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
-from nlosctl.solvers.ranged_bearings import range_columns
+from nlosctl.solvers.ranged_bearings import range_columns, row_residuals
 from nlosctl.solvers.sequential import Prior, RangedLines, Run, run_all_orders
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
@@ -127,9 +127,7 @@ def _solution(
     flags = None
     if batch.want_flags:
         answered = (status <= Status.BOUNDARY)[:, None]
-        residuals = {"residual_rad": lines.bearing_residual_rad(x, y)}
-        if ranged.measured_m is not None:
-            residuals["residual_m"] = ranged.measured_m - lines.range_m(x, y)
+        residuals = row_residuals(batch, lines, x, y)
         flags = Flags(
             used=np.broadcast_to(answered, (batch.size, batch.measurements)).copy(),
             columns={name: np.where(answered, values, np.nan) for name, values in residuals.items()},
@@ -164,8 +162,14 @@ def _too_few(batch: BearingBatch) -> Solution:
             n_used=np.zeros(batch.size, dtype=np.int64),
             status=np.full(batch.size, Status.TOO_FEW, dtype=np.uint8),
         ),
-        flags=Flags(used=np.zeros((batch.size, batch.measurements), dtype=bool)) if batch.want_flags else None,
+        flags=_no_flags(batch) if batch.want_flags else None,
     )
+
+
+def _no_flags(batch: BearingBatch) -> Flags:
+    shape = (batch.size, batch.measurements)
+    names = ("residual_rad",) if batch.range_m is None else ("residual_rad", "residual_m")
+    return Flags(used=np.zeros(shape, dtype=bool), columns={name: np.full(shape, np.nan) for name in names})
 
 
 METHOD = MethodSpec(
@@ -179,6 +183,7 @@ METHOD = MethodSpec(
     cost=HALF_CHI_SQUARE,
     minimum_measurements=1,
     flags=("residual_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m"},
     randomized=True,
     reads=frozenset({"range_m", "range_std_m", "prior_x_m", "prior_y_m", "prior_std_m"}),
 )

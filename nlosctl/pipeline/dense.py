@@ -26,14 +26,26 @@ class Block:
     snapshot: IntArray
     row: IntArray
 
-    def batch(self, kind: str, columns: Columns, scene: Scene, seed: npt.NDArray[np.uint64], *, flags: bool) -> Batch:
+    def batch(
+        self,
+        kind: str,
+        columns: Columns,
+        scene: Scene,
+        seed: npt.NDArray[np.uint64],
+        *,
+        flags: bool,
+        details: bool = False,
+    ) -> Batch:
         """Return the dense batch of this block, its arrays read-only and in Fortran order.
 
-        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat.
+        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat. ``flags`` and ``details`` say what the
+        batch wants.
         """
         cls = batch_class(kind)
         arrays = {name: _dense(self.row, [columns[part] for part in parts]) for name, parts in cls.SOURCES.items()}
-        batch: Batch = cls(scene=scene, seed=seed[self.snapshot], want_flags=flags, **arrays)
+        batch: Batch = cls(
+            scene=scene, seed=seed[self.snapshot], want_flags=flags, want_details=flags and details, **arrays
+        )
         return batch
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from nlosctl.contract.tables import ESTIMATES, FLAGS
 from nlosctl.errors import DataError
+from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
 from nlosctl.evaluation.flags import FlagScores
 from nlosctl.evaluation.summaries import plain_dict
@@ -18,6 +19,7 @@ from nlosctl.io.evaluation_rows import (
     boolean_codes,
     estimate_arrays,
     group_codes,
+    numbers,
     whole_snapshots,
 )
 from nlosctl.io.inputs import Input
@@ -76,18 +78,42 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
 
 
 def _evaluate_flags(readers: Readers) -> Evaluation:
+    """Evaluate indirect-path flags where the first file has them with their truth, else line-of-sight flags."""
+    if {"ip", "truth_ip"} <= set(readers[0][1].schema.names):
+        return _evaluate_detection(readers)
     scores = FlagScores()
     grouping: list[str] = []
     for given, reader in readers:
-        for name in ("los", "truth_los"):
-            if name not in reader.schema.names:
-                raise DataError(f"{given.name}: no column {name!r}: flags are evaluated by 'los' against 'truth_los'")
+        _require_columns(given, reader, "los", "truth_los")
         grouping = _grouping(reader.schema.names)
         for table in reader.batches():
             group, keys = group_codes(table, grouping)
             los, truth_los = boolean_codes(table.column("los")), boolean_codes(table.column("truth_los"))
             scores.add(los, truth_los, group, [_named(readers, given, key) for key in keys])
     return _evaluation("flags", scores, readers, grouping)
+
+
+def _evaluate_detection(readers: Readers) -> Evaluation:
+    scores = DetectionScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        _require_columns(given, reader, "ip", "truth_ip")
+        grouping = _grouping(reader.schema.names)
+        for table in reader.batches():
+            group, keys = group_codes(table, grouping)
+            ip, truth_ip = boolean_codes(table.column("ip")), boolean_codes(table.column("truth_ip"))
+            p_value = numbers(table.column("p_value")) if "p_value" in table.column_names else None
+            scores.add(ip, truth_ip, p_value, group, [_named(readers, given, key) for key in keys])
+    return _evaluation("flags", scores, readers, grouping)
+
+
+def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
+    for name in names:
+        if name not in reader.schema.names:
+            raise DataError(
+                f"{given.name}: no column {name!r}: flags are evaluated by 'ip' against 'truth_ip', "
+                "or by 'los' against 'truth_los'"
+            )
 
 
 def _grouping(names: Sequence[str]) -> list[str]:
@@ -98,7 +124,9 @@ def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, .
     return (given.name, *key) if len(readers) > 1 else key
 
 
-def _evaluation(of: str, scores: EstimateScores | FlagScores, readers: Readers, grouping: Sequence[str]) -> Evaluation:
+def _evaluation(
+    of: str, scores: EstimateScores | FlagScores | DetectionScores, readers: Readers, grouping: Sequence[str]
+) -> Evaluation:
     names = (["file"] if len(readers) > 1 else []) + list(grouping)
     groups = []
     for key, summary in scores.result().items():

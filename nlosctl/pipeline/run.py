@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl import registry
+from nlosctl.contract.tables import KINDS
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, carried_columns
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
-from nlosctl.pipeline.solving import FlatEstimates, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
 from nlosctl.pipeline.workers import map_in_order
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
@@ -32,14 +33,16 @@ class RunSettings:
     block_size: int = 4096
     alternatives: int = 1
     carry: tuple[str, ...] = ()
+    want_estimates: bool = True
     want_flags: bool = False
+    want_details: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
-    """The Arrow tables of one chunk; ``rows`` is how many input rows they answer."""
+    """The Arrow tables of one chunk, None if not wanted; ``rows`` is how many input rows they answer."""
 
-    estimates: Any
+    estimates: Any | None
     flags: Any | None
     rows: int
 
@@ -57,13 +60,14 @@ class MeasurementRun:
             methods=methods,
             input_schema=reader.schema,
             carried=carried_columns(reader.schema.names, settings.carry),
+            measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
         )
         self._flags_layout = FlagsLayout(
             methods=methods,
             input_schema=reader.schema,
-            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags_in(reader.scene))),
+            said=self._said(),
             with_source=reader.has_several_sources,
         )
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
@@ -88,12 +92,15 @@ class MeasurementRun:
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
         solved = map_in_order(self._solve, self._reader.chunks(), self._settings.jobs)
-        for estimates, tables in solved:
-            self._count(estimates, tables.rows)
+        for estimates, flags, tables in solved:
+            self.report.rows += tables.rows
+            if estimates is not None:
+                self._count(estimates)
+            self._count_flags(flags)
             yield tables
         self._finish()
 
-    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates, ChunkTables]:
+    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates | None, list[FlatFlags], ChunkTables]:
         settings = self._settings
         problem = Problem(
             kind=self._reader.kind,
@@ -109,11 +116,14 @@ class MeasurementRun:
             block_size=settings.block_size,
             alternatives=settings.alternatives,
             want_flags=settings.want_flags,
+            want_details=settings.want_details,
         )
-        arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
-        estimates_table = self._estimates_layout.table(
-            arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
-        )
+        estimates_table = None
+        if settings.want_estimates and estimates is not None:
+            arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+            estimates_table = self._estimates_layout.table(
+                arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
+            )
         flags_table = None
         if settings.want_flags:
             counts = np.diff(chunk.offsets)
@@ -123,15 +133,32 @@ class MeasurementRun:
                 snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
                 source=chunk.source,
             )
-        return estimates, ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows)
+        tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows)
+        return estimates, flags, tables
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
             return np.zeros(len(chunk.snapshot), dtype=np.uint64)
         return snapshot_seeds(self._settings.seed, chunk.snapshot_ids())
 
-    def _count(self, estimates: FlatEstimates, rows: int) -> None:
-        self.report.rows += rows
+    def _said(self) -> tuple[str, ...]:
+        details = self._settings.want_details
+        columns = (
+            run.spec.flag_columns(run.options, self._reader.scene, self._reader.schema.names, details=details)
+            for run in self._runs
+        )
+        return tuple(dict.fromkeys(name for names in columns for name in names))
+
+    def _measurement_name(self) -> str:
+        name = KINDS[self._reader.kind].measurement_name
+        return name if name in self._reader.schema.names else ""
+
+    def _count_flags(self, flags: Sequence[FlatFlags]) -> None:
+        for run, said in zip(self._runs, flags, strict=False):
+            if run.spec.job != "localize":
+                self.report.methods[run.spec.name].add_verdicts(said.columns)
+
+    def _count(self, estimates: FlatEstimates) -> None:
         best = estimates.alternative == 0
         for number, run in enumerate(self._runs):
             mine = best & (estimates.method == number)

@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.methods import MethodSpec
-from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
+from nlosctl.contract.results import Estimates, Solution, Words, single_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.pipeline.dense import Block, dense_blocks
+from nlosctl.pipeline.flag_columns import FlagColumn
 
 __all__ = ["FlatEstimates", "FlatFlags", "MethodRun", "Problem", "solve_flat"]
 
@@ -45,9 +46,13 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True)
 class FlatEstimates:
-    """Estimates (E,) of a chunk, by snapshot, then method, target and alternative."""
+    """Estimates (E,) of a chunk, by snapshot, then method, target and alternative.
+
+    ``row`` is the measurement that an estimate is of, where each is solved by itself, else -1.
+    """
 
     snapshot: IntArray
+    row: IntArray
     method: IntArray
     target: IntArray
     alternative: IntArray
@@ -65,28 +70,41 @@ class FlatFlags:
     """Flags (N,) of a chunk by one method; rows that took no part are not used and say nothing."""
 
     used: BoolArray
-    columns: Mapping[str, npt.NDArray[Any]]
+    columns: Mapping[str, npt.NDArray[Any] | Words]
 
 
 def solve_flat(
-    problem: Problem, runs: Sequence[MethodRun], *, block_size: int, alternatives: int, want_flags: bool
-) -> tuple[FlatEstimates, list[FlatFlags]]:
-    """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted."""
+    problem: Problem,
+    runs: Sequence[MethodRun],
+    *,
+    block_size: int,
+    alternatives: int,
+    want_flags: bool,
+    want_details: bool = False,
+) -> tuple[FlatEstimates | None, list[FlatFlags]]:
+    """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted.
+
+    The estimates are None where no method makes any.
+    """
     parts: list[FlatEstimates] = []
     flags: list[FlatFlags] = []
     blocks = list(dense_blocks(problem.offsets, problem.kept, block_size))
     for number, run in enumerate(runs):
-        solutions = [(block, _solve_block(problem, block, run, want_flags)) for block in blocks]
-        parts += [_flatten(problem, block, solution.estimates, number) for block, solution in solutions]
+        solutions = [(block, _solve_block(problem, block, run, want_flags, want_details)) for block in blocks]
+        parts += [
+            _flatten(problem, block, solution.estimates, number) for block, solution in solutions if run.spec.estimates
+        ]
         if want_flags:
-            flags.append(_scatter_flags(problem.kept.shape[0], run.spec, solutions))
-    return _in_order(_concatenate(parts), alternatives), flags
+            flags.append(_scatter_flags(problem, run, solutions, details=want_details))
+    return _in_order(_concatenate(parts), alternatives) if parts else None, flags
 
 
-def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: bool) -> Solution:
+def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: bool, want_details: bool) -> Solution:
     if block.row.shape[1] < run.spec.minimum_measurements:
         return _too_few(block.row.shape[0])
-    batch = block.batch(problem.kind, problem.columns, problem.scene, problem.seed, flags=want_flags)
+    batch = block.batch(
+        problem.kind, problem.columns, problem.scene, problem.seed, flags=want_flags, details=want_details
+    )
     try:
         solution = run.spec.solve(batch, run.options)
     except NlosctlError:
@@ -114,8 +132,10 @@ def _too_few(size: int) -> Solution:
 def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) -> FlatEstimates:
     snapshot = block.snapshot[estimates.row]
     size = snapshot.shape[0]
+    single = estimates.measurement
     return FlatEstimates(
         snapshot=snapshot,
+        row=np.full(size, -1, dtype=np.int64) if single is None else block.row[estimates.row, single],
         method=np.full(size, method, dtype=np.int64),
         target=estimates.target,
         alternative=estimates.alternative,
@@ -145,22 +165,18 @@ def _in_order(estimates: FlatEstimates, alternatives: int) -> FlatEstimates:
     return FlatEstimates(**{name: getattr(estimates, name)[order] for name in FlatEstimates.__annotations__})
 
 
-def _scatter_flags(rows: int, spec: MethodSpec, solutions: list[tuple[Block, Solution]]) -> FlatFlags:
+def _scatter_flags(
+    problem: Problem, run: MethodRun, solutions: list[tuple[Block, Solution]], *, details: bool
+) -> FlatFlags:
+    rows = problem.kept.shape[0]
     used = np.zeros(rows, dtype=bool)
-    columns: dict[str, npt.NDArray[Any]] = {}
+    columns: dict[str, FlagColumn] = {}
     for block, solution in solutions:
         flags = solution.flags
         if flags is None:
             continue
         used[block.row] = flags.used
-        for name in spec.flags:
+        for name in run.spec.flag_columns(run.options, problem.scene, problem.columns, details=details):
             if name in flags.columns:
-                _scatter(columns, name, flags, block.row, rows)
-    return FlatFlags(used=used, columns=columns)
-
-
-def _scatter(columns: dict[str, npt.NDArray[Any]], name: str, flags: Flags, row: IntArray, rows: int) -> None:
-    values = flags.columns[name]
-    if name not in columns:
-        columns[name] = np.full(rows, np.nan) if values.dtype.kind == "f" else np.full(rows, None, dtype=object)
-    columns[name][row] = values
+                columns.setdefault(name, FlagColumn(rows)).set(block.row, flags.columns[name])
+    return FlatFlags(used=used, columns={name: column.values() for name, column in columns.items()})

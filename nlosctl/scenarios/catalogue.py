@@ -22,6 +22,8 @@ _MODULES = {
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
     "song-circle": "nlosctl.scenarios.song_circle",
+    "room": "nlosctl.scenarios.room",
+    "shen": "nlosctl.scenarios.shen",
     "song-flat": "nlosctl.scenarios.song_flat",
 }
 

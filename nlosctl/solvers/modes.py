@@ -26,6 +26,9 @@ _POINTS = 8192
 _APART = 1.0
 """Starts are at least so many standard deviations apart."""
 
+_TIE_DIGITS = 5
+"""Costs that agree to so many digits after the point, in nats, are equal."""
+
 _SAME = 0.05
 """Modes closer than so many standard deviations are one."""
 
@@ -63,6 +66,8 @@ def find_modes(
     followed.
     """
     size = mixture.obstructed.shape[0]
+    if size == 0 or points == 0:
+        return _no_modes(size, most)
     block = max(1, _POINTS // max(points, 1))
     starts = [
         _starts(mixture, candidates, allowed, np.arange(first, min(first + block, size)), most, gap)
@@ -70,6 +75,20 @@ def find_modes(
     ]
     x, y, usable = (np.concatenate([part[number] for part in starts]) for number in range(3))
     return _polish(mixture, x, y, usable, allowed)
+
+
+def _no_modes(size: int, most: int) -> Modes:
+    nothing = [np.full((size, most), np.nan) for _ in range(5)]
+    nowhere = np.zeros(size, dtype=bool)
+    return Modes(
+        nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), nowhere, nowhere.copy()
+    )
+
+
+def _no_modes(size: int, most: int) -> Modes:
+    nothing = [np.full((size, most), np.nan) for _ in range(5)]
+    none = np.zeros(size, dtype=bool)
+    return Modes(nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), none, none.copy())
 
 
 def _starts(
@@ -151,9 +170,18 @@ def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, a
         values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
         for part, value in zip(parts, values, strict=True):
             part[snapshot, place] = value
-    order = np.argsort(cost, axis=1, kind="stable")
+    order = _order(cost, x=parts[0], y=parts[1])
     parts = [np.take_along_axis(part, order, axis=1) for part in parts]
     return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), np.asarray(usable.any(axis=1)), held)
+
+
+def _order(cost: FloatArray, x: FloatArray, y: FloatArray) -> IntArray:
+    """Return the order (B, T) of rising cost; modes that are equally likely but for rounding, by their distance.
+
+    Where two circles cross, both crossings are equally likely when every other row is an outlier.
+    """
+    order: IntArray = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
+    return order
 
 
 @dataclass(frozen=True)
@@ -182,6 +210,6 @@ def _without_repetitions(parts: list[FloatArray], cost: FloatArray, candidates: 
             near = _squared_distance(hessian, x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None])
             repeated[:, t + 1 :] |= near < _SAME * _SAME
     cost[repeated] = np.inf
-    order = np.argsort(cost, axis=1, kind="stable")
+    order = _order(cost, x, y)
     x, y, xx, xy, yy, cost = (np.take_along_axis(part, order, axis=1) for part in (x, y, xx, xy, yy, cost))
     return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), candidates, held)

@@ -19,11 +19,11 @@ from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.fixes import nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
 from nlosctl.solvers.mixture import Mixture
-from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares
+from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.ranged_bearings import range_columns
 from nlosctl.solvers.search_regions import search_region
 
-__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "restore_rows"]
+__all__ = ["OutlierModel", "grouped_batch", "outlier_model"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -75,45 +75,22 @@ class OutlierModel:
         That is: parallel lines, or all sensors at one place, and no range.
         """
         nothing = nearly_singular(fit_least_squares(self.lines).normal)
-        if self.lines.mirrors is None:
-            nothing |= self.sensor_extent_m <= 0.0
+        nothing |= _larger_side(self.lines.origin_x, self.lines.origin_y) <= 0.0
         if self.measured_m is not None:
             nothing &= np.isnan(self.measured_m).all(axis=1)
         return nothing
-
-    def residuals(self, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
-        """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` if there are ranges."""
-        residuals = {"residual_rad": self.lines.bearing_residual_rad(x, y)}
-        if self.measured_m is not None:
-            residuals["residual_m"] = self.measured_m - self.lines.range_m(x, y)
-        return residuals
 
 
 def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
     groups = group_paths(keys, batch.path)
-    if groups.order is None:
-        return batch, groups
-    order = groups.order
-
-    def sort(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        places = order if array.ndim == 2 else order[..., None]
-        return np.asfortranarray(np.take_along_axis(array, places, axis=1))
-
     names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
     arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
-    sorted_arrays: dict[str, Any] = {name: sort(array) for name, array in arrays.items() if array is not None}
+    sorted_arrays: dict[str, Any] = {
+        name: sort_rows(array, groups) for name, array in arrays.items() if array is not None
+    }
     return dataclasses.replace(batch, **sorted_arrays), groups
-
-
-def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
-    """Return values (B, K) of a grouped batch in the file's order."""
-    if groups.order is None:
-        return values
-    restored = np.empty_like(values)
-    np.put_along_axis(restored, groups.order, values, axis=1)
-    return restored
 
 
 def outlier_model(
@@ -137,13 +114,10 @@ def outlier_model(
     region = search_region(batch.field, sensor_x, sensor_y, lines.center_x, lines.center_y)
     xmin, xmax, ymin, ymax = region.bounds_m
     extent = np.hypot(xmax - xmin, ymax - ymin)
-    sensor_extent = np.maximum(
-        max_measurements(sensor_x) + max_measurements(-sensor_x),
-        max_measurements(sensor_y) + max_measurements(-sensor_y),
-    )
+    sensor_extent = _larger_side(sensor_x, sensor_y)
     minimum = _MINIMUM_RANGE_SHARE * sensor_extent if min_range_m is None else np.full(extent.shape, min_range_m)
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
-    share = _sorted(path_shares(groups, path_prior), groups)
+    share = sort_rows(path_shares(groups, path_prior), groups)
     fov = radians(field_of_view_deg)
     with np.errstate(divide="ignore"):
         log_direct = np.log(share * (1.0 - alpha)) - np.log(
@@ -158,13 +132,12 @@ def outlier_model(
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
     rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=lognormal)
     mixture = Mixture.of(rows, log_direct, np.full(extent.shape, alpha), groups.last, log_nlos)
-    leader = _sorted(groups.leader, groups)
+    leader = sort_rows(groups.leader, groups)
     return OutlierModel(
         lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
     )
 
 
-def _sorted(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
-    if groups.order is None:
-        return values
-    return np.asfortranarray(np.take_along_axis(values, groups.order, axis=1))
+def _larger_side(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the larger side (B,) of the box of points (B, K)."""
+    return np.maximum(max_measurements(x) + max_measurements(-x), max_measurements(y) + max_measurements(-y))

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["PathGroups", "group_paths", "path_shares"]
+__all__ = ["PathGroups", "group_paths", "path_shares", "restore_rows", "sort_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -78,3 +79,20 @@ def path_shares(groups: PathGroups, prior: str) -> FloatArray:
         shares: FloatArray = np.exp2(-1.0 - groups.rank) / (1.0 - np.exp2(-groups.size.astype(np.float64)))
         return shares
     return 1.0 / groups.size.astype(np.float64)
+
+
+def sort_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
+    """Return values (B, K) or (B, K, 2) with the rows of each group next to each other."""
+    if groups.order is None:
+        return values
+    places = groups.order if values.ndim == 2 else groups.order[..., None]
+    return np.asfortranarray(np.take_along_axis(values, places, axis=1))
+
+
+def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
+    """Return values (B, K) of a grouped batch in the file's order."""
+    if groups.order is None:
+        return values
+    restored = np.empty_like(values)
+    np.put_along_axis(restored, groups.order, values, axis=1)
+    return restored

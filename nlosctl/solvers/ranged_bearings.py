@@ -8,18 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import Flags, Solution, single_estimates
+from nlosctl.contract.results import Solution, single_estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.crossings import end_rays
-from nlosctl.solvers.fixes import judge_fixes
+from nlosctl.solvers.fixes import bearing_flags, judge_fixes
 from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
 from nlosctl.solvers.mixture import positive_hessian
 
-__all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns"]
+__all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns", "row_residuals"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -34,6 +34,17 @@ def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, Fl
     if not known.any():
         return None
     return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
+
+
+def row_residuals(batch: BearingBatch, lines: SightLines, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
+    """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where the batch has ranges.
+
+    A mirrored row's range is the unfolded length.
+    """
+    residuals = {"residual_rad": lines.bearing_residual_rad(x, y)}
+    if batch.range_m is not None:
+        residuals["residual_m"] = batch.range_m - lines.range_m(x, y)
+    return residuals
 
 
 @dataclass(frozen=True)
@@ -107,13 +118,7 @@ def fit_ranged_bearings(
     )
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    answered = (status <= Status.BOUNDARY)[:, None]
-    residuals = {"residual_rad": lines.bearing_residual_rad(x, y), "residual_m": ranges[0] - lines.range_m(x, y)}
-    flags = Flags(
-        used=np.broadcast_to(answered, ranges[0].shape).copy(),
-        columns={name: np.where(answered, values, np.nan) for name, values in residuals.items()},
-    )
-    return Solution(estimates=estimates, flags=flags)
+    return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y))
 
 
 def _mean_end(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -11,13 +11,18 @@ import numpy.typing as npt
 from nlosctl.contract.results import Estimates, Flags
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.modes import Modes
 
-__all__ = ["RankedFixes", "ranked_estimates", "ranked_flags", "ranked_status"]
+__all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
+
+_ROUNDING = 1e-10
+"""Determinants of covariances below this share of xx yy are rounding: the information was singular."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,23 @@ class RankedFixes:
     cost: FloatArray
     covariance: Symmetric2x2
     n_used: IntArray
+
+
+def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:
+    """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
+    snapshot, place = np.nonzero(np.isfinite(modes.cost))
+    probability, information = mixture.take(snapshot).responsibilities(
+        modes.x[snapshot, place], modes.y[snapshot, place]
+    )
+    covariance = information.inverse()
+    parts = [np.full(modes.cost.shape, np.nan) for _ in range(3)]
+    for part, values in zip(parts, (covariance.xx, covariance.xy, covariance.yy), strict=True):
+        part[snapshot, place] = values
+    n_used = np.zeros(modes.cost.shape, dtype=np.int64)
+    n_used[snapshot, place] = np.count_nonzero(probability > 0.5, axis=1)
+    best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
+    best[snapshot[place == 0]] = probability[place == 0]
+    return RankedFixes(modes.x, modes.y, modes.cost, Symmetric2x2(*parts), n_used), best
 
 
 def ranked_status(
@@ -49,8 +71,7 @@ def ranked_status(
     with np.errstate(invalid="ignore"):
         if fixes.cost.shape[1] > 1:
             status[fixes.cost[:, 1] - fixes.cost[:, 0] <= ambiguous_within] = Status.AMBIGUOUS
-        positive = (covariance.xx[:, 0] > 0.0) & (covariance.determinant[:, 0] > 0.0)
-    status[~(positive & np.isfinite(covariance.trace[:, 0]))] = Status.DEGENERATE
+    status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
     if held is not None:
         status[held] = Status.BOUNDARY
     status[~np.isfinite(fixes.cost[:, 0])] = Status.NOT_CONVERGED
@@ -65,9 +86,7 @@ def ranked_estimates(
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status."""
     answered = status <= Status.BOUNDARY
     covariance = fixes.covariance
-    with np.errstate(invalid="ignore"):
-        sound = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.determinant > 0.0)
-    written = np.isfinite(fixes.cost) & answered[:, None] & sound
+    written = np.isfinite(fixes.cost) & answered[:, None] & _sound(covariance)
     written &= (status != Status.BOUNDARY)[:, None]
     written[:, 0] = True
     row, alternative = np.nonzero(written)
@@ -89,6 +108,14 @@ def ranked_estimates(
         status=status[row],
         covariance_kind=covariance_kind,
     )
+
+
+def _sound(covariance: Symmetric2x2) -> BoolArray:
+    """Return which covariances are of an ellipse, with more to their determinant than rounding."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)
+        sound &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+    return sound
 
 
 def ranked_flags(status: StatusArray, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -13,33 +9,14 @@ from nlosctl.contract.batches import BearingBatch, FloatArray, IntArray
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
+from nlosctl.testing.range_draws import RANGE_DRAWS
+from nlosctl.testing.trials import Draw, Trial
+from nlosctl.testing.triplet_draws import TRIPLET_DRAWS
 
 __all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings"]
 
 _SCALES_M = (1e-2, 1.0, 1e3, 1e6)
 _WRAPS = 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """A drawn batch, with the size of its scene in metres: what rounding is measured against."""
-
-    batch: Any
-    size_m: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Draw:
-    """How batches of a kind are drawn and turned.
-
-    ``trial(generator, snapshots, measurements, fault)`` draws a batch; ``fault`` is None for ordinary snapshots, or
-    one of ``faults``, words for what is degenerate in every snapshot of it. ``directions`` names the batch's arrays
-    that turn with the frame; those that end in ``_xy_m`` are known to be positions.
-    """
-
-    trial: Callable[[np.random.Generator, int, int, str | None], Trial]
-    faults: tuple[str, ...]
-    directions: tuple[str, ...]
 
 
 def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
@@ -128,5 +105,7 @@ DRAWS: dict[tuple[str, str], Draw] = {
         faults=("parallel", "one place", "on a sensor", "behind"),
         directions=("bearing_rad",),
     ),
+    **RANGE_DRAWS,
+    **TRIPLET_DRAWS,
 }
 """How batches are drawn, by kind of measurement and job."""
