@@ -32,7 +32,9 @@ from nlosctl.cli.options import (
     RangeStdM,
     Report,
     SceneFile,
+    SearchField,
     Seed,
+    TargetZM,
     Verbose,
     key_values,
 )
@@ -66,6 +68,8 @@ def localize(
     dod_std_deg: DodStdDeg = None,
     doa_std_deg: DoaStdDeg = None,
     path_length_std_m: PathLengthStdM = None,
+    field: SearchField = "sensors:1",
+    target_z_m: TargetZM = None,
     all_rows: AllRows = False,
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
@@ -89,6 +93,7 @@ def localize(
     Without -o a terminal shows a preview, a pipe gets CSV. Exit codes: 0 done, 1 bad data or files, 2 the words of
     the command line, 3 under --strict when some snapshot got no estimate, 130 interrupted.
     """
+    from nlosctl.contract.fields import parse_field
     from nlosctl.pipeline.parameters import method_runs
     from nlosctl.pipeline.run import MeasurementRun, RunSettings
     from nlosctl.pipeline.workers import usable_jobs
@@ -120,6 +125,8 @@ def localize(
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            field=parse_field(field),
+            target_z_m=target_z_m,
             want_flags=flags_out is not None,
         )
         run = MeasurementRun(opened.reader, runs, settings)

@@ -11,6 +11,7 @@ import typer
 
 from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
+from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
 from nlosctl.cli.schema import schema
@@ -38,6 +39,7 @@ app = typer.Typer(
 )
 app.command()(localize)
 app.command(name="detect-ip")(detect_ip)
+app.command(name="identify-los")(identify_los)
 app.command()(simulate)
 app.command()(evaluate)
 app.command()(validate)

@@ -38,7 +38,9 @@ __all__ = [
     "RangeStdM",
     "Report",
     "SceneFile",
+    "SearchField",
     "Seed",
+    "TargetZM",
     "Verbose",
     "key_values",
 ]
@@ -140,6 +142,21 @@ PathLengthStdM = Annotated[
 ]
 Details = Annotated[
     bool, typer.Option("--details", help="Show in the flags what they were decided by (see 'nlosctl methods show').")
+]
+SearchField = Annotated[
+    str,
+    typer.Option(
+        "--field",
+        metavar="FIELD",
+        help="Where to search: xmin,xmax,ymin,ymax or circle:x,y,r or polygon:FILE (metres), or sensors:FACTOR, the "
+        "box of the sensors grown by FACTOR times its larger side.",
+    ),
+]
+TargetZM = Annotated[
+    float | None,
+    typer.Option(
+        "--target-z-m", metavar="M", help="Height of the targets: ranges are slant, from sensors at sensor_z_m."
+    ),
 ]
 BadRows = Annotated[
     str | None,

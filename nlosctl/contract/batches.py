@@ -108,7 +108,7 @@ class RangeBatch(Batch):
         "range_m": ("range_m",),
         "range_std_m": ("range_std_m",),
         "path": ("path",),
-        "sensor_height_m": ("sensor_z_m",),
+        "sensor_height_m": ("sensor_height_m",),
     }
 
     sensor: IntArray

@@ -435,6 +435,12 @@ FLAGS = Table(
             meaning="whether the row agrees with its stated path, direct or by its reflector",
         ),
         Column(
+            name="los_probability",
+            type="number",
+            nullable=True,
+            meaning="probability that the row agrees with its stated path",
+        ),
+        Column(
             name="ip",
             type="boolean",
             nullable=True,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
@@ -92,7 +92,7 @@ METHOD = MethodSpec(
     reference="numerics of this project: range least squares with nearest-circle association, equation (8)",
     options=AssignmentOptions,
     solve=solve,
-    cost="half the chi-square of the range residuals",
+    cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=3,
     flags=IDENTIFICATION_FLAGS,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.echoes import Echoes
@@ -47,7 +47,7 @@ METHOD = MethodSpec(
     reference="Liang, Zeng, Li, equations (2)-(9)",
     options=ExtendedTypeClusteringOptions,
     solve=solve,
-    cost="half the chi-square of the range residuals",
+    cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=3,
     flags=IDENTIFICATION_FLAGS,
 )

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.ranges import range_circles
 from nlosctl.solvers.range_fixes import finish_range_fix, optimize_ranges
 
-__all__ = ["METHOD", "RangeLeastSquaresOptions", "solve"]
+__all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,9 @@ METHOD = MethodSpec(
     reference="Liang, Zeng, Li, equation (8)",
     options=RangeLeastSquaresOptions,
     solve=solve,
-    cost="half the chi-square of the range residuals",
+    cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_m",),
 )
+
+ML = replace(METHOD, name="ml", summary="r-ls by another name: what localize does unless told")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.contract.batches import BoolArray, FloatArray, RangeBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.geometry.blocks import sum_measurements
@@ -76,7 +76,7 @@ METHOD = MethodSpec(
     reference="Liang, Zeng, Li, equation (9); Beck, Stoica, Li 2008",
     options=SquaredRangeOptions,
     solve=solve,
-    cost="half the chi-square of the range residuals",
+    cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_m",),
 )

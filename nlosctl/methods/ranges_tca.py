@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.echoes import Echoes
@@ -45,7 +45,7 @@ METHOD = MethodSpec(
     reference="Liang, Li 2023; Liang, Zeng, Li, section III.A, equations (2)-(5)",
     options=TypeClusteringOptions,
     solve=solve,
-    cost="half the chi-square of the range residuals",
+    cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=3,
     flags=IDENTIFICATION_FLAGS,
 )

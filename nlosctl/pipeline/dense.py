@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import Batch, batch_class
+from nlosctl.contract.fields import Field
 from nlosctl.contract.scene import Scene
 
 __all__ = ["Block", "dense_blocks"]
@@ -31,6 +32,7 @@ class Block:
         kind: str,
         columns: Columns,
         scene: Scene,
+        field: Field,
         seed: npt.NDArray[np.uint64],
         *,
         flags: bool,
@@ -44,7 +46,12 @@ class Block:
         cls = batch_class(kind)
         arrays = {name: _dense(self.row, [columns[part] for part in parts]) for name, parts in cls.SOURCES.items()}
         batch: Batch = cls(
-            scene=scene, seed=seed[self.snapshot], want_flags=flags, want_details=flags and details, **arrays
+            scene=scene,
+            field=field,
+            seed=seed[self.snapshot],
+            want_flags=flags,
+            want_details=flags and details,
+            **arrays,
         )
         return batch
 

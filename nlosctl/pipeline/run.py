@@ -11,10 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl import registry
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.tables import KINDS
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, carried_columns
+from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
@@ -33,6 +35,8 @@ class RunSettings:
     block_size: int = 4096
     alternatives: int = 1
     carry: tuple[str, ...] = ()
+    field: Field = SensorsField()
+    target_z_m: float | None = None
     want_estimates: bool = True
     want_flags: bool = False
     want_details: bool = False
@@ -84,9 +88,12 @@ class MeasurementRun:
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
+        settings = self._settings
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
         described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
-        content = {"methods": methods, "seed": self._settings.seed, "inputs": described}
+        content = {"methods": methods, "seed": self._settings.seed, "inputs": described, "field": str(settings.field)}
+        if settings.target_z_m is not None:
+            content["target_z_m"] = settings.target_z_m
         return file_metadata(command, content, self._reader.scene)
 
     def tables(self) -> Iterator[ChunkTables]:
@@ -105,7 +112,8 @@ class MeasurementRun:
         problem = Problem(
             kind=self._reader.kind,
             scene=self._reader.scene,
-            columns=chunk.columns,
+            field=settings.field,
+            columns=with_sensor_heights(chunk.columns, settings.target_z_m, chunk.table.num_rows),
             offsets=chunk.offsets,
             kept=~chunk.left_out,
             seed=self._seeds(chunk),
@@ -172,7 +180,7 @@ class MeasurementRun:
         self.report.rows_left_out = read.left_out_rows
         self.report.bad_rows = read.bad_rows
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        self.report.notes += [*read.remarks, *self._unused_ranges(), *self._advice()]
+        self.report.notes += [*read.remarks, *heights_remark(self._reader.schema.names, self._settings.target_z_m), *self._unused_ranges(), *self._advice()]
 
     def _unused_ranges(self) -> list[str]:
         takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]

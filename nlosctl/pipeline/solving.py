@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Estimates, Solution, Words, single_estimates
 from nlosctl.contract.scene import Scene
@@ -38,6 +39,7 @@ class Problem:
 
     kind: str
     scene: Scene
+    field: Field = SensorsField()
     columns: Mapping[str, npt.NDArray[Any]]
     offsets: IntArray
     kept: BoolArray
@@ -103,7 +105,13 @@ def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: boo
     if block.row.shape[1] < run.spec.minimum_measurements:
         return _too_few(block.row.shape[0])
     batch = block.batch(
-        problem.kind, problem.columns, problem.scene, problem.seed, flags=want_flags, details=want_details
+        problem.kind,
+        problem.columns,
+        problem.scene,
+        problem.field,
+        problem.seed,
+        flags=want_flags,
+        details=want_details,
     )
     try:
         solution = run.spec.solve(batch, run.options)
