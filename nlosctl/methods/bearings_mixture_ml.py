@@ -12,7 +12,8 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bearing_candidates import BearingCandidates
 from nlosctl.solvers.modes import find_modes
-from nlosctl.solvers.outlier_model import grouped_batch, outlier_model
+from nlosctl.solvers.outlier_model import grouped_batch, has_several_paths, outlier_model
+from nlosctl.solvers.parted_batches import solve_parts
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.ranged_bearings import row_residuals
@@ -75,6 +76,10 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     log-likelihood in nats. no_candidate: no crossing in the field; degenerate: parallel lines, or sensors all at one
     place without ranges.
     """
+    return solve_parts(batch, has_several_paths(batch), lambda part: _solve(part, options))
+
+
+def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     grouped, groups = grouped_batch(batch)
     model = outlier_model(
         grouped,

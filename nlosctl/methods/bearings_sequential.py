@@ -185,5 +185,6 @@ METHOD = MethodSpec(
     flags=("residual_rad", "residual_m"),
     flags_needing={"residual_m": "range_m"},
     randomized=True,
+    exempt_from=frozenset({"order"}),
     reads=frozenset({"range_m", "range_std_m", "prior_x_m", "prior_y_m", "prior_std_m"}),
 )

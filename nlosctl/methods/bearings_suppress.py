@@ -137,5 +137,6 @@ METHOD = MethodSpec(
     flags_needing={"residual_m": "range_m"},
     covariance_kinds=("inliers",),
     randomized=True,
+    exempt_from=frozenset({"order"}),
     reads=frozenset({"range_m", "range_std_m"}),
 )

@@ -180,7 +180,12 @@ class MeasurementRun:
         self.report.rows_left_out = read.left_out_rows
         self.report.bad_rows = read.bad_rows
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        self.report.notes += [*read.remarks, *heights_remark(self._reader.schema.names, self._settings.target_z_m), *self._unused_ranges(), *self._advice()]
+        self.report.notes += [
+            *read.remarks,
+            *heights_remark(self._reader.schema.names, self._settings.target_z_m),
+            *self._unused_ranges(),
+            *self._advice(),
+        ]
 
     def _unused_ranges(self) -> list[str]:
         takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]

@@ -79,14 +79,6 @@ def find_modes(
 
 def _no_modes(size: int, most: int) -> Modes:
     nothing = [np.full((size, most), np.nan) for _ in range(5)]
-    nowhere = np.zeros(size, dtype=bool)
-    return Modes(
-        nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), nowhere, nowhere.copy()
-    )
-
-
-def _no_modes(size: int, most: int) -> Modes:
-    nothing = [np.full((size, most), np.nan) for _ in range(5)]
     none = np.zeros(size, dtype=bool)
     return Modes(nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), none, none.copy())
 

@@ -23,7 +23,7 @@ from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, so
 from nlosctl.solvers.ranged_bearings import range_columns
 from nlosctl.solvers.search_regions import search_region
 
-__all__ = ["OutlierModel", "grouped_batch", "outlier_model"]
+__all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -81,10 +81,15 @@ class OutlierModel:
         return nothing
 
 
+def has_several_paths(batch: BearingBatch) -> BoolArray:
+    """Return in which snapshots (B,) some sensor has several paths, of which at most one is direct."""
+    several: BoolArray = np.asarray((_groups(batch).size > 1).any(axis=1))
+    return several
+
+
 def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
-    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
-    groups = group_paths(keys, batch.path)
+    groups = _groups(batch)
     names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
     arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
     sorted_arrays: dict[str, Any] = {
@@ -136,6 +141,11 @@ def outlier_model(
     return OutlierModel(
         lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
     )
+
+
+def _groups(batch: BearingBatch) -> PathGroups:
+    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
+    return group_paths(keys, batch.path)
 
 
 def _larger_side(x: FloatArray, y: FloatArray) -> FloatArray:
