@@ -33,10 +33,12 @@ class Batch:
     when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
     look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``want_details`` is true when the
     flags are to show what they were decided by, ``want_trace`` when a sequential method is to tell its steps.
-    ``SOURCES`` says of which columns of the file each array is made.
+    ``SOURCES`` says of which columns of the file each array is made, ``ABSENT`` what fills an array where the file
+    lacks its columns; an array without it is None then.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    ABSENT: ClassVar[Mapping[str, float]] = {}
 
     scene: Scene = dataclasses.field(default_factory=Scene)
     field: Field = dataclasses.field(default_factory=SensorsField)
@@ -110,6 +112,7 @@ class RangeBatch(Batch):
         "path": ("path",),
         "sensor_height_m": ("sensor_height_m",),
     }
+    ABSENT: ClassVar[Mapping[str, float]] = {"sensor_height_m": 0.0}
 
     sensor: IntArray
     sensor_xy_m: FloatArray

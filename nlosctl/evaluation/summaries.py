@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "plain_dict"]
+__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary", "plain_dict"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,43 @@ class DetectionSummary:
     ks_p_value: float
 
 
-def plain_dict(summary: EstimateSummary | FlagSummary | DetectionSummary) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class TargetSummary:
+    """Targets found among unlabelled echoes against truth. Lengths in metres.
+
+    ``number_right`` is the share of the snapshots whose number of targets is right, ``exact`` that in which besides
+    every target has exactly its direct echoes; ``los_precision`` and ``los_recall`` are over all echoes. OSPA and
+    GOSPA (alpha = 2) are means over the snapshots, with their parts; ``matched_rmse_m`` is over the
+    ``matched_targets``, found within the cutoff. ``case_i`` to ``case_vi`` count the found targets by the cases of
+    Liang, Zeng, Li: (i) true ones; (ii), (iii) with two direct echoes of one target, the others direct or not;
+    (iv), (v), (vi) without, of direct echoes alone, some, none. NaN where there is nothing to say.
+    """
+
+    snapshots: int
+    true_targets: int
+    found_targets: int
+    number_right: float
+    exact: float
+    los_precision: float
+    los_recall: float
+    ospa_m: float
+    ospa_location_m: float
+    ospa_number_m: float
+    gospa_m: float
+    gospa_location_m: float
+    gospa_missed_m: float
+    gospa_false_m: float
+    matched_targets: int
+    matched_rmse_m: float
+    case_i: int
+    case_ii: int
+    case_iii: int
+    case_iv: int
+    case_v: int
+    case_vi: int
+
+
+def plain_dict(summary: EstimateSummary | FlagSummary | DetectionSummary | TargetSummary) -> dict[str, Any]:
     """Return a summary as a dict that JSON can hold: what is not finite becomes None."""
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value

@@ -185,6 +185,7 @@ METHOD = MethodSpec(
     flags=("residual_rad", "residual_m"),
     flags_needing={"residual_m": "range_m"},
     randomized=True,
+    traces=True,
     exempt_from=frozenset({"order"}),
     reads=frozenset({"range_m", "range_std_m", "prior_x_m", "prior_y_m", "prior_std_m"}),
 )

@@ -10,13 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import Batch, batch_class
-from nlosctl.contract.fields import Field
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
 __all__ = ["Block", "dense_blocks"]
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+_WHOLE_FIELD = SensorsField()
 Columns = Mapping[str, npt.NDArray[Any]]
 
 
@@ -32,25 +33,33 @@ class Block:
         kind: str,
         columns: Columns,
         scene: Scene,
-        field: Field,
         seed: npt.NDArray[np.uint64],
         *,
+        field: Field = _WHOLE_FIELD,
         flags: bool,
         details: bool = False,
+        trace: bool = False,
     ) -> Batch:
         """Return the dense batch of this block, its arrays read-only and in Fortran order.
 
-        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat. ``flags`` and ``details`` say what the
-        batch wants.
+        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat. ``flags``, ``details`` and ``trace`` say
+        what the batch wants.
         """
         cls = batch_class(kind)
-        arrays = {name: _dense(self.row, [columns[part] for part in parts]) for name, parts in cls.SOURCES.items()}
+        arrays = {
+            name: _dense(self.row, [columns[part] for part in parts])
+            if columns.keys() >= set(parts)
+            else _constant(self.row.shape, cls.ABSENT[name])
+            for name, parts in cls.SOURCES.items()
+            if columns.keys() >= set(parts) or name in cls.ABSENT
+        }
         batch: Batch = cls(
             scene=scene,
             field=field,
             seed=seed[self.snapshot],
             want_flags=flags,
             want_details=flags and details,
+            want_trace=trace,
             **arrays,
         )
         return batch
@@ -72,6 +81,12 @@ def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterato
             snapshot = members[start : start + block_size]
             places = first[snapshot][:, None] + within
             yield Block(snapshot=snapshot, row=kept_rows[places] if count else places)
+
+
+def _constant(shape: tuple[int, ...], value: float) -> npt.NDArray[np.float64]:
+    constant = np.full(shape, value, order="F")
+    constant.flags.writeable = False
+    return constant
 
 
 def _dense(row: IntArray, parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:

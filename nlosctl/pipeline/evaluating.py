@@ -14,6 +14,7 @@ from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
 from nlosctl.evaluation.flags import FlagScores
 from nlosctl.evaluation.summaries import plain_dict
+from nlosctl.evaluation.targets import TargetScores
 from nlosctl.io.evaluation_rows import (
     TruthTable,
     boolean_codes,
@@ -25,7 +26,7 @@ from nlosctl.io.evaluation_rows import (
 from nlosctl.io.inputs import Input
 from nlosctl.io.plain_tables import PlainReader
 
-__all__ = ["Evaluation", "evaluate_inputs"]
+__all__ = ["Evaluation", "evaluate_inputs", "grouping_columns", "present"]
 
 Readers = Sequence[tuple[Input, PlainReader]]
 
@@ -58,7 +59,7 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
     scores = EstimateScores()
     grouping: list[str] = []
     for given, reader in readers:
-        grouping = _grouping(reader.schema.names)
+        grouping = grouping_columns(reader.schema.names)
         for table in whole_snapshots(reader.batches()):
             arrays = estimate_arrays(table, truth, given.name)
             rows = EstimateRows(
@@ -74,7 +75,7 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
             else:
                 counted = np.flatnonzero(arrays.alternative == 0)
             scores.add(rows.take(counted), group[counted], [_named(readers, given, key) for key in keys])
-    return _evaluation("estimates", scores, readers, grouping)
+    return present("estimates", scores, readers, grouping)
 
 
 def _evaluate_flags(readers: Readers) -> Evaluation:
@@ -85,12 +86,12 @@ def _evaluate_flags(readers: Readers) -> Evaluation:
     grouping: list[str] = []
     for given, reader in readers:
         _require_columns(given, reader, "los", "truth_los")
-        grouping = _grouping(reader.schema.names)
+        grouping = grouping_columns(reader.schema.names)
         for table in reader.batches():
             group, keys = group_codes(table, grouping)
             los, truth_los = boolean_codes(table.column("los")), boolean_codes(table.column("truth_los"))
             scores.add(los, truth_los, group, [_named(readers, given, key) for key in keys])
-    return _evaluation("flags", scores, readers, grouping)
+    return present("flags", scores, readers, grouping)
 
 
 def _evaluate_detection(readers: Readers) -> Evaluation:
@@ -98,13 +99,13 @@ def _evaluate_detection(readers: Readers) -> Evaluation:
     grouping: list[str] = []
     for given, reader in readers:
         _require_columns(given, reader, "ip", "truth_ip")
-        grouping = _grouping(reader.schema.names)
+        grouping = grouping_columns(reader.schema.names)
         for table in reader.batches():
             group, keys = group_codes(table, grouping)
             ip, truth_ip = boolean_codes(table.column("ip")), boolean_codes(table.column("truth_ip"))
             p_value = numbers(table.column("p_value")) if "p_value" in table.column_names else None
             scores.add(ip, truth_ip, p_value, group, [_named(readers, given, key) for key in keys])
-    return _evaluation("flags", scores, readers, grouping)
+    return present("flags", scores, readers, grouping)
 
 
 def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
@@ -116,7 +117,8 @@ def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
             )
 
 
-def _grouping(names: Sequence[str]) -> list[str]:
+def grouping_columns(names: Sequence[str]) -> list[str]:
+    """Return the columns by whose values results are told apart: source, method, ``sweep_*``."""
     return [name for name in names if name in ("source", "method") or name.startswith("sweep_")]
 
 
@@ -124,9 +126,13 @@ def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, .
     return (given.name, *key) if len(readers) > 1 else key
 
 
-def _evaluation(
-    of: str, scores: EstimateScores | FlagScores | DetectionScores, readers: Readers, grouping: Sequence[str]
+def present(
+    of: str,
+    scores: EstimateScores | FlagScores | DetectionScores | TargetScores,
+    readers: Sequence[Any],
+    grouping: Sequence[str],
 ) -> Evaluation:
+    """Return the scores as plain values; their keys are the file, where there are several, and the grouping columns."""
     names = (["file"] if len(readers) > 1 else []) + list(grouping)
     groups = []
     for key, summary in scores.result().items():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from nlosctl.errors import UsageError
@@ -16,14 +15,14 @@ _COLUMN = "sensor_z_m"
 Columns = Mapping[str, npt.NDArray[Any]]
 
 
-def with_sensor_heights(columns: Columns, target_z_m: float | None, rows: int) -> Columns:
+def with_sensor_heights(columns: Columns, target_z_m: float | None) -> Columns:
     """Return the flat columns (N,) with ``sensor_height_m``: each sensor's height over the targets' plane, metres.
 
-    0 without ``target_z_m``: then ranges are taken as measured in the plane. Raises UsageError where a target height
-    is given for measurements without ``sensor_z_m``.
+    Without ``target_z_m`` they stay as they are: everything is taken as measured in the plane. Raises UsageError
+    where a target height is given for measurements without ``sensor_z_m``.
     """
     if target_z_m is None:
-        return {**columns, "sensor_height_m": np.zeros(rows)}
+        return columns
     if _COLUMN not in columns:
         raise UsageError(f"--target-z-m needs the column {_COLUMN!r}, the height of each sensor")
     return {**columns, "sensor_height_m": columns[_COLUMN] - target_z_m}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,14 +12,14 @@ import numpy.typing as npt
 
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.methods import MethodSpec
-from nlosctl.contract.results import Estimates, Solution, Words, single_estimates
+from nlosctl.contract.results import Estimates, Solution, Trace, Words, single_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.pipeline.dense import Block, dense_blocks
 from nlosctl.pipeline.flag_columns import FlagColumn
 
-__all__ = ["FlatEstimates", "FlatFlags", "MethodRun", "Problem", "solve_flat"]
+__all__ = ["FlatEstimates", "FlatFlags", "FlatTrace", "MethodRun", "Problem", "solve_flat"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -39,7 +40,7 @@ class Problem:
 
     kind: str
     scene: Scene
-    field: Field = SensorsField()
+    field: Field = dataclasses.field(default_factory=SensorsField)
     columns: Mapping[str, npt.NDArray[Any]]
     offsets: IntArray
     kept: BoolArray
@@ -68,6 +69,18 @@ class FlatEstimates:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlatTrace:
+    """The states (T,) that a method went through, by snapshot, then method and step; ``measurement`` is a chunk's row."""
+
+    snapshot: IntArray
+    method: IntArray
+    step: IntArray
+    measurement: IntArray
+    position_m: FloatArray
+    covariance_m2: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
 class FlatFlags:
     """Flags (N,) of a chunk by one method; rows that took no part are not used and say nothing."""
 
@@ -83,35 +96,45 @@ def solve_flat(
     alternatives: int,
     want_flags: bool,
     want_details: bool = False,
-) -> tuple[FlatEstimates | None, list[FlatFlags]]:
+    want_trace: bool = False,
+) -> tuple[FlatEstimates | None, list[FlatFlags], FlatTrace | None]:
     """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted.
 
-    The estimates are None where no method makes any.
+    The estimates are None where no method makes any, the trace where it is not wanted.
     """
     parts: list[FlatEstimates] = []
+    traces = [_no_trace()]
     flags: list[FlatFlags] = []
     blocks = list(dense_blocks(problem.offsets, problem.kept, block_size))
     for number, run in enumerate(runs):
-        solutions = [(block, _solve_block(problem, block, run, want_flags, want_details)) for block in blocks]
+        solutions = [
+            (block, _solve_block(problem, block, run, want_flags, want_details, want_trace)) for block in blocks
+        ]
         parts += [
             _flatten(problem, block, solution.estimates, number) for block, solution in solutions if run.spec.estimates
         ]
         if want_flags:
             flags.append(_scatter_flags(problem, run, solutions, details=want_details))
-    return _in_order(_concatenate(parts), alternatives) if parts else None, flags
+        if want_trace:
+            traces += [_flatten_trace(block, solution.trace, number) for block, solution in solutions if solution.trace]
+    estimates = _in_order(_concatenate(parts), alternatives) if parts else None
+    return estimates, flags, _trace_in_order(traces) if want_trace else None
 
 
-def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: bool, want_details: bool) -> Solution:
+def _solve_block(
+    problem: Problem, block: Block, run: MethodRun, want_flags: bool, want_details: bool, want_trace: bool
+) -> Solution:
     if block.row.shape[1] < run.spec.minimum_measurements:
         return _too_few(block.row.shape[0])
     batch = block.batch(
         problem.kind,
         problem.columns,
         problem.scene,
-        problem.field,
         problem.seed,
+        field=problem.field,
         flags=want_flags,
         details=want_details,
+        trace=want_trace and run.spec.traces,
     )
     try:
         solution = run.spec.solve(batch, run.options)
@@ -155,6 +178,35 @@ def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) 
         status=estimates.status,
         covariance_kind=np.full(size, estimates.covariance_kind, dtype=object),
     )
+
+
+def _no_trace() -> FlatTrace:
+    nothing = np.empty(0, dtype=np.int64)
+    return FlatTrace(
+        snapshot=nothing,
+        method=nothing,
+        step=nothing,
+        measurement=nothing,
+        position_m=np.empty((0, 2)),
+        covariance_m2=np.empty((0, 3)),
+    )
+
+
+def _flatten_trace(block: Block, trace: Trace, method: int) -> FlatTrace:
+    return FlatTrace(
+        snapshot=block.snapshot[trace.row],
+        method=np.full(trace.row.shape, method, dtype=np.int64),
+        step=trace.step,
+        measurement=block.row[trace.row, trace.measurement],
+        position_m=trace.position_m,
+        covariance_m2=trace.covariance_m2,
+    )
+
+
+def _trace_in_order(parts: list[FlatTrace]) -> FlatTrace:
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FlatTrace.__annotations__}
+    order = np.lexsort((arrays["step"], arrays["method"], arrays["snapshot"]))
+    return FlatTrace(**{name: array[order] for name, array in arrays.items()})
 
 
 def _concatenate(parts: list[FlatEstimates]) -> FlatEstimates:

@@ -19,6 +19,8 @@ __all__ = ["find_scenario", "scenarios"]
 _MODULES = {
     "mixed": "nlosctl.scenarios.mixed_paths",
     "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
+    "echo-field": "nlosctl.scenarios.echo_field",
+    "liang": "nlosctl.scenarios.liang",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
     "song-circle": "nlosctl.scenarios.song_circle",
