@@ -35,9 +35,10 @@ class MethodSpec:
     `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the flags
     besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with which it can
     answer, ``covariance_kinds`` what its covariance may account for where that is not simply the noise,
-    ``randomized`` whether it draws random numbers, ``traces`` whether it can tell its steps, ``reads`` the optional columns that it uses. ``details`` are the
-    flags' further columns when the batch wants details, ``flags_with(options)`` those that an option asks for;
-    ``flags_needing`` names, for some of them, the column without which the input leaves nothing to say.
+    ``randomized`` whether it draws random numbers, ``traces`` whether it can tell its steps, ``searches`` whether it
+    keeps to the search field, ``reads`` the optional columns that it uses. ``details`` are the flags' further columns
+    when the batch wants details, ``flags_with(options)`` those that an option asks for; ``flags_needing`` names, for
+    some of them, the column without which the input leaves nothing to say.
     ``estimates`` is false for a detector that estimates nothing.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
@@ -59,6 +60,7 @@ class MethodSpec:
     covariance_kinds: tuple[str, ...] = ()
     randomized: bool = False
     traces: bool = False
+    searches: bool = False
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int = CONTRACT_VERSION

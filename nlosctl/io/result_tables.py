@@ -32,7 +32,8 @@ _STATUS_WORDS = pa.array([status.word for status in Status])
 def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     """Return the input's columns that estimates carry over: truth, scene, ``sweep_*``, and the ``wanted`` ones.
 
-    Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is not there.
+    Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is
+    not there.
     """
     for name in wanted:
         if name not in input_names:

@@ -135,6 +135,7 @@ METHOD = MethodSpec(
     minimum_measurements=1,
     flags=("los", "los_probability", "residual_rad", "residual_m"),
     flags_needing={"residual_m": "range_m"},
+    searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"range_m", "range_std_m"}),

@@ -135,6 +135,7 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("los", "los_probability", "residual_rad", "residual_m"),
     flags_needing={"residual_m": "range_m"},
+    searches=True,
     covariance_kinds=("inliers",),
     randomized=True,
     exempt_from=frozenset({"order"}),

@@ -191,6 +191,7 @@ class MeasurementRun:
             cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
             tally = self.report.methods[run.spec.name]
             tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+            tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
 
     def _finish(self) -> None:
         read = self._reader.report
@@ -202,7 +203,15 @@ class MeasurementRun:
             *read.remarks,
             *heights_remark(self._reader.schema.names, self._settings.target_z_m),
             *self._unused_ranges(),
+            *self._edge_remarks(),
             *self._advice(),
+        ]
+
+    def _edge_remarks(self) -> list[str]:
+        tallies = [(run.spec.name, self.report.methods[run.spec.name]) for run in self._runs if run.spec.searches]
+        return [
+            f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
+            for name, tally in tallies
         ]
 
     def _unused_ranges(self) -> list[str]:

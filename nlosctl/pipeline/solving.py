@@ -18,12 +18,17 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.pipeline.dense import Block, dense_blocks
 from nlosctl.pipeline.flag_columns import FlagColumn
+from nlosctl.solvers.search_regions import search_region
 
 __all__ = ["FlatEstimates", "FlatFlags", "FlatTrace", "MethodRun", "Problem", "solve_flat"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+
+_EDGE_SHARE = 0.01
+"""A fix this near to the edge of the search field, in units of its larger side, touches it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +56,8 @@ class Problem:
 class FlatEstimates:
     """Estimates (E,) of a chunk, by snapshot, then method, target and alternative.
 
-    ``row`` is the measurement that an estimate is of, where each is solved by itself, else -1.
+    ``row`` is the measurement that an estimate is of, where each is solved by itself, else -1; ``on_edge`` tells which
+    touch the edge of the search field, of methods that search.
     """
 
     snapshot: IntArray
@@ -66,11 +72,12 @@ class FlatEstimates:
     cost: FloatArray
     status: npt.NDArray[np.uint8]
     covariance_kind: npt.NDArray[np.object_]
+    on_edge: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlatTrace:
-    """The states (T,) that a method went through, by snapshot, then method and step; ``measurement`` is a chunk's row."""
+    """The states (T,) that methods went through, by snapshot, method, step; ``measurement`` is a row of the chunk."""
 
     snapshot: IntArray
     method: IntArray
@@ -111,7 +118,9 @@ def solve_flat(
             (block, _solve_block(problem, block, run, want_flags, want_details, want_trace)) for block in blocks
         ]
         parts += [
-            _flatten(problem, block, solution.estimates, number) for block, solution in solutions if run.spec.estimates
+            _flatten(problem, block, solution.estimates, number, run.spec.searches)
+            for block, solution in solutions
+            if run.spec.estimates
         ]
         if want_flags:
             flags.append(_scatter_flags(problem, run, solutions, details=want_details))
@@ -160,7 +169,7 @@ def _too_few(size: int) -> Solution:
     )
 
 
-def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) -> FlatEstimates:
+def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int, searches: bool) -> FlatEstimates:
     snapshot = block.snapshot[estimates.row]
     size = snapshot.shape[0]
     single = estimates.measurement
@@ -177,7 +186,21 @@ def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) 
         cost=estimates.cost,
         status=estimates.status,
         covariance_kind=np.full(size, estimates.covariance_kind, dtype=object),
+        on_edge=_on_edge(problem, block, estimates) if searches else np.zeros(size, dtype=bool),
     )
+
+
+def _on_edge(problem: Problem, block: Block, estimates: Estimates) -> BoolArray:
+    """Return which estimates (E,) are within a hundredth of the search field's larger side of its edge."""
+    row = block.row[estimates.row]
+    if not row.size:
+        return np.zeros(row.shape[0], dtype=bool)
+    x, y = estimates.position_m[:, 0], estimates.position_m[:, 1]
+    sensor_x, sensor_y = problem.columns["sensor_x_m"][row], problem.columns["sensor_y_m"][row]
+    center_x, center_y = sensor_x[:, 0], sensor_y[:, 0]
+    region = search_region(problem.field, sensor_x, sensor_y, center_x, center_y)
+    xmin, xmax, ymin, ymax = region.bounds_m
+    return region.on_edge(x - center_x, y - center_y, _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin))
 
 
 def _no_trace() -> FlatTrace:

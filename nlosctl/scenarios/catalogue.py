@@ -21,6 +21,8 @@ _MODULES = {
     "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "echo-field": "nlosctl.scenarios.echo_field",
     "liang": "nlosctl.scenarios.liang",
+    "madhow-ring": "nlosctl.scenarios.madhow_ring",
+    "madhow-walls": "nlosctl.scenarios.madhow_walls",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
     "song-circle": "nlosctl.scenarios.song_circle",
