@@ -145,8 +145,8 @@ def _in_disc(generator: np.random.Generator, shape: tuple[int, ...], radius_m: f
 
 def _blocked(options: MadhowRingOptions, generator: np.random.Generator, snapshots: int) -> BoolArray:
     order = generator.random((snapshots, options.sensors)).argsort(axis=1)
-    blocked: BoolArray = order < options.nlos_receivers
-    return blocked | (generator.random((snapshots, options.sensors)) < options.alpha)
+    blocked: BoolArray = (order < options.nlos_receivers) | (generator.random(order.shape) < options.alpha)
+    return blocked
 
 
 def _direct_place(generator: np.random.Generator, shape: tuple[int, ...]) -> BoolArray:
