@@ -65,15 +65,16 @@ def _moments(
     )
     axis = np.linspace(-_REACH, _REACH, _STEPS)
     u, v = (part.ravel()[None, :] for part in np.meshgrid(axis, axis, indexing="ij"))
-    root = np.sqrt(hessian.xx)  # Cholesky: H = L L^T, steps are L^-T (u, v)
-    across = hessian.xy / root
-    height = np.sqrt(np.maximum(hessian.yy - across * across, np.finfo(np.float64).tiny))
-    step_y = v / height
-    step_x = (u - across * step_y) / root
+    smaller, larger = hessian.eigenvalues()  # steps along the axes of the ellipse, so that no frame is special
+    turn = 0.5 * np.arctan2(2.0 * hessian.xy, hessian.xx - hessian.yy)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    tiny = np.finfo(np.float64).tiny
+    short, long = u / np.sqrt(np.maximum(larger, tiny)), v / np.sqrt(np.maximum(smaller, tiny))
+    step_x, step_y = cosine * short - sine * long, sine * short + cosine * long
     x, y = modes.x[snapshot, place][:, None] + step_x, modes.y[snapshot, place][:, None] + step_y
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
         nats = modes.cost[snapshot, 0][:, None] - mixture.take(snapshot).score(x, y)
-        weight = np.exp(np.minimum(nats, 1.0)) / (root * height)
+        weight = np.exp(np.minimum(nats, 1.0)) / np.sqrt(np.maximum(hessian.determinant, tiny))
     weight[~(allowed(snapshot, x, y) & _nearest(modes, snapshot, place, x, y))] = 0.0
     x, y = x - modes.x[snapshot, 0][:, None], y - modes.y[snapshot, 0][:, None]
     x[weight == 0.0] = y[weight == 0.0] = 0.0
