@@ -17,6 +17,7 @@ from pathlib import Path
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
+import circles
 import end_to_end
 import kernels
 import numpy
@@ -42,6 +43,7 @@ def main() -> None:
         "",
     ]
     lines += kernels.report()
+    lines += circles.report()
     with tempfile.TemporaryDirectory() as scratch:
         lines += end_to_end.report(arguments.keep or Path(scratch), arguments.snapshots)
     text = "\n".join(lines) + "\n"

@@ -10,6 +10,7 @@ from typing import Any
 from nlosctl.contract.scene import Scene
 from nlosctl.io.in_memory import gather, input_of_table
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.pipeline.bounding import bounds_at_truth, bounds_on_map, parse_map, result_schema
 from nlosctl.pipeline.evaluating import Evaluation, evaluate_inputs
 from nlosctl.pipeline.parameters import method_runs
 from nlosctl.pipeline.report import RunReport
@@ -17,7 +18,7 @@ from nlosctl.pipeline.run import MeasurementRun, RunSettings
 from nlosctl.pipeline.simulation import Simulation
 from nlosctl.pipeline.workers import usable_jobs
 
-__all__ = ["Localization", "evaluate", "localize", "simulate"]
+__all__ = ["Localization", "bound", "evaluate", "localize", "simulate"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,37 @@ def localize(
         flags=gather([chunk.flags for chunk in chunks], run.flags_schema),
         report=run.report,
     )
+
+
+def bound(
+    table: Any,
+    *,
+    map: tuple[float, float, float, float, float] | None = None,
+    scene: Scene | str | PathLike[str] | None = None,
+    kind: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    all_rows: bool = False,
+) -> Any:
+    """Return the Cramer-Rao bound of each snapshot at its truth as a table; see ``nlosctl bound``.
+
+    With ``map`` (least x, largest x, least y, largest y, step, in metres) over a grid of positions instead, for the
+    sensors, paths and stds of the first snapshot. The other arguments are those of `localize`.
+
+    Raises DataError for faults of the data, UsageError for a map that is none.
+    """
+    options = ReadOptions(
+        kind=kind,
+        renames=dict(columns or {}),
+        constants=dict(constants or {}),
+        scene=scene if isinstance(scene, Scene) else None,
+        scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
+        all_rows=all_rows,
+    )
+    reader = MeasurementReader([input_of_table(table)], options)
+    grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
+    tables = bounds_at_truth(reader) if grid is None else bounds_on_map(reader, grid)
+    return gather(list(tables), result_schema(reader, grid))
 
 
 def simulate(scenario: str, *, trials: int = 1000, seed: int = 0, **parameters: Any) -> Any:

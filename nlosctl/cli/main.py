@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.detect_ip import detect_ip
+from nlosctl.cli.bound import bound
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
@@ -40,6 +41,7 @@ app = typer.Typer(
 app.command()(localize)
 app.command(name="detect-ip")(detect_ip)
 app.command(name="identify-los")(identify_los)
+app.command()(bound)
 app.command()(simulate)
 app.command()(evaluate)
 app.command()(validate)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 __all__ = [
+    "BOUND",
     "ESTIMATES",
     "FLAGS",
     "KINDS",
@@ -527,6 +528,30 @@ TRACE = Table(
     ),
 )
 
+BOUND = Table(
+    name="bound",
+    title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
+    columns=(
+        Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        *(
+            Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
+            for name, unit, meaning in (
+                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null where it has no bound"),
+                ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("rms_m", "m", "root of the trace: least RMSE"),
+                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
+                ("cep50_m", "m", "radius of the circle that holds half of the Gaussian errors"),
+            )
+        ),
+        Column(name="n_used", type="integer", required=True, meaning="rows that can see the position as the scene is"),
+    ),
+)
+
 TRUTH = Table(
     name="truth",
     title="Truth: the true position of the source of each snapshot",
@@ -539,5 +564,5 @@ TRUTH = Table(
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
 """The kinds of measurement, by name."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, TRUTH)}}
+TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""

@@ -38,6 +38,11 @@ _TANGENT = 1e-12
 """Within this (relative) of the separatrix two of the points are one."""
 
 
+_NEWTON_STEPS = 5
+_SETTLED = 1e-8
+"""Newton's method doubles its digits: after a step this short the root is exact. Others are searched in a bracket."""
+
+
 @dataclass(frozen=True)
 class ReflectedPath:
     """Paths from a source to the reflection point to the sensor; all arrays have one shape, NaN where there is none.
@@ -98,30 +103,75 @@ def short_arc_point(
     (0, delta), delta the angle between the two, of R s sin a - R rho sin(delta - a) - s rho sin(2 a - delta): (33)
     about the sensor's direction. NaN where one of the two is not inside the circle, or is its centre.
     """
-    sensor_r, source_r = np.hypot(sensor_x, sensor_y), np.hypot(source_x, source_y)
-    inside = (sensor_r < radius) & (source_r < radius) & (sensor_r > 0.0) & (source_r > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        toward_x, toward_y = sensor_x / sensor_r, sensor_y / sensor_r
-    cross = toward_x * source_y - toward_y * source_x
-    cosine_part, sine_part = toward_x * source_x + toward_y * source_y, np.abs(cross)
-    delta = np.where(inside, np.arctan2(sine_part, cosine_part), np.nan)
     scale = 1.0 / radius
-    first, second = sensor_r * scale, scale * sine_part
-    third = scale * cosine_part
+    sensor_r, source_r = _length(sensor_x, sensor_y) * scale, _length(source_x, source_y) * scale
+    with np.errstate(divide="ignore", invalid="ignore"):
+        toward = scale / sensor_r
+        up_x, up_y = sensor_x * toward, sensor_y * toward
+        cross = (up_x * source_y - up_y * source_x) * scale
+        beside, along = np.abs(cross), (up_x * source_x + up_y * source_y) * scale
+        arc = _ShortArc(sensor_r, beside, along)
+        cosine, sine = arc.flat_guess(source_r)
+        for _ in range(_NEWTON_STEPS):
+            cosine, sine, step = arc.newton_step(cosine, sine)
+        settled = (np.abs(step) <= _SETTLED) & (sine >= 0.0) & (beside * cosine >= along * sine)
+    open_rows = np.flatnonzero(~settled)
+    if open_rows.size:
+        inside = (sensor_r < 1.0) & (source_r < 1.0) & (sensor_r > 0.0) & (source_r > 0.0)
+        delta = np.where(inside, np.arctan2(beside, along), np.nan)[open_rows]
+        rest = _ShortArc(sensor_r[open_rows], beside[open_rows], along[open_rows])
+        angle = bracketed_roots(rest.condition, np.zeros_like(delta), delta, 0.5 * delta)
+        cosine[open_rows], sine[open_rows] = np.cos(angle), np.sin(angle)
+    cosine, sine = radius * cosine, np.copysign(radius, cross) * sine
+    outside = ~((sensor_r < 1.0) & (source_r < 1.0))
+    if outside.any():
+        cosine = np.where(outside, np.nan, cosine)
+    return up_x * cosine - up_y * sine, up_y * cosine + up_x * sine
 
-    def condition(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        cosine, sine = np.cos(angle), np.sin(angle)
-        ahead_sine, ahead_cosine = second * cosine - third * sine, third * cosine + second * sine
-        value = first * sine - ahead_sine - first * (sine * ahead_cosine - cosine * ahead_sine)
-        slope = first * cosine + ahead_cosine - 2.0 * first * (cosine * ahead_cosine + sine * ahead_sine)
+
+@dataclass(frozen=True)
+class _ShortArc:
+    """Equation (33) in the sensor's direction, over the radius squared, as a function of the angle from it.
+
+    ``sensor_r`` is the sensor's distance from the centre, ``beside`` and ``along`` are the source across and along
+    the sensor's direction, all over the radius.
+    """
+
+    sensor_r: FloatArray
+    beside: FloatArray
+    along: FloatArray
+
+    def value_and_slope(self, cosine: FloatArray, sine: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the condition and its derivative at an angle, given by cosine and sine."""
+        ahead_sine = self.beside * cosine - self.along * sine
+        ahead_cosine = self.along * cosine + self.beside * sine
+        value = self.sensor_r * (sine - sine * ahead_cosine + cosine * ahead_sine) - ahead_sine
+        slope = self.sensor_r * (cosine - 2.0 * (cosine * ahead_cosine + sine * ahead_sine)) + ahead_cosine
         return value, slope
 
-    depth = radius - sensor_r
-    with np.errstate(divide="ignore", invalid="ignore"):
-        guess = delta * (depth / (depth + radius - source_r))
-    angle = bracketed_roots(condition, np.zeros_like(delta), delta.copy(), guess)
-    cosine, sine = radius * np.cos(angle), np.copysign(radius, cross) * np.sin(angle)
-    return toward_x * cosine - toward_y * sine, toward_y * cosine + toward_x * sine
+    def condition(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the condition and its derivative at an angle."""
+        return self.value_and_slope(np.cos(angle), np.sin(angle))
+
+    def flat_guess(self, source_r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return cosine and sine of the angle at which a flat mirror would reflect: shared by the two depths."""
+        depth = (1.0 - self.sensor_r) / source_r
+        x, y = 1.0 - source_r + depth * self.along, depth * self.beside
+        length = np.sqrt(x * x + y * y)
+        return x / length, y / length
+
+    def newton_step(self, cosine: FloatArray, sine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return cosine and sine after a step of Newton's method, and the step; no trigonometric function.
+
+        A turn by 2 atan(step / 2), which is the step but for its cube.
+        """
+        value, slope = self.value_and_slope(cosine, sine)
+        step = value / slope
+        half = 0.5 * step
+        square = half * half
+        inverse = 1.0 / (1.0 + square)
+        turn_cosine, turn_sine = (1.0 - square) * inverse, step * inverse
+        return cosine * turn_cosine + sine * turn_sine, sine * turn_cosine - cosine * turn_sine, step
 
 
 def all_reflections(
@@ -223,12 +273,17 @@ def reflect_at(
     """Return the paths by reflection points that are known; shapes broadcast, (34) with atan2 for the bearing."""
     out_x, out_y = hit_x - sensor_x, hit_y - sensor_y
     back_x, back_y = source_x - hit_x, source_y - hit_y
-    first, second = np.hypot(out_x, out_y), np.hypot(back_x, back_y)
+    first, second = _length(out_x, out_y), _length(back_x, back_y)
     with np.errstate(divide="ignore", invalid="ignore"):
         normal = (out_x * hit_x + out_y * hit_y) / first
         spread = ray_tube_spread(first, second, normal)
         cosine, sine = back_x / second, back_y / second
     return ReflectedPath(hit_x, hit_y, first, second, np.arctan2(out_y, out_x), cosine, sine, spread)
+
+
+def _length(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the lengths; faster than hypot, for lengths whose squares neither overflow nor vanish."""
+    return np.sqrt(x * x + y * y)
 
 
 def _turned(

@@ -67,13 +67,12 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     if options.feasible:
         ends, held = hold_within_scene(ends, options.max_iterations)
     if ends.snapshot is None:
-        covariance = ends.lines.information(ends.x, ends.y).inverse()
         return finish_bearings_fix(
             batch,
             lines,
             ends.x,
             ends.y,
-            covariance,
+            None,
             first.normal,
             min_range_m=options.min_range_m,
             converged=ends.converged,

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
+from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
@@ -110,12 +111,19 @@ class SightLines:
         y[snapshot] = source_y[far] * scale + rows.center_y[far]
         return x, y
 
-    def survey(self, x: FloatArray, y: FloatArray) -> Survey:
-        """Return what the rays of each snapshot say of a point (B,), in one pass over the measurements."""
+    def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath | None:
+        """Return the paths of the circle rows from points (B,): to be given to what is asked of the same points."""
+        return None if self.circles is None else self.circles.paths_from(x, y)
+
+    def survey(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> Survey:
+        """Return what the rays of each snapshot say of a point (B,), in one pass over the measurements.
+
+        ``paths``, here and below, are those of `paths_from` for the same points, where they are known already.
+        """
         nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
         chi_square = np.zeros(x.shape)
         behind = np.zeros(x.shape, dtype=bool)
-        bent = None if self.circles is None else self.residual_rad(x, y)
+        bent = None if self.circles is None else self.residual_rad(x, y, paths)
         with np.errstate(invalid="ignore", over="ignore"):
             for k in range(self.origin_x.shape[1]):
                 cosine, sine = self.cosine[:, k], self.sine[:, k]
@@ -130,7 +138,7 @@ class SightLines:
                 chi_square += scaled * scaled
         return Survey(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
 
-    def residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def residual_rad(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> FloatArray:
         """Return the ray's direction minus that of the points (B,) from the origins, (B, K) in (-pi, pi].
 
         Equals the measured minus the predicted bearing, times ``handedness``; so it is made for circle rows too,
@@ -140,7 +148,7 @@ class SightLines:
         with np.errstate(invalid="ignore", over="ignore"):
             residual = np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
         if self.circles is not None:
-            bent = -self.circles.residual_rad(self.circles.paths_from(x, y))
+            bent = -self.circles.residual_rad(self.circles.paths_from(x, y) if paths is None else paths)
             straight = self.circles.pick_from(residual)
             self.circles.place_in(residual, np.where(np.isfinite(bent), bent, straight))
         return residual
@@ -150,18 +158,23 @@ class SightLines:
         residual = self.residual_rad(x, y)
         return residual if self.handedness is None else residual * self.handedness
 
-    def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
-        """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29)."""
+    def information(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> Symmetric2x2:
+        """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
+
+        Rows of infinite std give none; NaN where another row has no path to the point.
+        """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
             dx *= weight
             dy *= weight
         if self.circles is not None:
-            slope_x, slope_y = self.circles.paths_from(x, y).bearing_gradient()
+            paths = self.circles.paths_from(x, y) if paths is None else paths
+            slope_x, slope_y = paths.bearing_gradient()
             inverse_std = 1.0 / self.circles.pick_from(self.std_rad)
-            self.circles.place_in(dx, -slope_y * inverse_std)
-            self.circles.place_in(dy, slope_x * inverse_std)
+            says_something = inverse_std > 0.0
+            self.circles.place_in(dx, np.where(says_something, -slope_y * inverse_std, 0.0))
+            self.circles.place_in(dy, np.where(says_something, slope_x * inverse_std, 0.0))
         return Symmetric2x2(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
     def all_under_horizon(self) -> BoolArray:
@@ -171,16 +184,27 @@ class SightLines:
         under = np.bincount(self.circles.snapshot[self.circles.under_horizon()], minlength=self.center_x.shape[0])
         return np.asarray(under == self.origin_x.shape[1])
 
-    def outside_scene(self, x: FloatArray, y: FloatArray) -> BoolArray:
+    def outside_scene(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> BoolArray:
         """Return which points (B,) the scene does not allow.
 
         On another side of a row's mirror than its sensor, or on the mirror; or not where a row by a circle or a direct
         row can come from (regions A2 and A3).
         """
-        outside = np.zeros(x.shape[0], dtype=bool) if self.mirrors is None else self.mirrors.beyond(x, y)
-        for placed in (*self.direct, *(() if self.circles is None else (self.circles,))):
-            outside[placed.snapshot[placed.outside(x, y)]] = True
-        return outside
+        if self.mirrors is None and not self.direct:
+            return np.zeros(x.shape[0], dtype=bool)
+        return np.asarray(self.unseen(x, y, paths).any(axis=1))
+
+    def unseen(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> BoolArray:
+        """Return to which rows (B, K) a point (B,) cannot be visible, as the scene is."""
+        unseen = np.zeros(self.origin_x.shape, dtype=bool, order="F")
+        if self.mirrors is not None:
+            unseen |= self.mirrors.beyond(x, y)
+        for direct in self.direct:
+            direct.place_in(unseen, direct.pick_from(unseen) | direct.outside(x, y))
+        if self.circles is not None:
+            paths = self.circles.paths_from(x, y) if paths is None else paths
+            self.circles.place_in(unseen, self.circles.outside(x, y, paths))
+        return unseen
 
 
 def sight_lines(batch: BearingBatch) -> SightLines:

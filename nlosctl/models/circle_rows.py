@@ -31,24 +31,20 @@ class CircleRows(PlacedRows):
     """N rows of a block that are seen by reflection on a circle.
 
     ``blocker_radius`` is NaN where the circle has none: then any of up to four paths may be the row's.
-    ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker.
+    ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker. ``takes_any_path``
+    marks rows that may take another path than that on the short arc: no blocker, or a sensor above it.
     """
 
     radius: FloatArray
     blocker_radius: FloatArray
     least_elevation_rad: FloatArray
     bearing_rad: FloatArray
+    takes_any_path: BoolArray
 
     @property
     def has_choice(self) -> BoolArray:
         """Which rows have no blocker, so that several paths are possible."""
         return np.isnan(self.blocker_radius)
-
-    @property
-    def takes_any_path(self) -> BoolArray:
-        """Which rows may take another specular path than that on the short arc: no blocker, or a sensor above it."""
-        height = np.hypot(self.sensor_x, self.sensor_y) / self.blocker_radius
-        return self.has_choice | (height > 1.0 + _GROUND_TOLERANCE)
 
     def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath:
         """Return the path (N,) of each row from points (B,).
@@ -76,10 +72,12 @@ class CircleRows(PlacedRows):
         """Return measured minus predicted bearing (N,), in (-pi, pi]."""
         return wrap_angle(self.bearing_rad - path.bearing_rad)
 
-    def outside(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which rows (N,) can't see their point (B,): not in the circle, or not in A2 where it has a blocker."""
+    def outside(self, x: FloatArray, y: FloatArray, path: ReflectedPath) -> BoolArray:
+        """Return which rows (N,) can't see their point (B,): not in the circle, or not in A2 where it has a blocker.
+
+        ``path`` is that of `paths_from` for the points.
+        """
         source_x, source_y = self.about_circle(x, y)
-        path = self.paths_from(x, y)
         limits = (self.radius, self.blocker_radius, self.least_elevation_rad)
         seen = sees_by_reflection(self.sensor_x, self.sensor_y, source_x, source_y, path, *limits)
         return ~np.where(self.has_choice, np.isfinite(path.bearing_rad), seen)
@@ -118,6 +116,7 @@ def locate_circle_rows(
         blocker_radius=blocker,
         least_elevation_rad=np.fmax(horizon, least),
         bearing_rad=bearing_rad[place],
+        takes_any_path=np.isnan(blocker) | (distance > blocker * (1.0 + _GROUND_TOLERANCE)),
     )
 
 

@@ -43,14 +43,10 @@ class MirrorRows:
         return MirrorRows(x, y, self.angle_rad, self.sensor_side_m)
 
     def beyond(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (B,) lie on another side of a row's mirror than its sensor, or on the mirror."""
+        """Return for which rows (B, K) a point (B,) is on the mirror, or on another side of it than the sensor."""
         with np.errstate(invalid="ignore"):
             side = side_of_line(x[:, None], y[:, None], self.point_x, self.point_y, self.angle_rad)
-            wrong = side * self.sensor_side_m <= 0.0
-        beyond = np.zeros(x.shape[0], dtype=bool)
-        for k in range(wrong.shape[1]):
-            beyond |= wrong[:, k]
-        return beyond
+            return np.asarray(side * self.sensor_side_m <= 0.0)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,8 @@ RowsT = TypeVar("RowsT", bound="PlacedRows")
 class PlacedRows:
     """N rows of a block. Sensors are given about the circle's centre, the centre about the snapshot's local origin.
 
-    ``snapshot`` and ``measurement`` are the row's place in the block (B, K).
+    ``snapshot`` and ``measurement`` are the row's place in the block (B, K); rows are ordered by measurement, then by
+    snapshot.
     """
 
     snapshot: IntArray
@@ -39,6 +40,10 @@ class PlacedRows:
     def pick_from(self, block: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         """Return the values (N,) of a block (B, K)."""
         return block[self.snapshot, self.measurement]
+
+    def whole_block(self, values: FloatArray, snapshots: int) -> FloatArray:
+        """Return ``values`` (N,) as the block (B, K), without a copy; the rows must be all there are of it."""
+        return values.reshape(-1 if snapshots else 0, snapshots).T
 
     def take(self: RowsT, rows: IntArray, snapshots: int, measurements: int) -> RowsT:
         """Return the rows of some snapshots (any order, repeated) of the block, which has that size."""

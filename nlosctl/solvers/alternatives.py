@@ -36,10 +36,9 @@ def finish_alternatives(
     less than ``ambiguous_within`` nats worse, or another start stopped at a caustic within that; it counts as not
     converged where one stopped at a caustic more than that below it.
     """
-    covariance = ends.lines.information(ends.x, ends.y).inverse()
     of_end = Symmetric2x2(normal.xx[snapshot], normal.xy[snapshot], normal.yy[snapshot])
-    status, survey = judge_ends(ends.lines, ends.x, ends.y, covariance, of_end, min_range_m, ends.converged, held)
-    cost = 0.5 * survey.chi_square
+    verdict = judge_ends(ends.lines, ends.x, ends.y, None, of_end, min_range_m, ends.converged, held)
+    status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
     _compare(status, cost, alternative, ends.rival_cost[rows], ambiguous_within)

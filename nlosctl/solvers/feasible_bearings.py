@@ -27,6 +27,9 @@ _ROUNDS = 12
 _STIFFNESS = 30.0
 """Penalty of leaving the scene by one scale length (a standard deviation of the free estimate), in nats times two."""
 
+_HARDENING = 4.0
+"""By how much the penalty grows with each round: edges that are nearly parallel share their multipliers slowly."""
+
 _ACTIVE = 1e-6
 """A constraint holds the estimate when moving it by a scale length would gain more than this (nats)."""
 
@@ -88,6 +91,7 @@ def minimize_within_scene(
             np.fmax(0.0, multiplier - stiffness[margin.snapshot] * margin.value_m)
             for multiplier, margin in zip(multipliers, scene_margins(lines, x, y), strict=True)
         ]
+        stiffness = _HARDENING * stiffness
     on_edge = np.zeros(x.shape, dtype=bool)
     for multiplier, margin in zip(multipliers, scene_margins(lines, x, y), strict=True):
         on_edge[margin.snapshot[multiplier * scale_m[margin.snapshot] > _ACTIVE]] = True

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Flags, Solution, single_estimates
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines, Survey
 
@@ -37,7 +40,13 @@ def nearly_singular(normal: Symmetric2x2) -> BoolArray:
 
 
 def judge_fixes(
-    lines: SightLines, x: FloatArray, y: FloatArray, survey: Survey, covariance: Symmetric2x2, minimum_range_m: float
+    lines: SightLines,
+    x: FloatArray,
+    y: FloatArray,
+    survey: Survey,
+    covariance: Symmetric2x2,
+    minimum_range_m: float,
+    paths: ReflectedPath | None = None,
 ) -> StatusArray:
     """Return the status (B,) of fixes at x, y (B,) about the local origin, with their survey and covariance.
 
@@ -54,10 +63,19 @@ def judge_fixes(
         least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
         on_sensor = survey.nearest_m <= least_m
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
-    status[lines.outside_scene(x, y) | lines.all_under_horizon()] = Status.INFEASIBLE
+    status[lines.outside_scene(x, y, paths) | lines.all_under_horizon()] = Status.INFEASIBLE
     status[survey.behind] = Status.BEHIND
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said of fixes (B,): status, covariance, and cost as half the chi-square."""
+
+    status: StatusArray
+    covariance: Symmetric2x2
+    cost: FloatArray
 
 
 def finish_bearings_fix(
@@ -65,7 +83,7 @@ def finish_bearings_fix(
     lines: SightLines,
     x: FloatArray,
     y: FloatArray,
-    covariance: Symmetric2x2,
+    covariance: Symmetric2x2 | None,
     normal: Symmetric2x2,
     *,
     min_range_m: float,
@@ -74,34 +92,40 @@ def finish_bearings_fix(
 ) -> Solution:
     """Return the solution of fixes x, y (B,) about the local origin that use every row.
 
-    ``normal`` is the unweighted normal matrix of the lines (B,), which tells whether they cross at all;
-    ``converged`` (B,) is given by iterative methods, ``held`` (B,) by constrained ones: the status that stands in for
-    ok and infeasible. The cost is half the chi-square of the residuals.
+    ``covariance`` (B,) is the inverse Fisher information unless given. ``normal`` is the unweighted normal matrix of
+    the lines (B,), which tells whether they cross at all; ``converged`` (B,) is given by iterative methods, ``held``
+    (B,) by constrained ones: the status that stands in for ok and infeasible. The cost is half the chi-square.
     """
-    status, survey = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held)
+    verdict = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held)
+    found = verdict.covariance
     estimates = single_estimates(
         position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
-        covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
-        cost=0.5 * survey.chi_square,
+        covariance_m2=np.stack([found.xx, found.xy, found.yy], axis=1),
+        cost=verdict.cost,
         n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
-        status=status,
+        status=verdict.status,
     )
-    return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y) if batch.want_flags else None)
+    return Solution(
+        estimates=estimates, flags=bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
+    )
 
 
 def judge_ends(
     lines: SightLines,
     x: FloatArray,
     y: FloatArray,
-    covariance: Symmetric2x2,
+    covariance: Symmetric2x2 | None,
     normal: Symmetric2x2,
     min_range_m: float,
     converged: BoolArray | None = None,
     held: StatusArray | None = None,
-) -> tuple[StatusArray, Survey]:
-    """Return the status and survey of fixes; arguments as in `finish_bearings_fix`."""
-    survey = lines.survey(x, y)
-    status = judge_fixes(lines, x, y, survey, covariance, min_range_m)
+) -> Verdict:
+    """Return what is said of fixes; arguments as in `finish_bearings_fix`."""
+    paths = lines.paths_from(x, y)
+    if covariance is None:
+        covariance = lines.information(x, y, paths).inverse()
+    survey = lines.survey(x, y, paths)
+    status = judge_fixes(lines, x, y, survey, covariance, min_range_m, paths)
     if converged is not None:
         drawn_to_sensor = survey.nearest_m < _TRAP_RANGE * survey.farthest_m
         open_end = ~converged & (status <= Status.BOUNDARY)
@@ -111,7 +135,7 @@ def judge_ends(
     status[nearly_singular(normal)] = Status.DEGENERATE
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
-    return status, survey
+    return Verdict(status, covariance, 0.5 * survey.chi_square)
 
 
 def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:

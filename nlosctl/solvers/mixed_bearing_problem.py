@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
@@ -24,36 +24,45 @@ IntArray = npt.NDArray[np.int64]
 class MixedBearingProblem:
     """Half the chi-square of bearings (B, K), direct, by lines and by circles, as a function of a local point.
 
-    ``circles`` are the circle rows of ``lines``. Where a circle has no blocker, each row takes the path that fits best
-    at the point. The cost is NaN where no path leads to the point, or (seen from the blocker) it lies beyond a focus:
-    the likelihood ends at the caustic, and a step across it is refused. ``plain_rows`` are the snapshots without a
-    circle row, and ``plain`` is their problem: it is solved as it would be alone.
+    Where a circle has no blocker, each row takes the path that fits best at the point. The cost is NaN where no path
+    leads to the point, or (seen from the blocker) it lies beyond a focus: the likelihood ends at the caustic, and a
+    step across it is refused. ``straight`` are the rays of all rows, None where all are by circles; ``circles`` the circle
+    rows; ``plain_rows`` the snapshots without any, and ``plain`` their problem: solved as it would be alone.
     """
 
-    lines: SightLines
+    straight: BearingProblem | None
     circles: CircleRows
     inverse_std: FloatArray
     plain_rows: IntArray
-    plain: BearingProblem
+    plain: BearingProblem | None
 
     @classmethod
     def of_lines(cls, lines: SightLines, circles: CircleRows) -> MixedBearingProblem:
         """Return the problem of a block of sight lines and its circle rows."""
+        inverse_std = 1.0 / lines.std_rad
+        if circles.snapshot.shape[0] == inverse_std.size:
+            return cls(None, circles, inverse_std, np.zeros(0, dtype=np.int64), None)
         has_circles = np.zeros(lines.center_x.shape, dtype=bool)
         has_circles[circles.snapshot] = True
         plain_rows = np.flatnonzero(~has_circles)
-        return cls(
-            lines=lines,
-            circles=circles,
-            inverse_std=1.0 / lines.std_rad,
-            plain_rows=plain_rows,
-            plain=BearingProblem.of_lines(lines.take(plain_rows)),
-        )
+        straight = BearingProblem.of_lines(lines)
+        return cls(straight, circles, inverse_std, plain_rows, straight.take(plain_rows) if plain_rows.size else None)
 
     def take(self, rows: IntArray) -> MixedBearingProblem:
-        """Return the problems of some rows."""
-        lines = self.lines.take(rows)
-        return MixedBearingProblem.of_lines(lines, self.circles if lines.circles is None else lines.circles)
+        """Return the problems of some rows, which rise."""
+        shape = self.inverse_std.shape
+        if rows.shape[0] == shape[0]:
+            return self
+        place = np.full(shape[0], -1, dtype=np.int64)
+        place[rows] = np.arange(rows.shape[0])
+        kept = np.flatnonzero(place[self.plain_rows] >= 0)
+        return MixedBearingProblem(
+            None if self.straight is None else self.straight.take(rows),
+            self.circles.take(rows, *shape),
+            gather_rows(self.inverse_std, rows),
+            place[self.plain_rows[kept]],
+            None if self.plain is None or not kept.size else self.plain.take(kept),
+        )
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and Gauss-Newton matrix, with the closed-form gradient of reflected bearings.
@@ -72,7 +81,7 @@ class MixedBearingProblem:
                     sum_measurements(slope_y * slope_y),
                 ),
             )
-        if self.plain_rows.size:
+        if self.plain is not None:
             rows = self.plain_rows
             plain = self.plain.evaluate(x[rows], y[rows])
             at.cost[rows], at.gradient_x[rows], at.gradient_y[rows] = plain.cost, plain.gradient_x, plain.gradient_y
@@ -82,24 +91,26 @@ class MixedBearingProblem:
 
     def _linearize(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the scaled residuals (B, K) and their derivatives by x and y."""
-        circles = self.circles
-        if circles.snapshot.shape[0] < self.inverse_std.size:
-            residual, slope_x, slope_y = self._linearize_straight(x, y)
-        else:
-            residual, slope_x, slope_y = (np.empty(self.inverse_std.shape, order="F") for _ in range(3))
-        inverse_std = circles.pick_from(self.inverse_std)
-        for block, values in zip((residual, slope_x, slope_y), _linearize_circles(circles, x, y), strict=True):
-            circles.place_in(block, values * inverse_std)
+        bent = _linearize_circles(self.circles, x, y)
+        if self.straight is None:
+            residual, slope_x, slope_y = (self.circles.whole_block(values, x.shape[0]) for values in bent)
+            return residual * self.inverse_std, slope_x * self.inverse_std, slope_y * self.inverse_std
+        residual, slope_x, slope_y = _linearize_straight(self.straight, x, y)
+        inverse_std = self.circles.pick_from(self.inverse_std)
+        for block, values in zip((residual, slope_x, slope_y), bent, strict=True):
+            self.circles.place_in(block, values * inverse_std)
         return residual, slope_x, slope_y
 
-    def _linearize_straight(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the same for direct and line rows, (23); circle rows hold whatever."""
-        lines = self.lines
-        dx, dy = x[:, None] - lines.origin_x, y[:, None] - lines.origin_y
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            residual = np.arctan2(lines.sine * dx - lines.cosine * dy, lines.cosine * dx + lines.sine * dy)
-            weight = self.inverse_std / (dx * dx + dy * dy)
-            return residual * self.inverse_std, dy * weight, -dx * weight
+
+def _linearize_straight(
+    rays: BearingProblem, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the scaled residuals (B, K) and derivatives of direct and line rows, (23); circle rows hold whatever."""
+    dx, dy = x[:, None] - rays.origin_x, y[:, None] - rays.origin_y
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        residual = np.arctan2(rays.sine * dx - rays.cosine * dy, rays.cosine * dx + rays.sine * dy)
+        weight = rays.inverse_std / (dx * dx + dy * dy)
+        return residual * rays.inverse_std, dy * weight, -dx * weight
 
 
 BearingLikelihood = BearingProblem | MixedBearingProblem

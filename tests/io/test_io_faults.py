@@ -35,6 +35,8 @@ BAD = {
     "bad_truncated.parquet": ["Parquet"],
     "bad_ragged_line.csv": ["row 5 (line 6)", "12 fields", "expected 11"],
     "bad_encoding.csv": ["row 5", "'sensor'", "0xfc", "UTF-8"],
+    "bad_sensor_outside_circle.csv": ["row 2", "'sensor_x_m'", "7011421.448 m from the centre", "6671000 m"],
+    "bad_blocker_outside_circle.csv": ["reflector[0].blocker_radius", "got 6.5e+06", "(0, 6.481e+06)"],
     "bad_snapshot_comes_back.csv": ["row 13", "row 1)", "ORDER BY snapshot"],
 }
 ROW_FAULTS = [name for name, words in BAD.items() if any(word.startswith("row 5") for word in words)]

@@ -100,6 +100,7 @@ def test_schemas_are_fresh(tmp_path: Path) -> None:
         ("good_bearings.csv.gz", True),
         ("good_bearings_azimuth.csv", True),
         ("good_bearings_scene_sensors.csv", True),
+        ("good_over_the_horizon.csv", True),
         ("bad_zero_std.csv", False),
         ("bad_wrong_type.csv", False),
         ("bad_degrees_as_radians.csv", False),
@@ -116,12 +117,13 @@ def test_frictionless_validates_by_the_schema(name: str, valid: bool) -> None:
 
 def test_fixtures_are_what_the_builder_makes(tmp_path: Path) -> None:
     """Building the fixtures anew gives the files that are there."""
-    spec = importlib.util.spec_from_file_location("build_bearings", FIXTURES / "builders" / "build_bearings.py")
-    assert spec is not None
-    assert spec.loader is not None
-    builder = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(builder)
-    builder.main(tmp_path)
+    for path in sorted((FIXTURES / "builders").glob("build_*.py")):
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec is not None
+        assert spec.loader is not None
+        builder = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(builder)
+        builder.main(tmp_path)
     for path in tmp_path.iterdir():
         if path.suffix in (".csv", ".toml", ".jsonl"):
             assert path.read_bytes() == (FIXTURES / path.name).read_bytes(), path.name

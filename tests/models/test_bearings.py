@@ -147,7 +147,7 @@ def test_a_point_beyond_a_mirror_is_told() -> None:
     reflector = np.array([[0, -1], [0, -1], [0, -1], [-1, -1]])
     batch = dataclasses.replace(batch, scene=scene, reflector=reflector, sensor_xy_m=np.zeros((4, 2, 2)))
     points = np.array([[2.0, 5.0], [4.0, 5.0], [3.0, -2.0], [4.0, 5.0]])
-    assert sight_lines(batch).beyond_mirror(*about_center(batch, points)).tolist() == [False, True, True, False]
+    assert sight_lines(batch).outside_scene(*about_center(batch, points)).tolist() == [False, True, True, False]
 
 
 def test_what_is_behind_a_ray_is_told() -> None:

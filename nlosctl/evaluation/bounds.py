@@ -1,0 +1,58 @@
+"""The Cramer-Rao bound of positions, from their Fisher information."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.error_ellipses import circular_error_probable, error_ellipse
+from nlosctl.geometry.symmetric import Symmetric2x2
+
+__all__ = ["Bounds", "bounds_of"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_CONDITION_LIMIT = 1e12
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds (B,) on the covariance of unbiased estimates, with their ellipse; NaN where there is none.
+
+    Covariances in square metres, lengths in metres, the orientation in radians from +x. ``rms_m`` is the root of the
+    trace, ``cep50_m`` the circle that holds half of Gaussian errors of that covariance.
+    """
+
+    bound_xx_m2: FloatArray
+    bound_xy_m2: FloatArray
+    bound_yy_m2: FloatArray
+    rms_m: FloatArray
+    semi_major_m: FloatArray
+    semi_minor_m: FloatArray
+    orientation_rad: FloatArray
+    cep50_m: FloatArray
+
+
+def bounds_of(information: Symmetric2x2) -> Bounds:
+    """Return the bounds: the inverse information (equation (20) of Song, Willett, Zhou 2013), where it has one.
+
+    None where the larger eigenvalue is over 1e12 times the smaller, or anything is not finite.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        smaller, larger = information.eigenvalues()
+        regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
+    parts = (np.where(regular, part, np.nan) for part in vars(information).values())
+    covariance = Symmetric2x2(*parts).inverse()
+    ellipse = error_ellipse(covariance)
+    return Bounds(
+        bound_xx_m2=covariance.xx,
+        bound_xy_m2=covariance.xy,
+        bound_yy_m2=covariance.yy,
+        rms_m=np.sqrt(covariance.trace),
+        semi_major_m=ellipse.semi_major_m,
+        semi_minor_m=ellipse.semi_minor_m,
+        orientation_rad=ellipse.orientation_rad,
+        cep50_m=circular_error_probable(ellipse.semi_major_m, ellipse.semi_minor_m),
+    )

@@ -1,0 +1,75 @@
+"""Fisher information of a position, by kind of measurement: what the Cramer-Rao bound is made of.
+
+A kind has one entry in `INFORMATION`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import predict_bearings, sight_lines
+
+__all__ = ["INFORMATION", "Information", "InformationModel"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Information:
+    """Fisher information (B,) of positions, and how many measurements (B,) it comes from."""
+
+    matrix: Symmetric2x2
+    n_used: IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class InformationModel:
+    """How one kind of measurement tells of positions.
+
+    ``at(batch, x, y)`` is the information of each snapshot about its point (B,), for Gaussian errors, from those rows
+    that can see it as the scene is. ``seen_from(batch, x, y)`` is a batch with a snapshot for each point (V,): the
+    sensors, paths and stds of the one snapshot of ``batch``, the measurements without error.
+    """
+
+    at: Callable[[Any, FloatArray, FloatArray], Information]
+    seen_from: Callable[[Any, FloatArray, FloatArray], Any]
+
+
+def _bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Information:
+    lines = sight_lines(batch)
+    local_x, local_y = x - lines.center_x, y - lines.center_y
+    seen = ~lines.unseen(local_x, local_y)
+    telling = replace(lines, std_rad=np.where(seen, lines.std_rad, np.inf))
+    return Information(telling.information(local_x, local_y), np.count_nonzero(seen, axis=1))
+
+
+def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> BearingBatch:
+    shape = (x.shape[0], batch.measurements)
+    sensor_xy = np.broadcast_to(batch.sensor_xy_m, (*shape, 2))
+    reflector = np.broadcast_to(batch.reflector, shape)
+    source_xy = np.broadcast_to(np.stack([x, y], axis=1)[:, None, :], (*shape, 2))
+    bearing = predict_bearings(sensor_xy, reflector, batch.scene, source_xy)
+    return replace(
+        batch,
+        seed=np.zeros(x.shape, dtype=np.uint64),
+        sensor=np.broadcast_to(batch.sensor, shape),
+        sensor_xy_m=np.asfortranarray(sensor_xy),
+        bearing_rad=np.asfortranarray(np.nan_to_num(bearing)),
+        bearing_std_rad=np.asfortranarray(np.broadcast_to(batch.bearing_std_rad, shape)),
+        path=np.broadcast_to(batch.path, shape),
+        reflector=np.asfortranarray(reflector),
+    )
+
+
+INFORMATION: dict[str, InformationModel] = {
+    "bearings": InformationModel(at=_bearing_information, seen_from=_bearings_seen_from),
+}
+"""By kind of measurement."""

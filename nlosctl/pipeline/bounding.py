@@ -1,0 +1,141 @@
+"""The Cramer-Rao bound of each snapshot at its truth, or of one set of measurements over a map of positions."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.errors import DataError, UsageError
+from nlosctl.evaluation.bounds import Bounds, bounds_of
+from nlosctl.io.bound_tables import bound_schema, bound_table, truth_positions
+from nlosctl.io.measurements import Chunk, MeasurementReader
+from nlosctl.models.information import INFORMATION, Information
+from nlosctl.pipeline.dense import dense_blocks
+
+__all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_POSITIONS_AT_ONCE = 4096
+_MOST_VERTICES = 100_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapGrid:
+    """Positions (V,) on a grid, row by row from the least y; both ends included where the step meets them."""
+
+    x_min_m: float
+    x_max_m: float
+    y_min_m: float
+    y_max_m: float
+    step_m: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The numbers of vertices along x and along y."""
+        return self._count(self.x_min_m, self.x_max_m), self._count(self.y_min_m, self.y_max_m)
+
+    def pieces(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield x and y of the vertices, in pieces."""
+        along_x, along_y = self.shape
+        for start in range(0, along_x * along_y, _POSITIONS_AT_ONCE):
+            number = np.arange(start, min(start + _POSITIONS_AT_ONCE, along_x * along_y))
+            x: FloatArray = self.x_min_m + self.step_m * (number % along_x).astype(np.float64)
+            y: FloatArray = self.y_min_m + self.step_m * (number // along_x).astype(np.float64)
+            yield x, y
+
+    def _count(self, low: float, high: float) -> int:
+        return int(np.floor((high - low) / self.step_m + 1e-9)) + 1
+
+
+def parse_map(text: str) -> MapGrid:
+    """Return the grid of ``xmin,xmax,ymin,ymax,step`` in metres; raises UsageError."""
+    wanted = f"--map takes xmin,xmax,ymin,ymax,step in metres, rising and step above 0. Got {text!r} instead."
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise UsageError(wanted) from None
+    if len(numbers) != 5 or not np.isfinite(numbers).all():
+        raise UsageError(wanted)
+    x_min, x_max, y_min, y_max, step = numbers
+    if x_min > x_max or y_min > y_max or step <= 0.0:
+        raise UsageError(wanted)
+    grid = MapGrid(x_min_m=x_min, x_max_m=x_max, y_min_m=y_min, y_max_m=y_max, step_m=step)
+    if grid.shape[0] * grid.shape[1] > _MOST_VERTICES:
+        raise UsageError(f"--map {text} has {grid.shape[0] * grid.shape[1]} vertices, more than {_MOST_VERTICES}")
+    return grid
+
+
+def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
+    """Return the Arrow schema of the bounds."""
+    return bound_schema(reader.schema if grid is None else None)
+
+
+def bounds_at_truth(reader: MeasurementReader) -> Iterator[Any]:
+    """Yield tables with the bound of each snapshot at its truth, in input order.
+
+    Null where the truth is, or where too few rows can see it. Raises DataError where the input has no truth.
+    """
+    schema = result_schema(reader, None)
+    model = INFORMATION[_supported(reader)]
+    for chunk in reader.chunks():
+        x, y = truth_positions(chunk.table, chunk.offsets[:-1], chunk.source)
+        arrays = _no_bounds(x, y)
+        for block in dense_blocks(chunk.offsets, ~chunk.left_out, _POSITIONS_AT_ONCE):
+            if not block.row.shape[1]:
+                continue
+            seed = np.zeros(x.shape, dtype=np.uint64)
+            batch = block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
+            places = block.snapshot
+            _write_bounds(arrays, places, model.at(batch, x[places], y[places]))
+        yield bound_table(arrays, schema, chunk.snapshot)
+
+
+def bounds_on_map(reader: MeasurementReader, grid: MapGrid) -> Iterator[Any]:
+    """Yield tables with the bound at each vertex, of the sensors, paths and stds of the first snapshot.
+
+    Raises DataError where the input has no row.
+    """
+    schema = result_schema(reader, grid)
+    model = INFORMATION[_supported(reader)]
+    chunk = next(iter(reader.chunks()), None)
+    if chunk is None:
+        raise DataError("no snapshot to take sensors and paths from")
+    single = _first_snapshot(reader, chunk)
+    for x, y in grid.pieces():
+        arrays = _no_bounds(x, y)
+        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y))
+        yield bound_table(arrays, schema)
+
+
+def _supported(reader: MeasurementReader) -> str:
+    if reader.kind not in INFORMATION:
+        raise UsageError(f"bound is there for {', '.join(INFORMATION)}, not for {reader.kind}")
+    return reader.kind
+
+
+def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> Any:
+    kept = ~chunk.left_out
+    kept[chunk.offsets[1] :] = False
+    seed = np.zeros(len(chunk.snapshot), dtype=np.uint64)
+    for block in dense_blocks(chunk.offsets[:2], kept[: chunk.offsets[1]], 1):
+        if block.row.shape[1]:
+            return block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
+    raise DataError(f"{chunk.source}: the first snapshot has no row that is used; a map takes its sensors from it")
+
+
+def _no_bounds(x: FloatArray, y: FloatArray) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of positions (B,) of which no bound is known yet."""
+    arrays: dict[str, npt.NDArray[Any]] = {"x_m": x, "y_m": y, "n_used": np.zeros(x.shape, dtype=np.int64)}
+    return arrays | {field.name: np.full(x.shape, np.nan) for field in dataclasses.fields(Bounds)}
+
+
+def _write_bounds(arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information) -> None:
+    for name, values in vars(bounds_of(information.matrix)).items():
+        arrays[name][places] = values
+    arrays["n_used"][places] = information.n_used

@@ -1,0 +1,106 @@
+"""``nlosctl bound``: at the truth and over a map, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nlosctl
+from nlosctl.contract.tables import BOUND
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+MEASUREMENTS = str(FIXTURES / "good_over_the_horizon.csv")
+SCENE = str(FIXTURES / "good_over_the_horizon.scene.toml")
+
+
+def run(*words: str, standard_input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
+    """Run ``nlosctl bound`` with the words."""
+    program = Path(sys.executable).with_name("nlosctl")
+    return subprocess.run([program, "bound", *words], input=standard_input, capture_output=True, check=False)
+
+
+def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, str]]:
+    """Return the CSV rows of stdout."""
+    assert done.returncode == 0, done.stderr.decode()
+    return list(csv.DictReader(io.StringIO(done.stdout.decode())))
+
+
+def test_a_row_per_snapshot_at_its_truth() -> None:
+    """Each snapshot has its bound at its truth, in the columns of the schema, and the summary counts them."""
+    done = run(MEASUREMENTS)
+    found = rows(done)
+    assert list(found[0]) == list(BOUND.names)
+    assert [row["snapshot"] for row in found] == [str(number) for number in range(25)]
+    with Path(MEASUREMENTS).open(encoding="utf-8") as file:
+        truth = {row["snapshot"]: float(row["truth_x_m"]) for row in csv.DictReader(file)}
+    for row in found:
+        assert float(row["x_m"]) == truth[row["snapshot"]]
+        trace = float(row["bound_xx_m2"]) + float(row["bound_yy_m2"])
+        assert float(row["rms_m"]) == pytest.approx(trace**0.5)
+        assert 0.0 < float(row["semi_minor_m"]) <= float(row["cep50_m"]) / 0.67 < 3.0 * float(row["semi_major_m"])
+    assert "bound of bearings: 25 of 25 snapshots have one" in done.stderr.decode()
+
+
+def test_a_map_has_a_row_per_vertex() -> None:
+    """A map has its vertices row by row, both ends included, without snapshot; null in the shadow of the earth."""
+    found = rows(run(MEASUREMENTS, "--map", "-200e3,200e3,6300e3,6450e3,50e3"))
+    assert list(found[0]) == list(BOUND.names[1:])
+    assert len(found) == 9 * 4
+    assert [float(row["x_m"]) for row in found[:9]] == [-200e3 + 50e3 * number for number in range(9)]
+    underground = [row for row in found if np.hypot(float(row["x_m"]), float(row["y_m"])) < 6371e3]
+    assert underground
+    assert all(row["rms_m"] == "" and row["n_used"] == "0" for row in underground)
+    assert any(row["n_used"] == "4" and float(row["rms_m"]) > 0.0 for row in found)
+
+
+def test_the_function_gives_the_same() -> None:
+    """`nlosctl.bound` on a table gives what the command gives."""
+    import pyarrow.csv
+
+    table = pyarrow.csv.read_csv(MEASUREMENTS)
+    by_function = nlosctl.bound(table, scene=SCENE).to_pydict()
+    by_command = rows(run(MEASUREMENTS))
+    assert [repr(value) for value in by_function["rms_m"]] == [row["rms_m"] for row in by_command]
+    over_map = nlosctl.bound(table, scene=SCENE, map=(0.0, 1e5, 6.4e6, 6.4e6, 5e4))
+    assert over_map.num_rows == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (("--map", "1,2,3"), 2, "--map takes xmin,xmax,ymin,ymax,step"),
+        (("--map", "1,0,0,1,1"), 2, "rising and step above 0"),
+        (("--map", "0,1,0,1,0"), 2, "rising and step above 0"),
+        (("--map", "0,1,0,1,nan"), 2, "--map takes"),
+        (("--map", "0,1e9,0,1e9,1"), 2, "vertices"),
+        (("--scene", "absent.toml"), 1, "absent.toml: the scene can't be read"),
+    ],
+)
+def test_what_it_refuses(words: tuple[str, ...], code: int, told: str) -> None:
+    """A map that is none is the command line's fault, an absent scene the data's; nothing goes to stdout."""
+    done = run(MEASUREMENTS, *words)
+    assert (done.returncode, done.stdout) == (code, b"")
+    assert told in done.stderr.decode()
+
+
+def test_without_truth_there_is_no_bound(tmp_path: Path) -> None:
+    """Without truth columns the cure is told, and no half output is left."""
+    lines = Path(MEASUREMENTS).read_text(encoding="utf-8").splitlines()
+    cut = tmp_path / "cut.csv"
+    cut.write_text("\n".join(",".join(line.split(",")[:7]) for line in lines), encoding="utf-8")
+    done = run(str(cut), "--scene", SCENE, "-o", str(tmp_path / "bound.csv"))
+    assert done.returncode == 1
+    assert "no column 'truth_x_m'; a bound needs the truth, or --map" in done.stderr.decode()
+    assert not (tmp_path / "bound.csv").exists()
+
+
+def test_it_reads_standard_input() -> None:
+    """`-` reads measurements from a pipe."""
+    found = rows(run("-", "--scene", SCENE, standard_input=Path(MEASUREMENTS).read_bytes()))
+    assert len(found) == 25

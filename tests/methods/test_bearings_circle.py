@@ -1,0 +1,214 @@
+"""What the methods for bearings say of rows by circles when something is wrong, missing or ambiguous."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from bearing_worlds import estimate, flags_of, make_batch, words
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
+from nlosctl.geometry.circular_reflection import all_reflections
+from nlosctl.methods import bearings_ml, bearings_ml_grid, bearings_stansfield, bearings_stansfield_focused
+from nlosctl.models.bearings import predict_bearings
+
+FloatArray = npt.NDArray[np.float64]
+
+EARTH_M, IONOSPHERE_M = 6371e3, 6671e3
+IONOSPHERE = Scene(
+    reflectors=(
+        CircleReflector(name="ionosphere", center=(0.0, 0.0), radius=IONOSPHERE_M, blocker_radius=EARTH_M),
+        LineReflector(name="wall", point=(7000e3, 0.0), direction=(0.0, 1.0)),
+    )
+)
+RING = Scene(reflectors=(CircleReflector(name="ring", center=(20.0, -10.0), radius=100.0),))
+
+
+def on_ground(*angles: float) -> FloatArray:
+    """Return sensors (1, K, 2) at angles from +x, times pi."""
+    turn = np.pi * np.array(angles)
+    return EARTH_M * np.stack([np.cos(turn), np.sin(turn)], axis=-1)[None]
+
+
+def bearings_of(sensor_xy: FloatArray, source: tuple[float, float], reflector: Any = 0) -> FloatArray:
+    """Return the bearings (1, K) of a source without error."""
+    placed = np.broadcast_to(reflector, sensor_xy.shape[:2])
+    return predict_bearings(sensor_xy, placed, IONOSPHERE, np.broadcast_to(source, sensor_xy.shape))
+
+
+SENSORS = on_ground(0.1, 0.08, -0.09, -0.06)
+SOURCE = (6421e3, 30e3)
+
+
+def test_every_method_finds_an_exact_source(method: MethodSpec) -> None:
+    """Direct rows, rows by a mirror and by the ionosphere together meet in their source."""
+    sensor_xy = np.concatenate([SENSORS, on_ground(0.02, -0.03, 0.01)], axis=1)
+    reflector = np.array([[0, 0, 0, 0, -1, -1, 1]])
+    bearing = bearings_of(sensor_xy, SOURCE, reflector)
+    found = estimate(method, make_batch(sensor_xy, bearing, 0.01, reflector, IONOSPHERE))
+    assert words(found) == ["ok"]
+    np.testing.assert_allclose(found.position_m[0], SOURCE, atol=1e-3)
+    assert found.cost[0] < 1e-9
+
+
+def test_focus_changes_nothing_without_circles() -> None:
+    """Without circle rows stansfield-focused is stansfield, to the bit."""
+    sensor_xy = on_ground(0.02, -0.03, 0.01)
+    bearing = bearings_of(sensor_xy, SOURCE, -1) + 0.01 * np.array([[1.0, -1.0, 0.5]])
+    batch = make_batch(sensor_xy, bearing, 0.01, -1, IONOSPHERE)
+    first, second = (estimate(m.METHOD, batch) for m in (bearings_stansfield, bearings_stansfield_focused))
+    np.testing.assert_array_equal(first.position_m, second.position_m)
+    np.testing.assert_array_equal(first.covariance_m2, second.covariance_m2)
+
+
+@pytest.mark.parametrize("source", [(6300e3, 0.0), (5703e3, -2906e3)], ids=["under ground", "in A1"])
+def test_an_estimate_that_the_scene_forbids_is_infeasible(method: MethodSpec, source: tuple[float, float]) -> None:
+    """Where the rays meet under the ground or where they can't come from, the free estimate is kept and told."""
+    sensor_xy = on_ground(0.03, 0.06, -0.02, -0.06)
+    bearing = bearings_of(sensor_xy, source)
+    found = estimate(method, make_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE))
+    assert words(found) == ["infeasible"]
+    assert np.isfinite(found.covariance_m2).all()
+
+
+def test_a_sensor_that_cannot_be_there_gives_no_number(method: MethodSpec) -> None:
+    """A sensor outside the circle, or under the ground, leaves its snapshot degenerate and others as they are."""
+    sensor_xy = np.concatenate([SENSORS, SENSORS, SENSORS])
+    bearing = np.repeat(bearings_of(SENSORS, SOURCE), 3, axis=0)
+    sensor_xy[1, 2] *= 1.1
+    sensor_xy[2, 0] *= 0.99
+    found = estimate(method, make_batch(sensor_xy, bearing, 0.01, 0, IONOSPHERE))
+    assert words(found) == ["ok", "degenerate", "degenerate"]
+    assert np.isnan(found.position_m[1:]).all()
+
+
+def test_rays_under_the_horizon_are_flagged(method: MethodSpec) -> None:
+    """A row that points below its horizon is flagged; the fix is kept while another row points above."""
+    bearing = bearings_of(SENSORS, SOURCE)
+    straight_down = np.arctan2(-SENSORS[0, 0, 1], -SENSORS[0, 0, 0])
+    bearing[0, 0] = straight_down + 1.4
+    batch = make_batch(SENSORS, bearing, 0.1, 0, IONOSPHERE)
+    assert flags_of(method, batch).columns["under_horizon"].tolist() == [[True, False, False, False]]
+
+
+def test_all_rays_under_the_horizon_are_no_ok(method: MethodSpec) -> None:
+    """When every bearing points into the ground, the number that comes out is not called a fix."""
+    level = np.arctan2(SENSORS[..., 1], SENSORS[..., 0])
+    below = level + np.sign(-SENSORS[..., 1]) * np.radians(92.0)
+    found = estimate(method, make_batch(SENSORS, below, 0.05, 0, IONOSPHERE))
+    assert words(found) != ["ok"]
+    assert flags_of(method, make_batch(SENSORS, below, 0.05, 0, IONOSPHERE)).columns["under_horizon"].all()
+
+
+def test_one_row_is_too_few(method: MethodSpec) -> None:
+    """One bearing is no fix."""
+    batch = make_batch(SENSORS[:, :1], bearings_of(SENSORS, SOURCE)[:, :1], 0.01, 0, IONOSPHERE)
+    assert words(estimate(method, batch)) == ["too_few"]
+
+
+def test_least_elevation_makes_low_paths_infeasible() -> None:
+    """A source whose paths leave below the least elevation is outside of what such a system receives."""
+    bearing = bearings_of(SENSORS, SOURCE)
+    for least, expected in ((0.0, "ok"), (60.0, "infeasible")):
+        layer = CircleReflector(
+            name="i", center=(0.0, 0.0), radius=IONOSPHERE_M, blocker_radius=EARTH_M, min_elevation_deg=least
+        )
+        batch = make_batch(SENSORS, bearing, 0.01, 0, Scene(reflectors=(layer,)))
+        assert words(estimate(bearings_ml.METHOD, batch)) == [expected]
+
+
+def test_a_direct_row_beyond_the_horizon_is_infeasible() -> None:
+    """In a scene with an opaque circle a direct row has to see the estimate over the ground."""
+    sensor_xy = on_ground(0.1, 0.08, -0.09, 0.2)
+    reflector = np.array([[0, 0, 0, -1]])
+    bearing = bearings_of(sensor_xy, SOURCE, reflector)
+    assert words(estimate(bearings_ml.METHOD, make_batch(sensor_xy, bearing, 0.01, reflector, IONOSPHERE))) == [
+        "infeasible"
+    ]
+
+
+def test_feasible_moves_an_estimate_to_the_edge() -> None:
+    """Held to the scene, an estimate under the ground comes up to it: boundary, no covariance, a higher cost."""
+    bearing = bearings_of(SENSORS, (6365e3, 0.0))
+    batch = make_batch(SENSORS, bearing, 0.02, 0, IONOSPHERE)
+    free, held = estimate(bearings_ml.METHOD, batch), estimate(bearings_ml.METHOD, batch, feasible=True)
+    assert (words(free), words(held)) == (["infeasible"], ["boundary"])
+    assert np.hypot(*held.position_m[0]) == pytest.approx(EARTH_M, abs=1.0)
+    assert np.isnan(held.covariance_m2).all()
+    assert held.cost[0] > free.cost[0]
+
+
+def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
+    """Return a batch of 150 snapshots of four sensors in an open circle, each row by any of its paths."""
+    generator = np.random.default_rng(seed)
+    center = np.array([20.0, -10.0])
+    sensor_xy = generator.uniform(-60.0, 60.0, (150, 4, 2))
+    source = generator.uniform(-60.0, 60.0, (150, 1, 2))
+    ends = [part.ravel() for end in (sensor_xy, source + 0.0 * sensor_xy) for part in (end[..., 0], end[..., 1])]
+    paths = all_reflections(*ends, np.full(600, 100.0)).bearing_rad
+    chosen = np.argmax(np.where(np.isnan(paths), -1.0, generator.random(paths.shape)), axis=0)
+    bearing = paths[chosen, np.arange(600)].reshape(150, 4)
+    noisy = bearing + std * generator.normal(size=bearing.shape)
+    batch = make_batch(center + sensor_xy, noisy, max(std, 0.01), np.zeros((150, 4), dtype=int), RING)
+    return batch, center + source[:, 0]
+
+
+def test_an_open_circle_gives_the_source_without_error() -> None:
+    """Without a blocker each sensor's path is ambiguous, yet exact bearings lead to their source."""
+    batch, source = ring_world(1, 0.0)
+    found = estimate(bearings_ml.METHOD, batch)
+    best = found.alternative == 0
+    solved = best & (found.status <= 1)
+    assert solved.sum() > 140
+    np.testing.assert_allclose(found.position_m[solved], source[found.row[solved]], atol=1e-4)
+
+
+def test_alternatives_are_ranked_and_doubt_is_told() -> None:
+    """Alternatives rise in cost from 0 up; the first is ambiguous exactly when the next is within the given nats."""
+    batch, _ = ring_world(2, 0.2)
+    found = estimate(bearings_ml.METHOD, batch)
+    several = 0
+    for row in range(150):
+        mine = np.flatnonzero(found.row == row)
+        assert found.alternative[mine].tolist() == list(range(mine.size))
+        if mine.size > 1:
+            several += 1
+            assert (np.diff(found.cost[mine]) >= 0.0).all()
+            if found.cost[mine[1]] - found.cost[mine[0]] <= 2.0:
+                assert words(found)[mine[0]] in ("ambiguous", "not_converged")
+    assert several >= 4
+    strict = estimate(bearings_ml.METHOD, batch, ambiguous_within=0.0)
+    wide = estimate(bearings_ml.METHOD, batch, ambiguous_within=1e6)
+    ambiguous = [words(e).count("ambiguous") for e in (strict, found, wide)]
+    assert ambiguous[0] <= ambiguous[1] < ambiguous[2]
+
+
+def test_a_field_without_allowed_vertices_has_no_candidate() -> None:
+    """ml-grid does not fall back on least squares where the scene forbids all of its field."""
+    sensor_xy = on_ground(0.03, 0.06, 0.045)
+    bearing = bearings_of(sensor_xy, (6300e3, 500e3))
+    batch = make_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE)
+    found = estimate(bearings_ml_grid.METHOD, batch, width_m=10e3, height_m=10e3, step_m=5e3)
+    assert words(found) == ["no_candidate"]
+    assert np.isnan(found.position_m).all()
+
+
+def test_the_best_vertex_on_the_edge_of_the_field_is_told() -> None:
+    """When the likelihood still rises at the edge of the field the status is boundary."""
+    sensor_xy = np.array([[[0.0, 0.0], [100.0, 0.0], [50.0, 80.0]]])
+    bearing = np.array([[0.6, 2.8, -1.2]])
+    batch = make_batch(sensor_xy, bearing, [0.001, 0.5, 0.001])
+    found = estimate(bearings_ml_grid.METHOD, batch, width_m=4.0, height_m=4.0, step_m=1.0)
+    wide = estimate(bearings_ml_grid.METHOD, batch, width_m=80.0, height_m=80.0, step_m=1.0)
+    assert (words(found), words(wide)) == (["boundary"], ["ok"])
+    exact = estimate(bearings_ml.METHOD, batch)
+    assert np.hypot(*(wide.position_m - exact.position_m)[0]) < 1.0
+
+
+def test_flags_without_circles_say_nothing_of_horizons(method: MethodSpec) -> None:
+    """In a scene without circles there is no such column."""
+    batch = make_batch([[[0.0, 0.0], [10.0, 0.0]]], [[0.8, 2.3]])
+    assert set(flags_of(method, batch).columns) == {"residual_rad"}

@@ -1,0 +1,112 @@
+"""Constrained maximum likelihood, against a search that zooms into the allowed part of the annulus."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
+from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.solvers.feasible_bearings import minimize_within_scene
+from nlosctl.solvers.levenberg_marquardt import minimize
+from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.mixed_bearing_problem import bearing_problem
+
+EARTH_M, IONOSPHERE_M = 6371e3, 6671e3
+IONOSPHERE = Scene(
+    reflectors=(CircleReflector(name="i", center=(0.0, 0.0), radius=IONOSPHERE_M, blocker_radius=EARTH_M),)
+)
+
+
+def make_batch(scene, sensor_xy, bearing, std, reflector):
+    """Return a batch of equal stds."""
+    shape = bearing.shape
+    return BearingBatch(
+        scene=scene,
+        seed=np.zeros(shape[0], dtype=np.uint64),
+        sensor=np.asfortranarray(np.broadcast_to(np.arange(shape[1]), shape)),
+        sensor_xy_m=np.asfortranarray(sensor_xy),
+        bearing_rad=np.asfortranarray(bearing),
+        bearing_std_rad=np.full(shape, std, order="F"),
+        path=np.zeros(shape, dtype=np.int64, order="F"),
+        reflector=np.asfortranarray(np.broadcast_to(np.asarray(reflector, dtype=np.int64), shape)),
+    )
+
+
+def over_the_horizon(snapshots, reflector, seed):
+    """Return sight lines of the paper's set B at 5 degrees, all by the layer or the last two directly as well."""
+    generator = np.random.default_rng(seed)
+    angle = np.pi * np.array([0.11, -0.07, -0.12] if (reflector == 0).all() else [0.11, -0.07, 0.02, -0.015])
+    shape = (snapshots, angle.size)
+    sensor_xy = np.broadcast_to(EARTH_M * np.stack([np.cos(angle), np.sin(angle)], axis=1), (*shape, 2))
+    source = np.broadcast_to([6421e3, 0.0], (*shape, 2))
+    placed = np.broadcast_to(reflector, shape)
+    bearing = predict_bearings(sensor_xy, placed, IONOSPHERE, source)
+    bearing = bearing + np.radians(5.0) * generator.normal(size=shape)
+    return sight_lines(make_batch(IONOSPHERE, sensor_xy, bearing, np.radians(5.0), placed))
+
+
+def infeasible_free_estimates(lines):
+    """Return the rays of the snapshots whose free estimate is outside of the scene, these estimates and their size."""
+    first = fit_least_squares(lines)
+    start = fit_focused(lines, first)
+    free = minimize(bearing_problem(lines), *lines.inside_circles(start.x, start.y))
+    rows = np.flatnonzero(lines.outside_scene(free.x, free.y) & free.converged)
+    chosen = lines.take(rows)
+    scale = np.sqrt(chosen.information(free.x[rows], free.y[rows]).inverse().trace)
+    return chosen, free.x[rows], free.y[rows], scale
+
+
+def zoomed_cost(lines, row):
+    """Return the least cost among allowed points of grids in height and angle that zoom in."""
+    low, high = np.array([EARTH_M, -0.35]), np.array([0.9999 * IONOSPHERE_M, 0.35])
+    best, best_at = np.inf, (low + high) / 2.0
+    for _ in range(8):
+        radius, angle = (part.ravel() for part in np.meshgrid(*np.linspace(low, high, 41).T, indexing="ij"))
+        x, y = radius * np.cos(angle) - lines.center_x[row], radius * np.sin(angle) - lines.center_y[row]
+        repeated = lines.take(np.full(x.shape, row))
+        cost = np.where(repeated.outside_scene(x, y), np.inf, bearing_problem(repeated).evaluate(x, y).cost)
+        cost = np.where(np.isnan(cost), np.inf, cost)
+        least = np.argmin(cost)
+        if cost[least] < best:
+            best, best_at = cost[least], np.array([radius[least], angle[least]])
+        width = 0.12 * (high - low)
+        low, high = (
+            np.maximum(best_at - width, [EARTH_M, -0.35]),
+            np.minimum(best_at + width, [0.9999 * IONOSPHERE_M, 0.35]),
+        )
+    return best
+
+
+@pytest.mark.parametrize("reflector", [np.zeros(3, dtype=int), np.array([0, 0, -1, -1])], ids=["layer", "and direct"])
+def test_no_allowed_point_is_better(reflector):
+    """The constrained estimate is allowed, on an edge, and as good as the best of a zooming search: 1e-3 nats."""
+    lines, x, y, scale = infeasible_free_estimates(over_the_horizon(60, reflector, seed=11))
+    fix = minimize_within_scene(lines, x, y, scale, 30)
+    assert x.size >= 4
+    assert fix.found.all()
+    assert not lines.outside_scene(fix.x, fix.y)[fix.found].any()
+    assert fix.on_edge[fix.found].all()
+    cost = bearing_problem(lines).evaluate(fix.x, fix.y).cost
+    for row in np.flatnonzero(fix.found)[:8]:
+        assert cost[row] <= zoomed_cost(lines, row) + 1e-3
+
+
+def test_a_point_in_front_of_the_mirror():
+    """With a flat mirror the constrained estimate lies on it, and its cost is the least along it."""
+    mirror = Scene(reflectors=(LineReflector(name="m", point=(0.0, 100.0), direction=(1.0, 0.0)),))
+    sensor_xy = np.array([[[-50.0, 0.0], [50.0, 0.0], [0.0, 10.0]]])
+    reflector = np.array([[0, -1, -1]])
+    bearing = predict_bearings(sensor_xy, reflector * 0 - 1, mirror, np.broadcast_to([5.0, 130.0], (1, 3, 2)))
+    lines = sight_lines(make_batch(mirror, sensor_xy, bearing, 0.05, reflector))
+    free = minimize(bearing_problem(lines), np.zeros(1) - lines.center_x, np.full(1, 120.0) - lines.center_y)
+    scale = np.sqrt(lines.information(free.x, free.y).inverse().trace)
+    start_y = np.maximum(free.y, 101.0 - lines.center_y)
+    fix = minimize_within_scene(lines, free.x, start_y, scale, 30)
+    assert fix.found[0]
+    along = np.linspace(-60.0, 60.0, 4001)
+    for height in (99.9999, 95.0, 90.0):
+        x, y = along - lines.center_x[0], np.full(along.shape, height) - lines.center_y[0]
+        cost = bearing_problem(lines.take(np.zeros(along.size, dtype=np.int64))).evaluate(x, y).cost
+        assert bearing_problem(lines).evaluate(fix.x, fix.y).cost[0] <= cost.min() + 1e-4

@@ -1,0 +1,141 @@
+"""Optima of ambiguous paths, against the enumeration of every combination of paths on a dense grid."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize as scipy_minimize
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.scene import CircleReflector, Scene
+from nlosctl.geometry.circular_reflection import all_reflections
+from nlosctl.models.bearings import sight_lines
+from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.several_optima import find_ends, pairwise_crossings
+
+RADIUS = 1000.0
+SCENE = Scene(reflectors=(CircleReflector(name="ring", center=(0.0, 0.0), radius=RADIUS),))
+
+
+def draw(snapshots, measurements, std_deg, seed):
+    """Return a batch of bearings of sources in an open circle, each by one of its paths, taken at random."""
+    generator = np.random.default_rng(seed)
+    shape = (snapshots, measurements)
+
+    def disc(size):
+        return 0.9 * RADIUS * np.sqrt(generator.random(size)) * np.exp(2j * np.pi * generator.random(size))
+
+    sensor, source = disc(shape), np.broadcast_to(disc((snapshots, 1)), shape)
+    parts = (part.ravel().copy() for part in (sensor.real, sensor.imag, source.real, source.imag))
+    paths = all_reflections(*parts, np.full(sensor.size, RADIUS)).bearing_rad
+    choice = np.argmax(np.where(np.isnan(paths), -1.0, generator.random(paths.shape)), axis=0)
+    bearing = paths[choice, np.arange(sensor.size)].reshape(shape)
+    std = np.radians(std_deg)
+    return BearingBatch(
+        scene=SCENE,
+        seed=np.zeros(snapshots, dtype=np.uint64),
+        sensor=np.asfortranarray(np.broadcast_to(np.arange(measurements), shape)),
+        sensor_xy_m=np.asfortranarray(np.stack([sensor.real, sensor.imag], axis=-1)),
+        bearing_rad=np.asfortranarray(bearing + std * generator.normal(size=shape)),
+        bearing_std_rad=np.full(shape, std, order="F"),
+        path=np.zeros(shape, dtype=np.int64, order="F"),
+        reflector=np.zeros(shape, dtype=np.int64, order="F"),
+        want_flags=False,
+    )
+
+
+def residuals_by_path(batch, row, x, y):
+    """Return the scaled residual (4, P, K) of each path of each sensor at points (P,); NaN where there is none."""
+    columns = []
+    for k in range(batch.measurements):
+        sensor = [np.full(x.shape, part) for part in batch.sensor_xy_m[row, k]]
+        paths = all_reflections(*sensor, x, y, np.full(x.shape, RADIUS))
+        off = np.angle(np.exp(1j * (batch.bearing_rad[row, k] - paths.bearing_rad)))
+        columns.append(off / batch.bearing_std_rad[row, k])
+    return np.stack(columns, axis=-1)
+
+
+def least_over_combinations(residual):
+    """Return the least half chi-square (P,) over all 4^K combinations of paths, one after the other."""
+    sensors = residual.shape[-1]
+    best = np.full(residual.shape[1], np.inf)
+    for combination in itertools.product(range(4), repeat=sensors):
+        cost = 0.5 * sum(residual[path, :, k] ** 2 for k, path in enumerate(combination))
+        best = np.fmin(best, cost)
+    return best
+
+
+def enumerated_optima(batch, row):
+    """Return (cost, x, y) of the local optima found from the dense grid, best first, and the grid's least cost."""
+    steps = np.linspace(-0.999 * RADIUS, 0.999 * RADIUS, 60)
+    x, y = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
+    inside = np.hypot(x, y) < 0.999 * RADIUS
+    cost = np.full(x.shape, np.inf)
+    cost[inside] = least_over_combinations(residuals_by_path(batch, row, x[inside], y[inside]))
+
+    def objective(point):
+        if np.hypot(*point) >= RADIUS:
+            return np.inf
+        return least_over_combinations(residuals_by_path(batch, row, point[:1], point[1:]))[0]
+
+    field = np.pad(cost.reshape(60, 60), 1, constant_values=np.inf)
+    shifts = [(a, b) for a in (0, 1, 2) for b in (0, 1, 2) if (a, b) != (1, 1)]
+    lowest = np.all([field[1:-1, 1:-1] <= field[a : a + 60, b : b + 60] for a, b in shifts], axis=0).ravel()
+    starts = np.flatnonzero(lowest & np.isfinite(cost))
+    starts = starts[np.argsort(cost[starts])][:2]
+    found = [
+        scipy_minimize(objective, (x[i], y[i]), method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-10})
+        for i in starts
+    ]
+    return sorted((result.fun, *result.x) for result in found)
+
+
+def ends_of(batch):
+    """Return the ends from all starts."""
+    lines = sight_lines(batch)
+    first = fit_least_squares(lines)
+    start = fit_focused(lines, first)
+    return find_ends(lines, start.x, start.y, 60)
+
+
+@pytest.mark.parametrize(("measurements", "std_deg", "snapshots"), [(2, 0.5, 6), (3, 1.0, 4), (4, 0.3, 2)])
+def test_the_best_optimum_is_that_of_the_enumeration(measurements, std_deg, snapshots):
+    """No combination of paths has a lower cost anywhere than our best, unless the likelihood ends at a caustic."""
+    batch = draw(snapshots, measurements, std_deg, seed=measurements)
+    ends = ends_of(batch)
+    compared = 0
+    for row in range(snapshots):
+        expected = enumerated_optima(batch, row)[0]
+        mine = np.flatnonzero(ends.snapshot == row)
+        cost = 0.5 * ends.lines.survey(ends.x, ends.y).chi_square[mine[0]]
+        if ends.converged[mine[0]] and cost <= expected[0] + 1e-6:
+            compared += 1
+        else:
+            assert ends.rival_cost[mine[0]] <= expected[0] + 2.0
+    assert compared >= 0.7 * snapshots
+
+
+def test_ends_are_distinct_and_ranked():
+    """Of each snapshot the ends rise in cost, and no two are the same point."""
+    ends = ends_of(draw(60, 4, 2.0, seed=9))
+    cost = 0.5 * ends.lines.survey(ends.x, ends.y).chi_square
+    several = 0
+    for row in range(60):
+        mine = np.flatnonzero(ends.snapshot == row)
+        assert mine.size >= 1
+        assert (np.diff(cost[mine]) >= -1e-9).all()
+        several += mine.size > 1
+        for i, j in itertools.combinations(mine, 2):
+            assert np.hypot(ends.x[i] - ends.x[j], ends.y[i] - ends.y[j]) > 1e-3
+    assert several > 0
+
+
+def test_crossings_are_on_both_rays():
+    """Each crossing lies on the lines of its pair; more than six rows give fifteen pairs."""
+    lines = sight_lines(draw(20, 8, 1.0, seed=3))
+    x, y = pairwise_crossings(lines)
+    assert x.shape == (15, 20)
+    across = lines.sine * (x[0][:, None] - lines.origin_x) - lines.cosine * (y[0][:, None] - lines.origin_y)
+    assert np.abs(across[:, :2]).max() < 1e-6
