@@ -35,6 +35,7 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables.py
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py
 	$(BIN)/python fixtures/builders/build_over_the_horizon.py
+	$(BIN)/python fixtures/builders/build_ranges.py
 
 benchmark: .venv/dev
 	$(BIN)/python benchmarks/run.py

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.bound import bound
+from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
@@ -39,9 +39,9 @@ app = typer.Typer(
     context_settings={"auto_envvar_prefix": "NLOSCTL", "help_option_names": ["-h", "--help"]},
 )
 app.command()(localize)
+app.command()(bound)
 app.command(name="detect-ip")(detect_ip)
 app.command(name="identify-los")(identify_los)
-app.command()(bound)
 app.command()(simulate)
 app.command()(evaluate)
 app.command()(validate)

@@ -102,13 +102,17 @@ class Solution:
 
 def no_estimates(size: int) -> Estimates:
     """Return the estimates of B snapshots by a detector that makes none: rows without a position, read by nobody."""
-    nothing = np.full((size, 3), np.nan)
-    return single_estimates(
+    zeros = np.zeros(size, dtype=np.int64)
+    nothing = np.broadcast_to(np.nan, (size, 3))
+    return Estimates(
+        row=np.arange(size, dtype=np.int64),
+        target=zeros,
+        alternative=zeros,
         position_m=nothing[:, :2],
         covariance_m2=nothing,
         cost=nothing[:, 0],
-        n_used=np.zeros(size, dtype=np.int64),
-        status=np.full(size, Status.NO_TARGET, dtype=np.uint8),
+        n_used=zeros,
+        status=np.broadcast_to(np.uint8(Status.NO_TARGET), size),
     )
 
 

@@ -300,6 +300,9 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
     )
 
 
+_DOD = _direction("dod", "direction of departure: from the transmitter to where the path goes first")
+_DOA = _direction("doa", "direction of arrival: from the receiver to where the wave comes from")
+
 TRIPLETS = Table(
     name="triplets",
     title="Triplets: direction of departure, direction of arrival and length of paths over a target",
@@ -311,8 +314,8 @@ TRIPLETS = Table(
         Column(name="path", type="integer", required=True, meaning="numbers the paths of a snapshot"),
         *_node("tx", "transmitter"),
         *_node("rx", "receiver"),
-        *_direction("dod", "direction of departure: from the transmitter to where the path goes first"),
-        *_direction("doa", "direction of arrival: from the receiver to where the wave comes from"),
+        _DOD[0],
+        _DOA[0],
         Column(
             name="path_length_m",
             type="number",
@@ -325,6 +328,8 @@ TRIPLETS = Table(
                 Spelling(name="toa_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
             ),
         ),
+        _DOD[1],
+        _DOA[1],
         Column(
             name="path_length_std_m",
             type="number",

@@ -29,6 +29,7 @@ __all__ = [
     "mean_detection_probability",
     "outage_probabilities",
     "outage_probability",
+    "reflector_grid",
     "rule_moments",
     "scene_detection_probability",
 ]
@@ -160,12 +161,14 @@ def reflector_grid(x_m: tuple[float, float], y_m: tuple[float, float], points: i
 class BlindSpots:
     """Fields (N,) over reflectors whose zero lines are a rule's blind spots, as Fig. 4 draws them.
 
-    ``on_line`` (BS1): distance in metres of the reflector from the DOD (reflector first) or DOA line (target first) of
-    the target. ``spread`` (BS2): the products alpha, beta, gamma that the rule divides by, in sine form. ``mean_m``
-    (BS3, and BS1): the noise-free lambda.
+    ``off_dod_line_m``, ``off_doa_line_m`` (BS1): signed distances of the reflector from the lines from transmitter and
+    receiver to the target; of each line only the part before or beyond the target is blind, by the order of the path.
+    ``spread`` (BS2): the products alpha, beta, gamma that the rule divides by, in sine form. ``mean_m`` (BS3, and
+    BS1): the noise-free lambda.
     """
 
-    on_line: FloatArray
+    off_dod_line_m: FloatArray
+    off_doa_line_m: FloatArray
     spread: FloatArray
     mean_m: FloatArray
 
@@ -174,18 +177,24 @@ def blind_spots(scene: DetectionScene, reflector_xy_m: FloatArray, rule: int, or
     """Return the blind-spot fields of lambda 1 to 6 over reflectors (N, 2), equation (34) and Table I."""
     rows = scene.indirect_rows(reflector_xy_m, order)
     rays = rows.rays
-    node = np.array(scene.tx_m if order == "reflector first" else scene.rx_m)
-    along = np.array(scene.target_m) - node
-    along = along / np.hypot(*along)
-    offset = reflector_xy_m - node
-    on_line = along[0] * offset[:, 1] - along[1] * offset[:, 0]
     alpha = rays.crossing_sine
     # beta, gamma: how steeply the departing (arriving) ray cuts the ellipse; never 0 from a focus inside it.
     beta, gamma = (
         1.0 - rays.baseline_m * cosine / rays.path_length_m for cosine in (rays.dod_cosine, -rays.doa_cosine)
     )
     spread = {1: alpha * beta, 2: alpha * beta, 3: alpha * gamma, 4: alpha * gamma, 5: beta * gamma, 6: beta * gamma}
-    return BlindSpots(on_line, spread[rule], rays.difference(rule).value_m)
+    target = np.array(scene.target_m)
+    return BlindSpots(
+        off_dod_line_m=_off_line(np.array(scene.tx_m), target, reflector_xy_m),
+        off_doa_line_m=_off_line(np.array(scene.rx_m), target, reflector_xy_m),
+        spread=spread[rule],
+        mean_m=rays.difference(rule).value_m,
+    )
+
+
+def _off_line(node: FloatArray, target: FloatArray, xy_m: FloatArray) -> FloatArray:
+    along, offset = target - node, xy_m - node
+    return np.asarray((along[0] * offset[:, 1] - along[1] * offset[:, 0]) / np.hypot(along[0], along[1]))
 
 
 def _mean(values: FloatArray) -> float:

@@ -43,9 +43,4 @@ def max_measurements(values: FloatArray) -> FloatArray:
 
 def take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
     """Return some rows of a block (B, K) in Fortran order; ``rows`` rise, so that B of them are the block itself."""
-    if rows.shape[0] == array.shape[0]:
-        return array
-    taken = np.empty((rows.shape[0], array.shape[1]), order="F")
-    for k in range(array.shape[1]):
-        np.take(array[:, k], rows, out=taken[:, k])
-    return taken
+    return array if rows.shape[0] == array.shape[0] else gather_rows(array, rows)

@@ -227,32 +227,30 @@ class TripletRays:
         )
 
     def _dod_on_ellipse(self, axis: Axis) -> Quantity:
-        length, baseline, reach = self.path_length_m, self.baseline_m, self.dod_range_to_ellipse_m
-        by_length = self._range_by_length(self._dod_denominator, -self.dod_cosine)
-        share = reach / self._dod_denominator
+        reach, (along, by_length) = self.dod_range_to_ellipse_m, self._dod_ellipse_slopes
         if axis == "x":
-            value = reach * self.dod_cosine - 0.5 * baseline
-            return Quantity(value, 0.0, -share * length * self.dod_sine, by_length * self.dod_cosine)
-        return Quantity(
-            reach * self.dod_sine,
-            0.0,
-            share * (length * self.dod_cosine - baseline),
-            by_length * self.dod_sine,
-        )
+            value = reach * self.dod_cosine - 0.5 * self.baseline_m
+            return Quantity(value, 0.0, -along * self.path_length_m * self.dod_sine, by_length * self.dod_cosine)
+        by_dod = along * (self.path_length_m * self.dod_cosine - self.baseline_m)
+        return Quantity(reach * self.dod_sine, 0.0, by_dod, by_length * self.dod_sine)
 
     def _doa_on_ellipse(self, axis: Axis) -> Quantity:
-        length, baseline, reach = self.path_length_m, self.baseline_m, self.doa_range_to_ellipse_m
-        by_length = self._range_by_length(self._doa_denominator, self.doa_cosine)
-        share = reach / self._doa_denominator
+        reach, (along, by_length) = self.doa_range_to_ellipse_m, self._doa_ellipse_slopes
         if axis == "x":
-            value = reach * self.doa_cosine + 0.5 * baseline
-            return Quantity(value, -share * length * self.doa_sine, 0.0, by_length * self.doa_cosine)
-        return Quantity(
-            reach * self.doa_sine,
-            share * (length * self.doa_cosine + baseline),
-            0.0,
-            by_length * self.doa_sine,
-        )
+            value = reach * self.doa_cosine + 0.5 * self.baseline_m
+            return Quantity(value, -along * self.path_length_m * self.doa_sine, 0.0, by_length * self.doa_cosine)
+        by_doa = along * (self.path_length_m * self.doa_cosine + self.baseline_m)
+        return Quantity(reach * self.doa_sine, by_doa, 0.0, by_length * self.doa_sine)
+
+    @cached_property
+    def _dod_ellipse_slopes(self) -> tuple[FloatArray, FloatArray]:
+        along = self.dod_range_to_ellipse_m / self._dod_denominator
+        return along, self._range_by_length(self._dod_denominator, -self.dod_cosine)
+
+    @cached_property
+    def _doa_ellipse_slopes(self) -> tuple[FloatArray, FloatArray]:
+        along = self.doa_range_to_ellipse_m / self._doa_denominator
+        return along, self._range_by_length(self._doa_denominator, self.doa_cosine)
 
     def _range_by_length(self, denominator: FloatArray, cosine: FloatArray) -> FloatArray:
         """Return the derivative of a range to the ellipse by l: (l^2 + 2 l d cos + d^2) / (2 (l + d cos)^2)."""

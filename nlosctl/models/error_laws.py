@@ -193,7 +193,7 @@ def quantile(law: ErrorLaw, probability: float, weights: Weights, shift: FloatAr
     """Return the threshold, in standard deviations, that |shift + sum| exceeds with ``probability``; elementwise.
 
     ``shift`` >= 0 is the mean in standard deviations: 0 for direct paths, equations (25), (27). Found by false
-    position in brackets (Illinois), to 1e-12; rows that are done are left alone.
+    position in brackets (Illinois), to 1e-12 in probability; rows that are done are left alone.
     """
     arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in (shift, *weights)))
     if isinstance(law, GaussianErrors) and not np.any(arrays[0]):
@@ -221,12 +221,10 @@ def _find_threshold(
         low[short], over[short] = high[short], under[short]
         high[short] *= 2.0
         under[short] = excess(high[short], short)
+    rows = np.arange(shift.shape[0])
     for _ in range(100):
-        rows = np.flatnonzero(high - low > 1e-12 * high)
-        if not rows.size:
-            break
-        span = (high - low)[rows]
-        guess = low[rows] + span * np.clip(over[rows] / (over[rows] - under[rows]), 1e-12, 1.0 - 1e-12)
+        share = over[rows] / (over[rows] - under[rows])
+        guess = low[rows] + (high - low)[rows] * np.clip(share, 1e-12, 1.0 - 1e-12)
         value = excess(guess, rows)
         above = value > 0.0
         up, down = rows[above], rows[~above]
@@ -234,6 +232,11 @@ def _find_threshold(
         under[up] *= 0.5
         high[down], under[down] = guess[~above], value[~above]
         over[down] *= 0.5
+        done = np.abs(value) <= 1e-12
+        low[rows[done]] = high[rows[done]] = guess[done]
+        rows = rows[high[rows] - low[rows] > 1e-12 * high[rows]]
+        if not rows.size:
+            break
     return 0.5 * (low + high)
 
 
@@ -256,18 +259,24 @@ def _unit_weights(weights: Weights) -> tuple[FloatArray, FloatArray, FloatArray]
     return scale, middle * scale, smallest * scale
 
 
-def _simplex_rule(nodes: int) -> list[tuple[float, float, float]]:
-    """Return shares of corners 2 and 3 and weights of a Gauss rule over a triangle of area 1/2."""
-    point, weight = np.polynomial.legendre.leggauss(nodes)
-    point, weight = 0.5 * (point + 1.0), 0.5 * weight
+def _simplex_rule(nodes_u: int, nodes_v: int) -> list[tuple[float, float, float]]:
+    """Return shares of corners 2 and 3 and weights of a rule over a triangle of area 1/2.
+
+    Gauss's, its nodes drawn towards the corner of the smallest weights, where the integrand may end abruptly.
+    """
+    point_u, weight_u = np.polynomial.legendre.leggauss(nodes_u)
+    point_v, weight_v = np.polynomial.legendre.leggauss(nodes_v)
+    t, r = 0.5 * (point_u + 1.0), 0.5 * (point_v + 1.0)
+    u, wu = 1.0 - t**4, 2.0 * weight_u * t**3
+    v, wv = r**2, weight_v * r
     return [
-        (float(u * v), float(u * (1.0 - v)), float(wu * wv * u))
-        for u, wu in zip(point, weight, strict=True)
-        for v, wv in zip(point, weight, strict=True)
+        (float(a * b), float(a * (1.0 - b)), float(wa * wb * a))
+        for a, wa in zip(u, wu, strict=True)
+        for b, wb in zip(v, wv, strict=True)
     ]
 
 
-_SIMPLEX = _simplex_rule(24)
+_SIMPLEX = _simplex_rule(32, 16)
 _STUDENT_ROWS = 512
 _PLAIN: dict[str, ErrorLaw] = {
     "gaussian": GaussianErrors(),

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.ranges import predict_ranges, range_circles
 
 __all__ = ["INFORMATION", "Information", "InformationModel"]
 
@@ -69,7 +70,26 @@ def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Be
     )
 
 
+def _range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Information:
+    circles = range_circles(batch)
+    matrix = circles.information(x - circles.center_x, y - circles.center_y)
+    return Information(matrix, np.full(x.shape, batch.measurements, dtype=np.int64))
+
+
+def _ranges_seen_from(batch: RangeBatch, x: FloatArray, y: FloatArray) -> RangeBatch:
+    shape = (x.shape[0], batch.measurements)
+    names = ("sensor", "sensor_xy_m", "range_std_m", "path", "sensor_height_m")
+    seen: dict[str, Any] = {
+        name: np.asfortranarray(np.broadcast_to(array, (*shape, *array.shape[2:])))
+        for name, array in ((name, getattr(batch, name)) for name in names)
+    }
+    source_xy = np.broadcast_to(np.stack([x, y], axis=1)[:, None, :], (*shape, 2))
+    range_m = np.asfortranarray(predict_ranges(seen["sensor_xy_m"], seen["sensor_height_m"], source_xy))
+    return RangeBatch(scene=batch.scene, seed=np.zeros(x.shape, dtype=np.uint64), range_m=range_m, **seen)
+
+
 INFORMATION: dict[str, InformationModel] = {
     "bearings": InformationModel(at=_bearing_information, seen_from=_bearings_seen_from),
+    "ranges": InformationModel(at=_range_information, seen_from=_ranges_seen_from),
 }
 """By kind of measurement."""

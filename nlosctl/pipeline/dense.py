@@ -74,7 +74,7 @@ def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterato
     kept_before = np.concatenate([[0], np.cumsum(kept)])
     first = kept_before[offsets[:-1]]
     counts = kept_before[offsets[1:]] - first
-    for count in np.unique(counts):
+    for count in np.flatnonzero(np.bincount(counts)):
         members = np.flatnonzero(counts == count)
         within = np.arange(count, dtype=np.int64)
         for start in range(0, members.shape[0], block_size):

@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 __all__ = ["find_scenario", "scenarios"]
 
 _MODULES = {
-    "mixed": "nlosctl.scenarios.mixed_paths",
-    "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "echo-field": "nlosctl.scenarios.echo_field",
     "liang": "nlosctl.scenarios.liang",
     "madhow-ring": "nlosctl.scenarios.madhow_ring",
     "madhow-walls": "nlosctl.scenarios.madhow_walls",
+    "mixed": "nlosctl.scenarios.mixed_paths",
+    "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
-    "song-circle": "nlosctl.scenarios.song_circle",
     "room": "nlosctl.scenarios.room",
     "shen": "nlosctl.scenarios.shen",
+    "song-circle": "nlosctl.scenarios.song_circle",
     "song-flat": "nlosctl.scenarios.song_flat",
 }
 

@@ -134,7 +134,7 @@ def _sources(options: MadhowRingOptions, generator: np.random.Generator, snapsho
     if options.sources == "disc":
         return _in_disc(generator, (snapshots,), options.source_share * options.radius_m)
     grid = options.radius_m * np.array([(x, y) for x in _GRID for y in _GRID])
-    return grid[np.arange(snapshots) % grid.shape[0]]
+    return np.asarray(grid[np.arange(snapshots) % grid.shape[0]])
 
 
 def _in_disc(generator: np.random.Generator, shape: tuple[int, ...], radius_m: float) -> FloatArray:

@@ -67,8 +67,7 @@ class _EllipticProblem:
         half = 0.5 * self.baseline_m
         length = np.sqrt((x + half) ** 2 + y * y) + np.sqrt((x - half) ** 2 + y * y)
         w = np.sqrt(np.maximum((length - self.baseline_m) * (length + self.baseline_m), 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cosine = np.clip(2.0 * x / length, -1.0, 1.0)
+        cosine = np.clip(2.0 * x / np.where(length > 0.0, length, 1.0), -1.0, 1.0)
         return w, np.copysign(np.arccos(cosine), y)
 
 

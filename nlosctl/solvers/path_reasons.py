@@ -15,12 +15,14 @@ BoolArray = npt.NDArray[np.bool_]
 def reasons(shape: tuple[int, ...], *parts: tuple[str, BoolArray]) -> Words:
     """Return the words of rows: the words of all ``parts`` that hold for a row, in order, joined by a comma.
 
-    An empty text where none holds. ``parts`` are a word and where it holds, each of ``shape``.
+    An empty text where none holds; eight words at most. ``parts`` are a word and where it holds, each of ``shape``.
     """
     held = [(word, where) for word, where in parts if where.any()]
-    code = np.zeros(shape, dtype=np.int64)
+    code = np.zeros(shape, dtype=np.uint8)
     for place, (_, where) in enumerate(held):
-        code += where.astype(np.int64) << place
-    found = np.unique(code)
+        code += where * np.uint8(1 << place)
+    found = np.flatnonzero(np.bincount(code.ravel(), minlength=1))
     names = [",".join(word for place, (word, _) in enumerate(held) if value >> place & 1) for value in found]
-    return Words(code=np.searchsorted(found, code).astype(np.uint8), words=tuple(names))
+    places = np.zeros(1 << len(held), dtype=np.uint8)
+    places[found] = np.arange(found.shape[0])
+    return Words(code=places[code], words=tuple(names))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from math import log, pi, sqrt
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,7 @@ __all__ = ["DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_rang
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,13 @@ class DirectRanges:
         part = self.circles
         return DirectRanges(
             RangeCircles(
-                part.center_x[rows],
-                part.center_y[rows],
-                *(gather_rows(array, rows) for array in (part.sensor_x, part.sensor_y, part.range_m, part.std_m)),
-                None if part.height is None else gather_rows(part.height, rows),
+                center_x=part.center_x[rows],
+                center_y=part.center_y[rows],
+                sensor_x=gather_rows(part.sensor_x, rows),
+                sensor_y=gather_rows(part.sensor_y, rows),
+                range_m=gather_rows(part.range_m, rows),
+                std_m=gather_rows(part.std_m, rows),
+                height=None if part.height is None else gather_rows(part.height, rows),
             )
         )
 
@@ -100,7 +105,8 @@ def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_height_m, alone]
     groups = group_paths(keys, batch.path)
     names = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "sensor_height_m")
-    return dataclasses.replace(batch, **{name: sort_rows(getattr(batch, name), groups) for name in names}), groups
+    arrays: dict[str, Any] = {name: sort_rows(getattr(batch, name), groups) for name in names}
+    return dataclasses.replace(batch, **arrays), groups
 
 
 def range_outlier_model(
@@ -176,7 +182,7 @@ class RangeCandidates:
         first, second = (place if place.ndim == 1 else place[rows] for place in (self.first, self.second))
         squared = circles.squared_in_plane()
 
-        def gather(values: npt.NDArray[np.generic], place: IntArray) -> npt.NDArray[np.generic]:
+        def gather(values: npt.NDArray[ScalarT], place: IntArray) -> npt.NDArray[ScalarT]:
             return values[rows[:, None], place]
 
         centers = [

@@ -47,7 +47,8 @@ def build_sets(table: CrossingTable, circles: IntArray, seeds: Seeds) -> Structu
     tuple two of whose circles have no point is dropped.
     """
     crossings = _crossings_of(table, circles)
-    complete = np.flatnonzero(np.isfinite(crossings.x).any(axis=0).all(axis=1))
+    there = np.isfinite(crossings.x[0]) | np.isfinite(crossings.x[1])
+    complete = np.flatnonzero(there.all(axis=1))
     crossings, circles, seeds = crossings.take(complete), circles[complete], seeds.take(complete)
     second = crossings.nearest_root(seeds.x, seeds.y)
     for _ in range(_SWEEPS):

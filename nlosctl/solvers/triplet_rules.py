@@ -76,8 +76,8 @@ def decide_fusion(p_values: list[FloatArray], more_than: int) -> FloatArray:
 def rays_miss_by(rows: PathRows) -> FloatArray:
     """Return by how many standard deviations (N,) of the two angles the rays miss each other; 0 where they meet.
 
-    The least change of the two angles after which the rays meet: both turned until they are parallel, or, of rays
-    on different sides of the baseline, the departing one turned to the receiver or the arriving one to the
+    The least change of the two angles after which the rays meet: both turned until they are parallel, or, if they
+    are on different sides of the baseline, also the departing one turned to the receiver or the arriving one to the
     transmitter. 0 where transmitter and receiver are one.
     """
     rays = rows.rays
@@ -88,7 +88,8 @@ def rays_miss_by(rows: PathRows) -> FloatArray:
     departing = np.arctan2(np.abs(rays.dod_sine), rays.dod_cosine) / rows.dod_std_rad
     arriving = np.arctan2(np.abs(rays.doa_sine), -rays.doa_cosine) / rows.doa_std_rad
     same_side = rays.dod_sine * rays.doa_sine > 0.0
-    return np.where(missing, np.where(same_side, parallel, np.minimum(departing, arriving)), 0.0)
+    across = np.minimum(parallel, np.minimum(departing, arriving))
+    return np.where(missing, np.where(same_side, parallel, across), 0.0)
 
 
 def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
