@@ -34,6 +34,7 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py
+	$(BIN)/python fixtures/builders/build_triplets.py
 
 benchmark: .venv/dev
 	$(BIN)/python benchmarks/run.py
