@@ -57,6 +57,10 @@ def localize(
     flags_out: Annotated[
         str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
     ] = None,
+    trace_out: Annotated[
+        str | None,
+        typer.Option("--trace-out", metavar="FILE", help="Write the state after each sensor (sequential methods)."),
+    ] = None,
     alternatives: Annotated[
         int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
     ] = 1,
@@ -128,6 +132,7 @@ def localize(
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=flags_out is not None,
+            want_trace=trace_out is not None,
         )
         run = MeasurementRun(opened.reader, runs, settings)
         outputs = Outputs(
@@ -139,6 +144,7 @@ def localize(
             overwrite=overwrite,
             with_hash=hash,
             report=report,
+            trace=trace_out,
         )
         solve_and_write(run, opened, outputs, "localize", terminal)
     return _UNANSWERED if strict and run.report.unanswered else 0

@@ -19,7 +19,7 @@ __all__ = ["Outputs", "solve_and_write"]
 
 @dataclass(frozen=True, kw_only=True)
 class Outputs:
-    """Where the tables go: ``main`` and, if named, ``other``; which of them is the estimates."""
+    """Where the tables go: ``main`` and, if named, ``other`` and ``trace``; whether the first is the estimates."""
 
     main: str
     other: str | None
@@ -29,12 +29,15 @@ class Outputs:
     overwrite: bool
     with_hash: bool
     report: str | None
+    trace: str | None = None
 
 
 def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     """Run to the end, write both tables, tell the summary on standard error and in the report file."""
     if outputs.other == outputs.main:
         raise UsageError(f"-o and {outputs.other_option} both name {outputs.other!r}; give two names")
+    if outputs.trace is not None and outputs.trace in (outputs.main, outputs.other):
+        raise UsageError(f"--trace-out names {outputs.trace!r}, as another output does; give it a name of its own")
     preview = Preview.wanted(outputs.main, outputs.format)
     schemas = (run.estimates_schema, run.flags_schema)
     main_schema, other_schema = schemas if outputs.estimates_first else schemas[::-1]
@@ -55,6 +58,7 @@ def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, comma
 
         main = preview or open_sink(outputs.main, main_schema, outputs.format)
         other = None if outputs.other is None else open_sink(outputs.other, other_schema, None)
+        trace = None if outputs.trace is None else open_sink(outputs.trace, run.trace_schema, None)
         progress = stack.enter_context(terminal.progress(command))
         rows = 0
         for tables in run.tables():
@@ -63,10 +67,12 @@ def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, comma
             main.write(first)
             if other is not None:
                 other.write(second)
+            if trace is not None:
+                trace.write(tables.trace)
             rows += tables.rows
             progress(rows, None)
         closing = run.metadata(command, opened.inputs, with_hash=outputs.with_hash)
-        for sink in (main, other):
+        for sink in (main, other, trace):
             if sink is not None:
                 sink.set_metadata(closing)
     if preview is not None:

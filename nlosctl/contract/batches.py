@@ -32,8 +32,9 @@ class Batch:
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
     when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
     look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``want_details`` is true when the
-    flags are to show what they were decided by. ``SOURCES`` says of which columns of the file each array is made,
-    ``ABSENT`` what fills an array where the file lacks its columns.
+    flags are to show what they were decided by, ``want_trace`` when a sequential method is to tell its steps.
+    ``SOURCES`` says of which columns of the file each array is made, ``ABSENT`` what fills an array where the file
+    lacks its columns; an array without it is None then.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -43,6 +44,7 @@ class Batch:
     field: Field = dataclasses.field(default_factory=SensorsField)
     seed: npt.NDArray[np.uint64]
     want_flags: bool = True
+    want_trace: bool = False
     want_details: bool = False
 
     @property
@@ -58,7 +60,9 @@ class BearingBatch(Batch):
     ``sensor`` numbers the sensors (equal numbers: the same sensor), ``path`` numbers the measurements of one
     sensor, ``reflector`` is a place in ``scene.reflectors`` or -1 for the direct path. ``sensor_xy_m`` is in
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
-    ``range_m`` and ``range_std_m`` are None where no row has a range, and NaN in rows that have none.
+    ``range_m`` and ``range_std_m`` are None where no row has a range, and NaN in rows that have none. ``prior_xy_m``
+    and ``prior_std_m`` are where the source was expected before: None or NaN where nothing was known, else alike in
+    all rows of a snapshot.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -68,6 +72,10 @@ class BearingBatch(Batch):
         "bearing_std_rad": ("bearing_std_rad",),
         "path": ("path",),
         "reflector": ("reflector",),
+        "range_m": ("range_m",),
+        "range_std_m": ("range_std_m",),
+        "prior_xy_m": ("prior_x_m", "prior_y_m"),
+        "prior_std_m": ("prior_std_m",),
     }
 
     sensor: IntArray
@@ -78,6 +86,8 @@ class BearingBatch(Batch):
     reflector: IntArray
     range_m: FloatArray | None = None
     range_std_m: FloatArray | None = None
+    prior_xy_m: FloatArray | None = None
+    prior_std_m: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

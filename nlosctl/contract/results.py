@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
-__all__ = ["Estimates", "Flags", "Solution", "Words", "no_estimates", "single_estimates"]
+__all__ = ["Estimates", "Flags", "Solution", "Trace", "Words", "no_estimates", "single_estimates"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +74,30 @@ class Flags:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Trace:
+    """The T states that a sequential method went through, ordered by snapshot, then step.
+
+    ``row`` (T,) is the snapshot's place in the batch, ``measurement`` (T,) that of the row just used (-1: none yet),
+    ``step`` (T,) the number of rows used so far. ``position_m`` (T, 2) and ``covariance_m2`` (T, 3) as in estimates.
+    """
+
+    row: IntArray
+    step: IntArray
+    measurement: IntArray
+    position_m: FloatArray
+    covariance_m2: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
 class Solution:
-    """The result of one batch. ``flags`` may be None when the batch did not want them."""
+    """The result of one batch. ``flags`` may be None when the batch did not want them.
+
+    ``trace`` is left out unless the method has one and the batch wanted it.
+    """
 
     estimates: Estimates
     flags: Flags | None = None
+    trace: Trace | None = None
 
 
 def no_estimates(size: int) -> Estimates:

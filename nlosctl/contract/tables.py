@@ -14,6 +14,7 @@ __all__ = [
     "KINDS",
     "RANGES",
     "TABLES",
+    "TRACE",
     "TRIPLETS",
     "TRUTH",
     "Column",
@@ -162,6 +163,19 @@ _RANGE = (
     ),
 )
 
+_PRIOR = (
+    Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(
+        name="prior_std_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        positive=True,
+        meaning="standard deviation of the prior position in x and in y",
+    ),
+)
+
 BEARINGS = Table(
     name="bearings",
     title="Bearings: directions from sensors to where a wave comes from",
@@ -208,6 +222,7 @@ BEARINGS = Table(
             meaning="reflector of the scene by which the wave came; empty or absent: the direct path",
         ),
         *_RANGE,
+        *_PRIOR,
         *_TRUTH,
         *_EARLIER_FLAGS,
     ),
@@ -502,6 +517,22 @@ FLAGS = Table(
     ),
 )
 
+TRACE = Table(
+    name="trace",
+    title="Trace: a row per snapshot and step of a sequential method, what one sensor hands to the next",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        Column(name="method", type="text", required=True, meaning="name of the method"),
+        Column(name="step", type="integer", required=True, meaning="number of measurements used so far"),
+        Column(name="sensor", type="identifier", required=True, meaning="sensor of the measurement just used"),
+        Column(name="x_m", type="number", unit="m", required=True, meaning="position so far"),
+        Column(name="y_m", type="number", unit="m", required=True, meaning="position so far"),
+        Column(name="cov_xx_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="cov_xy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="cov_yy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+    ),
+)
+
 BOUND = Table(
     name="bound",
     title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
@@ -538,5 +569,5 @@ TRUTH = Table(
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
 """The kinds of measurement, by name."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, BOUND, TRUTH)}}
+TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""

@@ -146,7 +146,9 @@ class _Tally:
 
     def summary(self) -> TargetSummary:
         _, false_alarms, missed, hits = (int(number) for number in self.confusion)
-        means: dict[str, Any] = {name: _ratio(total, self.located) for name, total in zip(_DISTANCES, self.distances, strict=True)}
+        means: dict[str, Any] = {
+            name: _ratio(total, self.located) for name, total in zip(_DISTANCES, self.distances, strict=True)
+        }
         return TargetSummary(
             snapshots=self.snapshots,
             true_targets=self.true_targets,

@@ -13,10 +13,10 @@ import pyarrow.compute as pc
 
 from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, FLAGS, Column
+from nlosctl.contract.tables import ESTIMATES, FLAGS, TRACE, Column
 from nlosctl.errors import DataError, did_you_mean
 
-__all__ = ["EstimatesLayout", "FlagsLayout", "carried_columns"]
+__all__ = ["EstimatesLayout", "FlagsLayout", "TraceLayout", "carried_columns"]
 
 IntArray = npt.NDArray[np.int64]
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -32,7 +32,8 @@ _STATUS_WORDS = pa.array([status.word for status in Status])
 def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     """Return the input's columns that estimates carry over: truth, scene, ``sweep_*``, and the ``wanted`` ones.
 
-    Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is not there.
+    Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is
+    not there.
     """
     for name in wanted:
         if name not in input_names:
@@ -160,6 +161,47 @@ class FlagsLayout:
                 values = rows.column(field.name)
             columns.append(_cast(values, field.type))
         return pa.table(columns, schema=self.schema)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TraceLayout:
+    """How the trace of a run looks: the states of its sequential methods."""
+
+    methods: tuple[str, ...]
+    input_schema: pa.Schema
+    with_source: bool
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema."""
+        own = {
+            "snapshot": _snapshot_field(self.input_schema),
+            "sensor": self.input_schema.field("sensor").with_metadata(None),
+        }
+        fields = [
+            own[column.name] if column.name in own else pa.field(column.name, _TYPES[column.type])
+            for column in TRACE.columns
+        ]
+        if self.with_source:
+            fields.append(pa.field("source", pa.string()))
+        return pa.schema([_plain(field) for field in fields])
+
+    def table(self, arrays: Arrays, *, ids: pa.Array, rows: pa.Table, source: str) -> pa.Table:
+        """Return the table of a chunk's states; ``arrays`` holds the fields of a flat trace (T,)."""
+        values: dict[str, Any] = {
+            "snapshot": ids.take(pa.array(arrays["snapshot"])),
+            "method": pa.array(self.methods).take(pa.array(arrays["method"])),
+            "step": pa.array(arrays["step"]),
+            "sensor": rows.column("sensor").take(pa.array(arrays["measurement"])),
+            "x_m": pa.array(arrays["position_m"][:, 0]),
+            "y_m": pa.array(arrays["position_m"][:, 1]),
+        }
+        for place, name in enumerate(("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")):
+            values[name] = pa.array(arrays["covariance_m2"][:, place])
+        if self.with_source:
+            values["source"] = _repeated(source, arrays["snapshot"].shape[0])
+        schema = self.schema
+        return pa.table([_cast(values[field.name], field.type) for field in schema], schema=schema)
 
 
 def _snapshot_field(schema: pa.Schema) -> pa.Field:

@@ -12,9 +12,11 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bearing_candidates import BearingCandidates
 from nlosctl.solvers.modes import find_modes
-from nlosctl.solvers.outlier_model import grouped_batch, outlier_model
+from nlosctl.solvers.outlier_model import grouped_batch, has_several_paths, outlier_model
+from nlosctl.solvers.parted_batches import solve_parts
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
+from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import RankedFixes, rank_modes, ranked_estimates, ranked_flags, ranked_status
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
@@ -36,7 +38,7 @@ class MixtureOptions:
     )
     path_prior: Literal["uniform", "first", "falling"] = option(
         "uniform",
-        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as the one before",
+        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as the last",
     )
     use_ranges: bool = option(True, meaning="whether ranges join the likelihood where rows have them")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
@@ -74,6 +76,10 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     log-likelihood in nats. no_candidate: no crossing in the field; degenerate: parallel lines, or sensors all at one
     place without ranges.
     """
+    return solve_parts(batch, has_several_paths(batch), lambda part: _solve(part, options))
+
+
+def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     grouped, groups = grouped_batch(batch)
     model = outlier_model(
         grouped,
@@ -108,7 +114,7 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = modes.x[:, 0], modes.y[:, 0]
-    numbers = {"los_probability": probability, **model.residuals(x, y)}
+    numbers = {"los_probability": probability, **row_residuals(grouped, model.lines, x, y)}
     flags = ranked_flags(
         status,
         restore_rows(probability > 0.5, groups),
@@ -128,6 +134,9 @@ METHOD = MethodSpec(
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=1,
     flags=("los", "los_probability", "residual_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m"},
+    searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
+    reads=frozenset({"range_m", "range_std_m"}),
 )

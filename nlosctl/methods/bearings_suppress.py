@@ -16,6 +16,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bootstraps import count_bootstraps
 from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
 from nlosctl.solvers.path_groups import restore_rows
+from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.suppressed_fixes import suppress_outliers
 
@@ -108,7 +109,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
-    numbers = {"los_probability": _probability(model, x, y), **model.residuals(x, y)}
+    numbers = {"los_probability": _probability(model, x, y), **row_residuals(grouped, model.lines, x, y)}
     flags = ranked_flags(
         status,
         restore_rows(found.used, groups),
@@ -133,6 +134,10 @@ METHOD = MethodSpec(
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=2,
     flags=("los", "los_probability", "residual_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m"},
+    searches=True,
     covariance_kinds=("inliers",),
     randomized=True,
+    exempt_from=frozenset({"order"}),
+    reads=frozenset({"range_m", "range_std_m"}),
 )

@@ -112,6 +112,7 @@ METHOD = MethodSpec(
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=2,
     flags=("los", "los_probability", "residual_m"),
+    searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
 )

@@ -38,11 +38,12 @@ class Block:
         field: Field = _WHOLE_FIELD,
         flags: bool,
         details: bool = False,
+        trace: bool = False,
     ) -> Batch:
         """Return the dense batch of this block, its arrays read-only and in Fortran order.
 
-        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat. ``flags`` and ``details`` say what the
-        batch wants.
+        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat. ``flags``, ``details`` and ``trace`` say
+        what the batch wants.
         """
         cls = batch_class(kind)
         arrays = {
@@ -50,6 +51,7 @@ class Block:
             if columns.keys() >= set(parts)
             else _constant(self.row.shape, cls.ABSENT[name])
             for name, parts in cls.SOURCES.items()
+            if columns.keys() >= set(parts) or name in cls.ABSENT
         }
         batch: Batch = cls(
             scene=scene,
@@ -57,6 +59,7 @@ class Block:
             seed=seed[self.snapshot],
             want_flags=flags,
             want_details=flags and details,
+            want_trace=trace,
             **arrays,
         )
         return batch

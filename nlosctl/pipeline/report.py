@@ -28,6 +28,7 @@ class MethodTally:
     statuses: Counter[str] = field(default_factory=Counter)
     tested: int = 0
     badly_fitted: int = 0
+    on_edge: int = 0
     verdicts: Counter[str] = field(default_factory=Counter)
 
     def add_verdicts(self, columns: Mapping[str, Any]) -> None:

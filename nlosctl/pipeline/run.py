@@ -13,9 +13,10 @@ import numpy.typing as npt
 from nlosctl import registry
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.tables import KINDS
+from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
-from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, carried_columns
+from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
@@ -40,6 +41,7 @@ class RunSettings:
     want_estimates: bool = True
     want_flags: bool = False
     want_details: bool = False
+    want_trace: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +51,7 @@ class ChunkTables:
     estimates: Any | None
     flags: Any | None
     rows: int
+    trace: Any | None = None
 
 
 class MeasurementRun:
@@ -74,6 +77,11 @@ class MeasurementRun:
             said=self._said(),
             with_source=reader.has_several_sources,
         )
+        self._trace_layout = TraceLayout(
+            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources
+        )
+        if settings.want_trace and not any(run.spec.traces for run in self._runs):
+            raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
 
     @property
@@ -85,6 +93,11 @@ class MeasurementRun:
     def flags_schema(self) -> Any:
         """The Arrow schema of the flags."""
         return self._flags_layout.schema
+
+    @property
+    def trace_schema(self) -> Any:
+        """The Arrow schema of the trace."""
+        return self._trace_layout.schema
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
@@ -118,13 +131,14 @@ class MeasurementRun:
             kept=~chunk.left_out,
             seed=self._seeds(chunk),
         )
-        estimates, flags = solve_flat(
+        estimates, flags, trace = solve_flat(
             problem,
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
             want_flags=settings.want_flags,
             want_details=settings.want_details,
+            want_trace=settings.want_trace,
         )
         estimates_table = None
         if settings.want_estimates and estimates is not None:
@@ -141,7 +155,11 @@ class MeasurementRun:
                 snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
                 source=chunk.source,
             )
-        tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows)
+        trace_table = None
+        if trace is not None:
+            steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
+            trace_table = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
+        tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows, trace=trace_table)
         return estimates, flags, tables
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
@@ -151,7 +169,10 @@ class MeasurementRun:
 
     def _said(self) -> tuple[str, ...]:
         details = self._settings.want_details
-        columns = (run.spec.flag_columns(run.options, self._reader.scene, details=details) for run in self._runs)
+        columns = (
+            run.spec.flag_columns(run.options, self._reader.scene, self._reader.schema.names, details=details)
+            for run in self._runs
+        )
         return tuple(dict.fromkeys(name for names in columns for name in names))
 
     def _measurement_name(self) -> str:
@@ -170,6 +191,7 @@ class MeasurementRun:
             cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
             tally = self.report.methods[run.spec.name]
             tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+            tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
 
     def _finish(self) -> None:
         read = self._reader.report
@@ -181,7 +203,15 @@ class MeasurementRun:
             *read.remarks,
             *heights_remark(self._reader.schema.names, self._settings.target_z_m),
             *self._unused_ranges(),
+            *self._edge_remarks(),
             *self._advice(),
+        ]
+
+    def _edge_remarks(self) -> list[str]:
+        tallies = [(run.spec.name, self.report.methods[run.spec.name]) for run in self._runs if run.spec.searches]
+        return [
+            f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
+            for name, tally in tallies
         ]
 
     def _unused_ranges(self) -> list[str]:

@@ -19,6 +19,8 @@ __all__ = ["find_scenario", "scenarios"]
 _MODULES = {
     "echo-field": "nlosctl.scenarios.echo_field",
     "liang": "nlosctl.scenarios.liang",
+    "madhow-ring": "nlosctl.scenarios.madhow_ring",
+    "madhow-walls": "nlosctl.scenarios.madhow_walls",
     "mixed": "nlosctl.scenarios.mixed_paths",
     "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "random": "nlosctl.scenarios.random_field",

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
-from nlosctl.solvers.bearing_mixture import take_lines
 from nlosctl.solvers.crossings import Candidates, choose_pairs, cross_rays, end_rays
 from nlosctl.solvers.outlier_model import OutlierModel
 from nlosctl.solvers.walls import hidden_by_walls
@@ -61,7 +60,7 @@ class BearingCandidates:
 
     def points(self, rows: IntArray) -> Candidates:
         """Return the candidates of some snapshots."""
-        lines = take_lines(self.model.lines, rows)
+        lines = self.model.lines.take(rows)
         share, leader = self.model.share[rows], self.model.leader[rows]
         first, second = (place if place.ndim == 1 else place[rows] for place in (self.first, self.second))
         crossings = cross_rays(lines, first, second)

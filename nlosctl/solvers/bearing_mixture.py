@@ -7,16 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.mirrors import side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.models.bearings import MirrorRows, SightLines
-from nlosctl.solvers.mixture import RowDerivatives, take_rows
+from nlosctl.models.bearings import SightLines
+from nlosctl.models.mirror_rows import Focusing, MirrorRows
+from nlosctl.solvers.mixture import RowDerivatives
 
 __all__ = ["DirectBearings"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+
+_LEAST_WIDTH = 0.05
+"""Least width of a ray tube, in units of the unfolded range."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,8 @@ class DirectBearings:
     A row can't be direct from points behind its origin, closer to it than ``minimum_range_m`` (B,), or on another
     side of its mirror than its sensor. ``measured_m`` (B, K) is the row's range, with ``precision`` the inverse of its
     standard deviation in metres, or of the range's logarithm where ``lognormal``: 0 in rows without a range; None
-    where no row has one.
+    where no row has one. The weight of a row seen on a circle is that of its ray tube's width at the point, taken as
+    constant in derivatives.
     """
 
     lines: SightLines
@@ -69,13 +76,13 @@ class DirectBearings:
         """Return the rows of some snapshots."""
 
         def some(array: FloatArray | None) -> FloatArray | None:
-            return None if array is None else take_rows(array, rows)
+            return None if array is None else gather_rows(array, rows)
 
         return DirectBearings(
-            take_lines(self.lines, rows),
-            take_rows(self.offset_across, rows),
-            take_rows(self.offset_along, rows),
-            take_rows(self.weight, rows),
+            self.lines.take(rows),
+            gather_rows(self.offset_across, rows),
+            gather_rows(self.offset_along, rows),
+            gather_rows(self.weight, rows),
             self.squared_minimum[rows],
             some(self.measured_m),
             some(self.precision),
@@ -107,6 +114,8 @@ class DirectBearings:
         series += 1.0
         misfit *= series
         misfit *= self.weight[:, k, None]
+        if self.lines.focusing is not None:
+            misfit *= _defocusing(self.lines.focusing, k, np.sqrt(squared_range))
         if self.precision is not None and self.measured_m is not None:
             scaled = self._range_misfit(np.sqrt(squared_range), self.measured_m[:, k, None], self.precision[:, k, None])
             misfit += 0.5 * scaled * scaled
@@ -118,13 +127,26 @@ class DirectBearings:
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""
         lines = self.lines
+        row = self.terms(k, x, y)
+        dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
+        impossible = lines.cosine[:, k] * dx + lines.sine[:, k] * dy <= 0.0
+        impossible |= dx * dx + dy * dy < self.squared_minimum
+        if lines.mirrors is not None:
+            impossible |= _beyond(lines.mirrors, k, x, y)
+        np.copyto(row.misfit, np.inf, where=impossible)
+        return row
+
+    def terms(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+        """Return half the chi-square of row ``k`` at points (B,) and its derivatives, from wherever the row is seen."""
+        lines = self.lines
         cosine, sine = lines.cosine[:, k], lines.sine[:, k]
         dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
         squared_range = dx * dx + dy * dy
-        along = cosine * dx + sine * dy
-        residual = np.arctan2(sine * dx - cosine * dy, along)
+        residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
         inverse = 1.0 / np.maximum(squared_range, self.squared_minimum)
         weight = 2.0 * self.weight[:, k]
+        if lines.focusing is not None:
+            weight = weight * _defocusing(lines.focusing, k, np.sqrt(squared_range))
         across_x, across_y = dx * inverse, dy * inverse
         scaled = weight * residual
         xy = across_x * across_y
@@ -140,10 +162,6 @@ class DirectBearings:
         )
         if self.precision is not None and self.measured_m is not None:
             row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
-        impossible = (along <= 0.0) | (squared_range < self.squared_minimum)
-        if lines.mirrors is not None:
-            impossible |= _beyond(lines.mirrors, k, x, y)
-        np.copyto(row.misfit, np.inf, where=impossible)
         return row
 
     def _range_misfit(self, range_m: FloatArray, measured_m: FloatArray, precision: FloatArray) -> FloatArray:
@@ -178,30 +196,21 @@ class DirectBearings:
         )
 
 
-def take_lines(lines: SightLines, rows: IntArray) -> SightLines:
-    """Return the sight lines of some snapshots, in Fortran order."""
-    mirrors = lines.mirrors
-    if mirrors is not None:
-        mirrors = MirrorRows(
-            *(
-                take_rows(array, rows)
-                for array in (mirrors.point_x, mirrors.point_y, mirrors.angle_rad, mirrors.sensor_side_m)
-            )
-        )
-    return SightLines(
-        lines.center_x[rows],
-        lines.center_y[rows],
-        *(
-            take_rows(array, rows)
-            for array in (lines.origin_x, lines.origin_y, lines.cosine, lines.sine, lines.std_rad)
-        ),
-        None if lines.handedness is None else take_rows(lines.handedness, rows),
-        mirrors,
-    )
-
-
 def _beyond(mirrors: MirrorRows, k: int, x: FloatArray, y: FloatArray) -> BoolArray:
     parts = (mirrors.point_x[:, k], mirrors.point_y[:, k], mirrors.angle_rad[:, k], mirrors.sensor_side_m[:, k])
     point_x, point_y, angle, sensor_side = (part if x.ndim == 1 else part[:, None] for part in parts)
     beyond: BoolArray = side_of_line(x, y, point_x, point_y, angle) * sensor_side <= 0.0
     return beyond
+
+
+def _defocusing(focusing: Focusing, k: int, range_m: FloatArray) -> FloatArray:
+    """Return the squared ratio of range to width of the ray tube per radian: what a circle does to a row's weight.
+
+    The width is not let below a share of the range, as at a focus.
+    """
+    first_leg, strength = focusing.first_leg_m[:, k], focusing.strength[:, k]
+    if range_m.ndim > 1:
+        first_leg, strength = first_leg[:, None], strength[:, None]
+    width = np.abs(range_m - strength * (range_m - first_leg))
+    ratio = range_m / np.maximum(width, _LEAST_WIDTH * range_m)
+    return ratio * ratio

@@ -35,11 +35,11 @@ class _EllipticProblem:
 
     def evaluate(self, w: FloatArray, v: FloatArray) -> Evaluation:
         """Return the evaluation at w, v (N,): that in the plane, by the chain rule."""
-        x, y = self.to_plane(w, v)
-        cosine, sine = np.cos(v), np.sin(v)
-        length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
         sums = PathSums(w.shape)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            cosine, sine = np.cos(v), np.sin(v)
+            length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
+            x, y = 0.5 * length * cosine, 0.5 * w * sine
             sums.add_path(self.plane, 0, x, y)
             x_w, x_v, y_w, y_v = 0.5 * w * cosine / length, -0.5 * length * sine, 0.5 * sine, 0.5 * w * cosine
             x_ww = 0.5 * cosine * (self.baseline_m / length) ** 2 / length
@@ -60,7 +60,9 @@ class _EllipticProblem:
 
     def to_plane(self, w: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x, y (N,) in the baseline frame."""
-        return 0.5 * np.sqrt(w * w + self.baseline_m * self.baseline_m) * np.cos(v), 0.5 * w * np.sin(v)
+        with np.errstate(invalid="ignore", over="ignore"):
+            length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
+            return 0.5 * length * np.cos(v), 0.5 * w * np.sin(v)
 
     def from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return w >= 0 and v of points x, y (N,); NaN where they are."""

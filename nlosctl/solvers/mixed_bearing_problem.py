@@ -26,8 +26,8 @@ class MixedBearingProblem:
 
     Where a circle has no blocker, each row takes the path that fits best at the point. The cost is NaN where no path
     leads to the point, or (seen from the blocker) it lies beyond a focus: the likelihood ends at the caustic, and a
-    step across it is refused. ``straight`` are the rays of all rows, None where all are by circles; ``circles`` the circle
-    rows; ``plain_rows`` the snapshots without any, and ``plain`` their problem: solved as it would be alone.
+    step across it is refused. ``straight`` are the rays of all rows, None where all are by circles; ``circles`` the
+    circle rows; ``plain_rows`` the snapshots without any, and ``plain`` their problem: solved as it would be alone.
     """
 
     straight: BearingProblem | None

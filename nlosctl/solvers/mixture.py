@@ -7,20 +7,20 @@ summed out: ``sum_l w_l p_l prod_{m != l} u_m + w_0 prod u_m``, w_0 the probabil
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.levenberg_marquardt import Evaluation
 
-__all__ = ["Mixture", "MixtureRows", "RowDerivatives", "take_rows"]
+__all__ = ["Mixture", "MixtureRows", "RowDerivatives", "positive_hessian"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 _FACTORS = 8
 """So many factors of the likelihood are multiplied before a logarithm is taken: no over- or underflow."""
@@ -103,9 +103,9 @@ class Mixture:
         """Return the mixtures of some snapshots; a snapshot may be named several times."""
         return Mixture(
             self.rows.take(rows),
-            take_rows(self.log_direct, rows),
+            gather_rows(self.log_direct, rows),
             self.obstructed[rows],
-            None if self.last is None else take_rows(self.last, rows),
+            None if self.last is None else gather_rows(self.last, rows),
             self.log_nlos[rows],
             self.least_cost[rows],
         )
@@ -157,7 +157,7 @@ class Mixture:
             -total.logarithm - self.log_nlos - self.least_cost,
             total.gradient[0],
             total.gradient[1],
-            _positive(exact, gauss),
+            positive_hessian(exact, gauss),
         )
 
     def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, Symmetric2x2]:
@@ -269,18 +269,11 @@ class _Group:
                 total[closes] = 0.0
 
 
-def _positive(exact: Symmetric2x2, gauss: Symmetric2x2) -> Symmetric2x2:
+def positive_hessian(exact: Symmetric2x2, gauss: Symmetric2x2) -> Symmetric2x2:
+    """Return the exact second derivatives, or those that stand in for them where they are not positive definite."""
     positive = (exact.xx > 0.0) & (exact.determinant > _LEAST_SHARE * gauss.determinant)
     if positive.all():
         return exact
     return Symmetric2x2(
         *(np.where(positive, a, b) for a, b in ((exact.xx, gauss.xx), (exact.xy, gauss.xy), (exact.yy, gauss.yy)))
     )
-
-
-def take_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:
-    """Return some rows of an array (B, K), in Fortran order."""
-    taken = np.empty((rows.shape[0], array.shape[1]), dtype=array.dtype, order="F")
-    for k in range(array.shape[1]):
-        np.take(array[:, k], rows, out=taken[:, k])
-    return taken

@@ -79,10 +79,8 @@ def find_modes(
 
 def _no_modes(size: int, most: int) -> Modes:
     nothing = [np.full((size, most), np.nan) for _ in range(5)]
-    nowhere = np.zeros(size, dtype=bool)
-    return Modes(
-        nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), nowhere, nowhere.copy()
-    )
+    none = np.zeros(size, dtype=bool)
+    return Modes(nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), none, none.copy())
 
 
 def _starts(
@@ -152,11 +150,13 @@ def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, a
         snapshot, place = np.nonzero(usable & lost[:, None])
         if not snapshot.size:
             break
-        problem: Mixture | _Bounded = mixture.take(snapshot)
+        followed = mixture.take(snapshot)
+        start_x, start_y = x[snapshot, place], y[snapshot, place]
         if edge:
-            problem = _Bounded(problem, snapshot, allowed)
             held |= lost
-        minimum = minimize(problem, x[snapshot, place], y[snapshot, place])
+            minimum = minimize(_Bounded(followed, snapshot, allowed), start_x, start_y)
+        else:
+            minimum = minimize(followed, start_x, start_y)
         good = np.isfinite(minimum.cost) & allowed(snapshot, minimum.x[:, None], minimum.y[:, None])[:, 0]
         cost[snapshot[good], place[good]] = (minimum.cost + mixture.least_cost[snapshot])[good]
         values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
@@ -164,7 +164,7 @@ def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, a
             part[snapshot, place] = value
     order = _order(cost, x=parts[0], y=parts[1])
     parts = [np.take_along_axis(part, order, axis=1) for part in parts]
-    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), usable.any(axis=1), held)
+    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), np.asarray(usable.any(axis=1)), held)
 
 
 def _order(cost: FloatArray, x: FloatArray, y: FloatArray) -> IntArray:

@@ -5,28 +5,30 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from math import log, pi, radians, sqrt
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.blocks import gather_rows, max_measurements, sum_measurements
 from nlosctl.geometry.regions import Region
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.solvers.bearing_mixture import DirectBearings, take_lines
+from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.fixes import nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
-from nlosctl.solvers.mixture import Mixture, take_rows
+from nlosctl.solvers.mixture import Mixture
 from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, sort_rows
+from nlosctl.solvers.ranged_bearings import range_columns
 from nlosctl.solvers.search_regions import search_region
 
-__all__ = ["OutlierModel", "grouped_batch", "outlier_model", "range_columns"]
+__all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 _MINIMUM_RANGE_SHARE = 0.005
 """Minimum range, unless given, in units of the larger side of the box of the sensors."""
@@ -55,16 +57,16 @@ class OutlierModel:
     def take(self, rows: IntArray) -> OutlierModel:
         """Return the model of some snapshots."""
         return OutlierModel(
-            lines=take_lines(self.lines, rows),
+            lines=self.lines.take(rows),
             mixture=self.mixture.take(rows),
-            leader=take_rows(self.leader, rows),
-            share=take_rows(self.share, rows),
+            leader=gather_rows(self.leader, rows),
+            share=gather_rows(self.share, rows),
             region=self.region.take(rows),
             minimum_range_m=self.minimum_range_m[rows],
             extent_m=self.extent_m[rows],
             sensor_extent_m=self.sensor_extent_m[rows],
-            measured_m=None if self.measured_m is None else take_rows(self.measured_m, rows),
-            range_std_m=None if self.range_std_m is None else take_rows(self.range_std_m, rows),
+            measured_m=None if self.measured_m is None else gather_rows(self.measured_m, rows),
+            range_std_m=None if self.range_std_m is None else gather_rows(self.range_std_m, rows),
         )
 
     def uninformative(self) -> BoolArray:
@@ -73,37 +75,26 @@ class OutlierModel:
         That is: parallel lines, or all sensors at one place, and no range.
         """
         nothing = nearly_singular(fit_least_squares(self.lines).normal)
-        if self.lines.mirrors is None:
-            nothing |= self.sensor_extent_m <= 0.0
+        nothing |= _larger_side(self.lines.origin_x, self.lines.origin_y) <= 0.0
         if self.measured_m is not None:
             nothing &= np.isnan(self.measured_m).all(axis=1)
         return nothing
 
-    def residuals(self, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
-        """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where rows have ranges."""
-        residuals = {"residual_rad": self.lines.bearing_residual_rad(x, y)}
-        if self.measured_m is not None:
-            residuals["residual_m"] = self.measured_m - self.lines.range_m(x, y)
-        return residuals
 
-
-def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Return range and standard deviation (B, K) in metres, both NaN in rows without; None where no row has them."""
-    if not use_ranges or batch.range_m is None or batch.range_std_m is None:
-        return None
-    known = np.isfinite(batch.range_m) & np.isfinite(batch.range_std_m)
-    if not known.any():
-        return None
-    return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
+def has_several_paths(batch: BearingBatch) -> BoolArray:
+    """Return in which snapshots (B,) some sensor has several paths, of which at most one is direct."""
+    several: BoolArray = np.asarray((_groups(batch).size > 1).any(axis=1))
+    return several
 
 
 def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
-    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
-    groups = group_paths(keys, batch.path)
+    groups = _groups(batch)
     names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
-    arrays = {name: getattr(batch, name) for name in names}
-    sorted_arrays: dict[str, Any] = {name: sort_rows(array, groups) for name, array in arrays.items() if array is not None}
+    arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
+    sorted_arrays: dict[str, Any] = {
+        name: sort_rows(array, groups) for name, array in arrays.items() if array is not None
+    }
     return dataclasses.replace(batch, **sorted_arrays), groups
 
 
@@ -128,10 +119,7 @@ def outlier_model(
     region = search_region(batch.field, sensor_x, sensor_y, lines.center_x, lines.center_y)
     xmin, xmax, ymin, ymax = region.bounds_m
     extent = np.hypot(xmax - xmin, ymax - ymin)
-    sensor_extent = np.maximum(
-        max_measurements(sensor_x) + max_measurements(-sensor_x),
-        max_measurements(sensor_y) + max_measurements(-sensor_y),
-    )
+    sensor_extent = _larger_side(sensor_x, sensor_y)
     minimum = _MINIMUM_RANGE_SHARE * sensor_extent if min_range_m is None else np.full(extent.shape, min_range_m)
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
     share = sort_rows(path_shares(groups, path_prior), groups)
@@ -153,3 +141,13 @@ def outlier_model(
     return OutlierModel(
         lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
     )
+
+
+def _groups(batch: BearingBatch) -> PathGroups:
+    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
+    return group_paths(keys, batch.path)
+
+
+def _larger_side(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the larger side (B,) of the box of points (B, K)."""
+    return np.maximum(max_measurements(x) + max_measurements(-x), max_measurements(y) + max_measurements(-y))

@@ -76,8 +76,9 @@ def path_shares(groups: PathGroups, prior: str) -> FloatArray:
     if prior == "first":
         return np.where(groups.rank == 0, 1.0, 0.0)
     if prior == "falling":
-        return np.exp2(-1.0 - groups.rank) / (1.0 - np.exp2(-groups.size.astype(np.float64)))
-    return 1.0 / groups.size
+        shares: FloatArray = np.exp2(-1.0 - groups.rank) / (1.0 - np.exp2(-groups.size.astype(np.float64)))
+        return shares
+    return 1.0 / groups.size.astype(np.float64)
 
 
 def sort_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:

@@ -14,7 +14,15 @@ import numpy.typing as npt
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 
-__all__ = ["PickedRows", "SourceState", "bootstrap_state", "pick_rows", "update_bearings", "update_ranges"]
+__all__ = [
+    "PickedRows",
+    "SourceState",
+    "bootstrap_state",
+    "pick_rows",
+    "ranged_state",
+    "update_bearings",
+    "update_ranges",
+]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -70,7 +78,11 @@ def pick_rows(
         return np.take_along_axis(array, row, axis=1)
 
     return PickedRows(
-        *(pick(array) for array in (lines.origin_x, lines.origin_y, lines.cosine, lines.sine, lines.std_rad)),
+        pick(lines.origin_x),
+        pick(lines.origin_y),
+        pick(lines.cosine),
+        pick(lines.sine),
+        pick(lines.std_rad),
         None if measured_m is None else pick(measured_m),
         None if range_std_m is None else pick(range_std_m),
     )
@@ -95,6 +107,23 @@ def bootstrap_state(first: PickedRows, second: PickedRows) -> SourceState:
         return SourceState(
             first.origin_x + range_1 * first.cosine, first.origin_y + range_1 * first.sine, covariance, alive
         )
+
+
+def ranged_state(rows: PickedRows) -> SourceState | None:
+    """Return the ends of rays at their measured ranges, exact in each row's polar frame; dead in rows without a range.
+
+    None where no row of the batch has a range.
+    """
+    if rows.measured_m is None or rows.range_std_m is None:
+        return None
+    range_m, std = rows.measured_m, rows.range_std_m
+    polar = Symmetric2x2(std * std, np.zeros_like(std), rows.std_rad * rows.std_rad)
+    return SourceState(
+        rows.origin_x + range_m * rows.cosine,
+        rows.origin_y + range_m * rows.sine,
+        _to_cartesian(polar, range_m, rows.cosine, rows.sine),
+        np.isfinite(range_m) & np.isfinite(std),
+    )
 
 
 def update_bearings(state: SourceState, rows: PickedRows) -> SourceState:

@@ -37,13 +37,13 @@ def posterior_covariance(
     size = modes.cost.shape[0]
     block = max(1, _POINTS // (_STEPS * _STEPS))
     parts = [
-        _moments(mixture, modes, allowed, snapshot[first : first + block], place[first : first + block])
-        for first in range(0, snapshot.shape[0], block)
+        _moments(mixture, modes, allowed, snapshot[start : start + block], place[start : start + block])
+        for start in range(0, snapshot.shape[0], block)
     ]
     of_mode = np.concatenate(parts, axis=1) if parts else np.zeros((6, 0))
-    mass, mean_x, mean_y, xx, xy, yy = (np.bincount(snapshot, weights=part, minlength=size) for part in of_mode)
+    totals = [np.bincount(snapshot, weights=part, minlength=size).astype(np.float64) for part in of_mode]
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean_x, mean_y, xx, xy, yy = (moment / mass for moment in (mean_x, mean_y, xx, xy, yy))
+        mean_x, mean_y, xx, xy, yy = (total / totals[0] for total in totals[1:])
     dx, dy = modes.x - modes.x[:, :1], modes.y - modes.y[:, :1]  # moments are about the best mode: shift them
     return Symmetric2x2(
         xx[:, None] - 2.0 * dx * mean_x[:, None] + dx * dx,
@@ -65,15 +65,16 @@ def _moments(
     )
     axis = np.linspace(-_REACH, _REACH, _STEPS)
     u, v = (part.ravel()[None, :] for part in np.meshgrid(axis, axis, indexing="ij"))
-    root = np.sqrt(hessian.xx)  # Cholesky: H = L L^T, steps are L^-T (u, v)
-    across = hessian.xy / root
-    height = np.sqrt(np.maximum(hessian.yy - across * across, np.finfo(np.float64).tiny))
-    step_y = v / height
-    step_x = (u - across * step_y) / root
+    smaller, larger = hessian.eigenvalues()  # steps along the axes of the ellipse, so that no frame is special
+    turn = 0.5 * np.arctan2(2.0 * hessian.xy, hessian.xx - hessian.yy)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    tiny = np.finfo(np.float64).tiny
+    short, long = u / np.sqrt(np.maximum(larger, tiny)), v / np.sqrt(np.maximum(smaller, tiny))
+    step_x, step_y = cosine * short - sine * long, sine * short + cosine * long
     x, y = modes.x[snapshot, place][:, None] + step_x, modes.y[snapshot, place][:, None] + step_y
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
         nats = modes.cost[snapshot, 0][:, None] - mixture.take(snapshot).score(x, y)
-        weight = np.exp(np.minimum(nats, 1.0)) / (root * height)
+        weight = np.exp(np.minimum(nats, 1.0)) / np.sqrt(np.maximum(hessian.determinant, tiny))
     weight[~(allowed(snapshot, x, y) & _nearest(modes, snapshot, place, x, y))] = 0.0
     x, y = x - modes.x[snapshot, 0][:, None], y - modes.y[snapshot, 0][:, None]
     x[weight == 0.0] = y[weight == 0.0] = 0.0
@@ -91,7 +92,8 @@ def _nearest(modes: Modes, snapshot: IntArray, place: IntArray, x: FloatArray, y
         )
         dx, dy = x - mode_x, y - mode_y
         with np.errstate(invalid="ignore", over="ignore"):
-            return xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
+            squared: FloatArray = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
+        return squared
 
     own = squared_distance(place)
     nearest = np.ones(x.shape, dtype=bool)

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
-from nlosctl.geometry.blocks import max_measurements
+from nlosctl.geometry.blocks import gather_rows, max_measurements
 from nlosctl.geometry.circle_crossings import cross_circles
 from nlosctl.geometry.regions import BoxRegion, Region
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.solvers.crossings import Candidates, choose_pairs
-from nlosctl.solvers.mixture import Mixture, RowDerivatives, take_rows
+from nlosctl.solvers.mixture import Mixture, RowDerivatives
 from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.search_regions import search_region
 
@@ -43,11 +43,11 @@ class DirectRanges:
             RangeCircles(
                 center_x=part.center_x[rows],
                 center_y=part.center_y[rows],
-                sensor_x=take_rows(part.sensor_x, rows),
-                sensor_y=take_rows(part.sensor_y, rows),
-                range_m=take_rows(part.range_m, rows),
-                std_m=take_rows(part.std_m, rows),
-                height=None if part.height is None else take_rows(part.height, rows),
+                sensor_x=gather_rows(part.sensor_x, rows),
+                sensor_y=gather_rows(part.sensor_y, rows),
+                range_m=gather_rows(part.range_m, rows),
+                std_m=gather_rows(part.std_m, rows),
+                height=None if part.height is None else gather_rows(part.height, rows),
             )
         )
 

@@ -125,7 +125,7 @@ def ranked_flags(status: StatusArray, los: BoolArray, numbers: Mapping[str, Floa
     """
     answered = (status <= Status.BOUNDARY)[:, None]
     said = np.full(los.shape, None, dtype=object)
-    said[...] = np.where(answered, los, None)
+    np.copyto(said, los, where=np.broadcast_to(answered, los.shape))
     columns: dict[str, npt.NDArray[np.generic]] = {"los": said}
     columns.update({name: np.where(answered, values, np.nan) for name, values in numbers.items()})
     return Flags(used=los & answered, columns=columns)

@@ -75,9 +75,9 @@ def suppress_outliers(
         block = max(1, _STATES // bootstraps)
         for start in range(0, open_rows.shape[0], block):
             rows = open_rows[start : start + block]
-            one, other = shuffled_pairs(seed[rows], count, max_pairs)
-            some = slice(first, first + bootstraps)
             part = model if rows.shape[0] == seed.shape[0] else model.take(rows)
+            one, other = _possible_first(part, *shuffled_pairs(seed[rows], count, max_pairs))
+            some = slice(first, first + bootstraps)
             grown = grow_hypotheses(
                 part,
                 np.asfortranarray(one[:, some]),
@@ -92,6 +92,19 @@ def suppress_outliers(
         if not open_rows.size:
             break
     return found
+
+
+def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the pairs (B, P) with those in front that may both be direct: not of one group, and of some share."""
+    leaders, shares = (
+        [np.take_along_axis(values, place, axis=1) for place in (first, second)]
+        for values in (model.leader, model.share)
+    )
+    impossible = (leaders[0] == leaders[1]) | (shares[0] <= 0.0) | (shares[1] <= 0.0)
+    if not impossible.any():
+        return first, second
+    order = np.argsort(impossible, axis=1, kind="stable")
+    return np.take_along_axis(first, order, axis=1), np.take_along_axis(second, order, axis=1)
 
 
 def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:

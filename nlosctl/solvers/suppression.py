@@ -36,7 +36,7 @@ class Hypotheses:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Largest residuals (B, K) of a row in a set; ``range_m`` infinite in rows without a range, None if none has one."""
+    """Largest residuals (B, K) of a row in a set; ``range_m`` is infinite in rows without a range, None without any."""
 
     bearing_rad: FloatArray
     range_m: FloatArray | None

@@ -59,7 +59,7 @@ class TargetFits:
 
 
 def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
-    """Fit every path by itself from the three intersections and points between them, in its baseline frame.
+    """Fit every path by itself from the three intersections and between them, in its baseline frame.
 
     The chi-square of a direct path has one degree of freedom. One start is not enough: the likelihood of an indirect
     path has several minima. A start that lies in the basin of a minimum already found is left out.
@@ -70,7 +70,42 @@ def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
     def descend(open_rows: IntArray, start_x: FloatArray, start_y: FloatArray) -> Minimum:
         return minimize_paths(problem.take(open_rows), baseline_m[open_rows], start_x, start_y, max_iterations)
 
-    return _best_of(problem, _starts(rows), descend)
+    best = _best_of(problem, _starts(rows), descend)
+    # Where the lines cross is worth a start only if it is better than what the ellipse has led to.
+    x, y = _crossings(rows)
+    with np.errstate(invalid="ignore"):
+        promising = problem.evaluate(x, y).cost < best.cost
+    open_rows = np.flatnonzero(promising & ~_leads_back(problem, best, x, y))
+    if open_rows.size:
+        _improve(best, open_rows, descend(open_rows, x[open_rows], y[open_rows]))
+    open_rows = np.flatnonzero(~best.converged)
+    if open_rows.size:
+        start_x, start_y = best.x[open_rows], best.y[open_rows]
+        _improve(best, open_rows, _descend_in_plane(problem, open_rows, start_x, start_y, max_iterations))
+    _consider_nodes(best, rows)
+    return best
+
+
+def _consider_nodes(best: TargetFits, rows: PathRows) -> None:
+    """Put targets on a transmitter or receiver where no other point costs less, as for paths shorter than baselines.
+
+    The likelihood has its supremum there without reaching it: the angle at that node is then any.
+    """
+    rays, half = rows.rays, 0.5 * rows.rays.baseline_m
+    length = (rays.path_length_m - rays.baseline_m) / rows.path_length_std_m
+    at_tx = np.arctan2(rays.doa_sine, -rays.doa_cosine) / rows.doa_std_rad
+    at_rx = np.arctan2(rays.dod_sine, rays.dod_cosine) / rows.dod_std_rad
+    for angle, x in ((at_tx, -half), (at_rx, half)):
+        cost = 0.5 * (length * length + angle * angle)
+        better = (cost <= best.cost) & (half > 0.0)
+        best.x[better], best.y[better], best.cost[better] = x[better], 0.0, cost[better]
+        best.converged[better] = True
+
+
+def _descend_in_plane(
+    problem: TripletProblem, rows: IntArray, x: FloatArray, y: FloatArray, max_iterations: int
+) -> Minimum:
+    return minimize(problem.take(rows), x, y, max_iterations=max_iterations, patience=max_iterations)
 
 
 def fit_snapshots(
@@ -84,7 +119,7 @@ def fit_snapshots(
     start_x, start_y = (np.take_along_axis(values, order, axis=1) for values in (proposed_x, proposed_y))
 
     def descend(open_rows: IntArray, x: FloatArray, y: FloatArray) -> Minimum:
-        return minimize(problem.take(open_rows), x, y, max_iterations=max_iterations, patience=max_iterations)
+        return _descend_in_plane(problem, open_rows, x, y, max_iterations)
 
     starts = ((start_x[:, start], start_y[:, start]) for start in range(order.shape[1]))
     return _best_of(problem, starts, descend)
@@ -105,20 +140,22 @@ def _best_of(
 
 
 def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield starts (N,), NaN where a path lacks them: points 2 and 3, their middle, point 1, the mean of all."""
+    """Yield starts (N,): the middle of points 2 and 3, and both; on an ellipse made longer where there is none."""
     rays = rows.rays
     longer = replace(rays, path_length_m=np.maximum(rays.path_length_m, rays.baseline_m + rows.path_length_std_m))
     x2, y2, x3, y3 = (longer.coordinate(point, axis).value_m for point in (2, 3) for axis in ("x", "y"))
-    x1, y1 = rays.coordinate(1, "x").value_m, rays.coordinate(1, "y").value_m
-    # Of lines that are nearly parallel, or meet behind, the crossing says nothing.
-    with np.errstate(invalid="ignore"):
-        usable = ~rays.meets_behind & (x1 * x1 + y1 * y1 < 100.0 * longer.path_length_m**2)
-    x1, y1 = np.where(usable, x1, np.nan), np.where(usable, y1, np.nan)
     yield 0.5 * (x2 + x3), 0.5 * (y2 + y3)
     yield x2, y2
     yield x3, y3
-    yield x1, y1
-    yield (x1 + x2 + x3) / 3.0, (y1 + y2 + y3) / 3.0
+
+
+def _crossings(rows: PathRows) -> tuple[FloatArray, FloatArray]:
+    """Return point 1 (N,); NaN where the lines are nearly parallel or meet behind: then it says nothing."""
+    rays = rows.rays
+    x, y = rays.coordinate(1, "x").value_m, rays.coordinate(1, "y").value_m
+    with np.errstate(invalid="ignore", over="ignore"):
+        usable = ~rays.meets_behind & (x * x + y * y < 100.0 * rays.path_length_m**2)
+    return np.where(usable, x, np.nan), np.where(usable, y, np.nan)
 
 
 def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, start_y: FloatArray) -> BoolArray:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch, FloatArray, IntArray
+from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
@@ -20,7 +23,7 @@ _WRAPS = 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])
 
 
 def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
-    """Draw bearings of one source per snapshot, direct or by one of three mirrors (one vertical, one in the field).
+    """Draw bearings of one source per snapshot in a round field, direct or by one of three mirrors (one in the field).
 
     A third of the snapshots has direct rows alone. Unequal stds of 0.1 to 3 degrees, sensors that hear several paths,
     bearings up to a turn off.
@@ -50,7 +53,9 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     wrapped = wrap_angle(bearing)
     turned = wrapped + generator.choice(_WRAPS, size=shape)
     bearing = np.where(np.abs(turned) <= 2.0 * np.pi, turned, wrapped)
-    return Trial(batch=bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector), size_m=3.0 * scale)
+    batch = bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector)
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=2.0 * scale)
+    return Trial(batch=dataclasses.replace(batch, field=field), size_m=3.0 * scale)
 
 
 def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:

@@ -14,7 +14,7 @@ import numpy as np
 
 from nlosctl.contract.batches import FloatArray, IntArray
 from nlosctl.contract.fields import CircleField, Field
-from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, Sensor
+from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector, Sensor
 from nlosctl.geometry.angles import wrap_angle
 
 __all__ = ["Motion", "copy_batch", "move_batch", "permute_measurements", "replace_rows", "take_rows"]
@@ -133,6 +133,9 @@ def _move_reflector(reflector: Reflector, motion: Motion) -> Reflector:
         case LineReflector():
             point, direction = motion.point(reflector.point), motion.direction(reflector.direction)
             return dataclasses.replace(reflector, point=point, direction=direction)
+        case SegmentReflector():
+            start, end = motion.point(reflector.start), motion.point(reflector.end)
+            return dataclasses.replace(reflector, start=start, end=end)
         case CircleReflector():
             return dataclasses.replace(reflector, center=motion.point(reflector.center))
 
