@@ -11,7 +11,7 @@ from nlosctl.contract.fields import parse_field
 from nlosctl.contract.scene import Scene
 from nlosctl.io.in_memory import gather, input_of_table
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.pipeline.bounding import bounds_at_truth, bounds_on_map, parse_map, result_schema
+from nlosctl.pipeline.bounding import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
 from nlosctl.pipeline.evaluating import Evaluation, evaluate_inputs
 from nlosctl.pipeline.evaluating_targets import evaluate_targets
 from nlosctl.pipeline.parameters import method_runs
@@ -92,11 +92,14 @@ def bound(
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
+    noise: str = "gaussian",
+    use_ranges: bool = True,
 ) -> Any:
     """Return the Cramer-Rao bound of each snapshot at its truth as a table; see ``nlosctl bound``.
 
     With ``map`` (least x, largest x, least y, largest y, step, in metres) over a grid of positions instead, for the
-    sensors, paths and stds of the first snapshot. The other arguments are those of `localize`.
+    sensors, paths and stds of the first snapshot. ``noise`` is the errors' distribution, gaussian or
+    laplace; without ``use_ranges`` the ranges beside bearings don't count. The other arguments are those of `localize`.
 
     Raises DataError for faults of the data, UsageError for a map that is none.
     """
@@ -110,7 +113,8 @@ def bound(
     )
     reader = MeasurementReader([input_of_table(table)], options)
     grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
-    tables = bounds_at_truth(reader) if grid is None else bounds_on_map(reader, grid)
+    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
+    tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
     return gather(list(tables), result_schema(reader, grid))
 
 

@@ -105,21 +105,19 @@ def generate(options: MadhowRingOptions, generator: np.random.Generator, snapsho
     outlier = inward[..., None] + generator.uniform(-0.5 * span, 0.5 * span, shape)
     bearing = np.where(direct, true_bearing[..., None] + draw_errors(generator, options.noise, std), outlier)
     rows = options.sensors * options.paths
-    columns = {
+    return {
         "snapshot": np.repeat(np.arange(snapshots, dtype=np.int64), rows),
         "sensor": np.tile(np.repeat(np.array(sensor_names(options.sensors), dtype=object), options.paths), snapshots),
-        "path": np.tile(np.arange(options.paths, dtype=np.int64), snapshots * options.sensors),
         "sensor_x_m": np.repeat(sensor_xy[..., 0].ravel(), options.paths),
         "sensor_y_m": np.repeat(sensor_xy[..., 1].ravel(), options.paths),
         "bearing_rad": wrap_angle(bearing).ravel(),
         "bearing_std_rad": std.ravel(),
+        "path": np.tile(np.arange(options.paths, dtype=np.int64), snapshots * options.sensors),
+        **_ranges(options, generator, np.hypot(offset[..., 0], offset[..., 1]), direct),
         "truth_x_m": np.repeat(source_xy[:, 0], rows),
         "truth_y_m": np.repeat(source_xy[:, 1], rows),
         "truth_los": direct.ravel(),
     }
-    if options.range_std_share > 0.0:
-        columns |= _ranges(options, generator, np.hypot(offset[..., 0], offset[..., 1]), direct)
-    return columns
 
 
 def _receivers(options: MadhowRingOptions, generator: np.random.Generator, snapshots: int) -> FloatArray:
@@ -159,6 +157,8 @@ def _ranges(
     options: MadhowRingOptions, generator: np.random.Generator, true_range_m: FloatArray, direct: BoolArray
 ) -> dict[str, FloatArray]:
     """Return log-normal ranges: of direct rows, and of outliers by a way up to three times as long."""
+    if options.range_std_share == 0.0:
+        return {}
     noise = np.exp(options.range_std_share * generator.standard_normal(direct.shape))
     way = true_range_m[..., None] * np.where(direct, 1.0, generator.uniform(1.0, 3.0, direct.shape))
     range_m = way * noise

@@ -104,11 +104,11 @@ def generate(options: MadhowWallsOptions, generator: np.random.Generator, snapsh
     return {
         "snapshot": np.repeat(np.arange(snapshots, dtype=np.int64), count),
         "sensor": np.tile(np.array([row[0].name for row in rows], dtype=object), snapshots),
-        "path": np.tile(np.array([row[1] for row in rows], dtype=np.int64), snapshots),
         "sensor_x_m": column([row[0].position[0] for row in rows]),
         "sensor_y_m": column([row[0].position[1] for row in rows]),
         "bearing_rad": wrap_angle(np.stack([row[2] for row in rows], axis=1).ravel()),
         "bearing_std_rad": np.full(snapshots * count, std),
+        "path": np.tile(np.array([row[1] for row in rows], dtype=np.int64), snapshots),
         "truth_x_m": np.full(snapshots * count, source[0]),
         "truth_y_m": np.full(snapshots * count, source[1]),
         "truth_los": np.tile(np.array([row[3] for row in rows]), snapshots),
