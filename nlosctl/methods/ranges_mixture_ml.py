@@ -83,11 +83,11 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         gap=options.mode_gap * batch.measurements,
     )
     fixes, probability = rank_modes(model.mixture, modes)
-    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within, modes.held)
-    status[candidates.degenerate] = Status.TOO_FEW
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
         fixes = RankedFixes(fixes.x, fixes.y, fixes.cost, covariance, fixes.n_used)
+    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within, modes.held)
+    status[candidates.degenerate] = Status.TOO_FEW
     circles = model.circles
     estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, options.covariance)
     if not batch.want_flags:
