@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "plain_dict"]
+__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,11 +97,3 @@ class DetectionSummary:
     p_d_at_1: float
     ks: float
     ks_p_value: float
-
-
-def plain_dict(summary: EstimateSummary | FlagSummary | DetectionSummary) -> dict[str, Any]:
-    """Return a summary as a dict that JSON can hold: what is not finite becomes None."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in dataclasses.asdict(summary).items()
-    }
