@@ -103,6 +103,8 @@ def identify_los(
         bad_rows=bad_rows,
         overwrite=overwrite,
         one_thread=jobs == 1,
+        config=config,
+        outputs=(output, estimates_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
         runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
@@ -117,10 +119,11 @@ def identify_los(
             want_flags=True,
         )
         run = MeasurementRun(opened.reader, runs, settings)
+        for line in run.plan():
+            terminal.detail(line)
         outputs = Outputs(
             main=output,
             other=estimates_out,
-            other_option="--estimates-out",
             estimates_first=False,
             format=format,
             overwrite=overwrite,

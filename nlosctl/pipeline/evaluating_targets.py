@@ -58,7 +58,7 @@ def evaluate_targets(flags: Input, estimates: Input | None, *, order: float, cut
         for number, places in enumerate(np.split(order_of_rows, ends[:-1])):
             positions = None if found is None else _look_up(found, snapshots[number], grouping, flags.name)
             scores.add(_take(rows, places), positions, keys[by_group[places[0]]])
-    return present("targets", scores, [flags], grouping)
+    return present("targets", scores, [(flags, reader)], grouping)
 
 
 def _rows(table: Any) -> EchoRows:
