@@ -30,32 +30,32 @@ def cross_circles(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         unit_x, unit_y = dx / distance, dy / distance
         difference = radius_1 - radius_2
-        outside = distance - radius_1 - radius_2
-        inside = np.abs(difference) - distance
+        outside, inside = distance - radius_1 - radius_2, np.abs(difference) - distance
         # Heron's formula by its factors, so that near-tangent circles keep their digits.
         product = (radius_1 + radius_2 + distance) * outside * inside * (distance + np.abs(difference))
         height = np.sqrt(product) / (2.0 * distance)
         along = 0.5 * distance + 0.5 * difference * ((radius_1 + radius_2) / distance)
         gap = np.maximum(outside, inside)
-        # Outside each other, 2 within 1, 1 within 2: the middle of the gap, from centre 1 towards centre 2.
-        approach = np.where(
-            outside > 0.0,
-            radius_1 + 0.5 * outside,
-            np.where(difference > 0.0, radius_1 - 0.5 * inside, -(radius_1 + 0.5 * inside)),
-        )
-    crosses = gap <= 0.0
-    with np.errstate(invalid="ignore"):
+        crosses = gap <= 0.0
         near = (gap > 0.0) & (gap <= gap_tolerance) & (distance > 0.0)
         real = (radius_1 > 0.0) & (radius_2 > 0.0)
-    first_along = np.where(crosses, along, np.where(near, approach, np.nan))
-    first_height = np.where(crosses, height, 0.0)
-    points = np.empty((*first_along.shape, 2, 2))
+    along = np.where(crosses, along, np.where(near, _closest_approach(radius_1, difference, outside, inside), np.nan))
+    height = np.where(crosses, height, 0.0)
+    points = np.empty((*along.shape, 2, 2))
     x, y = center_1_xy[..., 0], center_1_xy[..., 1]
     with np.errstate(invalid="ignore"):
-        points[..., 0, 0] = x + first_along * unit_x - first_height * unit_y
-        points[..., 0, 1] = y + first_along * unit_y + first_height * unit_x
+        points[..., 0, 0] = x + along * unit_x - height * unit_y
+        points[..., 0, 1] = y + along * unit_y + height * unit_x
         points[..., 1, 0] = x + along * unit_x + height * unit_y
         points[..., 1, 1] = y + along * unit_y - height * unit_x
     points[~real] = np.nan
     points[..., 1, :][~crosses] = np.nan
     return points
+
+
+def _closest_approach(
+    radius_1: FloatArray, difference: FloatArray, outside: FloatArray, inside: FloatArray
+) -> FloatArray:
+    """Return how far from centre 1, towards centre 2, the middle of the gap is: outside, 2 within 1, 1 within 2."""
+    within = np.where(difference > 0.0, radius_1 - 0.5 * inside, -(radius_1 + 0.5 * inside))
+    return np.where(outside > 0.0, radius_1 + 0.5 * outside, within)

@@ -143,6 +143,8 @@ def bounds_on_map(reader: MeasurementReader, grid: MapGrid, settings: BoundSetti
 
 
 def _supported(reader: MeasurementReader) -> str:
+    if "truth_target" in reader.schema.names:
+        raise DataError("the rows are of several targets (truth_target); a bound is of one source")
     if reader.kind not in INFORMATION:
         raise UsageError(f"bound is there for {', '.join(INFORMATION)}, not for {reader.kind}")
     return reader.kind

@@ -221,3 +221,10 @@ def test_python_gives_the_same(cli: Cli, tmp_path: Path) -> None:
     assert result.estimates.to_pylist() == read(tmp_path / "e.csv").to_pylist()
     theirs = cli("evaluate", "f.csv", "--estimates", "e.csv", "--json").json["overall"]
     assert nlosctl.evaluate(result.flags, estimates=result.estimates).overall == theirs
+
+
+def test_echoes_of_several_targets_have_no_one_bound(cli: Cli) -> None:
+    """A file of unlabelled echoes has no one source whose bound could be told."""
+    outcome = cli("bound", ECHOES)
+    assert outcome.code == 1
+    assert "truth_target" in outcome.err
