@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -41,15 +40,21 @@ def read_and_write(source: Path, estimates: pa.Table, target: Path) -> None:
     pq.write_table(estimates, target, compression="zstd", row_group_size=131_072, use_dictionary=False)
 
 
+_TELL_PEAK = """
+import sys
+from nlosctl.cli.main import run
+code = run()
+with open("/proc/self/status") as status:
+    print(next(line.split()[1] for line in status if line.startswith("VmHWM")))
+sys.exit(code)
+"""
+
+
 def peak_memory_mb(method: str, source: Path, target: Path) -> float:
-    """Return the peak memory of a process of its own that runs the command."""
-    code = "import sys; from nlosctl.cli.main import run; sys.exit(run())"
+    """Return the peak memory of a process of its own that runs the command (Linux)."""
     words = ["localize", "-m", method, str(source), "-o", str(target), "--overwrite", "-q", "--jobs", "1"]
-    process = subprocess.Popen([sys.executable, "-c", code, *words])
-    _, status, usage = os.wait4(process.pid, 0)
-    if status != 0:
-        raise RuntimeError(f"nlosctl {' '.join(words)} failed")
-    return usage.ru_maxrss / 1024.0
+    told = subprocess.run([sys.executable, "-c", _TELL_PEAK, *words], check=True, capture_output=True, text=True)
+    return int(told.stdout) / 1024.0
 
 
 def report(folder: Path, snapshots: int) -> list[str]:

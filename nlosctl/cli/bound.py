@@ -83,6 +83,7 @@ def bound(
         max_snapshot_rows=max_snapshot_rows,
         bad_rows=bad_rows,
         overwrite=overwrite,
+        outputs=(output,),
     )
     settings = BoundSettings(noise=noise, use_ranges=use_ranges)
     positions = bounded = 0

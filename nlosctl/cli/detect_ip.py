@@ -98,6 +98,8 @@ def detect_ip(
         bad_rows=bad_rows,
         overwrite=overwrite,
         one_thread=jobs == 1,
+        config=config,
+        outputs=(output, estimates_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
         runs = method_runs(method, opened.reader.kind, "detect-ip", key_values(param, "--param"))
@@ -113,10 +115,11 @@ def detect_ip(
             want_details=details,
         )
         run = MeasurementRun(opened.reader, runs, settings)
+        for line in run.plan():
+            terminal.detail(line)
         outputs = Outputs(
             main=output,
             other=estimates_out,
-            other_option="--estimates-out",
             estimates_first=False,
             format=format,
             overwrite=overwrite,

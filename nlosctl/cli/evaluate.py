@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Quiet, Report
+from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Overwrite, Quiet, Report
 from nlosctl.cli.terminal import print_json, print_table, write_report
 from nlosctl.errors import UsageError
 
@@ -44,8 +45,9 @@ def evaluate(
         typer.Option("--fail-if", metavar="CONDITION", help="Exit 4 if a figure meets it: 'rmse_m>5'. Repeatable."),
     ] = [],  # noqa: B006 - typer copies it
     input_format: InputFormat = None,
-    as_json: Json = False,
+    json: Json = False,
     report: Report = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     debug: Debug = False,
     config: ConfigFile = None,
@@ -60,11 +62,15 @@ def evaluate(
     from nlosctl.io.evaluation_rows import TruthTable
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
-    from nlosctl.pipeline.conditions import met_condition
+    from nlosctl.io.write import check_targets
+    from nlosctl.pipeline.conditions import parse_condition
     from nlosctl.pipeline.evaluating import evaluate_inputs
     from nlosctl.pipeline.evaluating_targets import evaluate_targets
 
+    conditions = [parse_condition(words) for words in fail_if]
     given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
+    paths = [part.path for table in given for part in table.parts if part.path is not None]
+    check_targets([None if report == "-" else report], overwrite=overwrite, inputs=paths)
     if estimates is not None:
         if len(given) > 1:
             raise UsageError("--estimates goes with one file of flags; evaluate several one by one")
@@ -75,16 +81,16 @@ def evaluate(
         truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
         evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
     content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall}
-    if as_json:
+    reasons = list(filter(None, (condition.met(evaluation.groups) for condition in conditions)))
+    if json:
         print_json(content)
     else:
         _render(evaluation)
     if report is not None:
         write_report(report, content)
-    reasons = [met_condition(condition, evaluation.groups) for condition in fail_if]
-    for reason in filter(None, reasons):
+    for reason in reasons:
         sys.stderr.write(f"nlosctl: {reason}\n")
-    return _CONDITION_MET if any(reasons) else 0
+    return _CONDITION_MET if reasons else 0
 
 
 def _render(evaluation: Evaluation) -> None:
@@ -111,5 +117,5 @@ def _title(group: dict[str, Any], number: int) -> str:
     return " ".join(labels) or f"group {number}"
 
 
-def _figure(value: float | None) -> str:
-    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+def _figure(value: float) -> str:
+    return str(value) if isinstance(value, int) else "-" if math.isnan(value) else f"{value:.6g}"

@@ -103,6 +103,7 @@ def identify_los(
         bad_rows=bad_rows,
         overwrite=overwrite,
         one_thread=jobs == 1,
+        outputs=(output, estimates_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
         runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
@@ -120,7 +121,6 @@ def identify_los(
         outputs = Outputs(
             main=output,
             other=estimates_out,
-            other_option="--estimates-out",
             estimates_first=False,
             format=format,
             overwrite=overwrite,

@@ -94,8 +94,9 @@ def localize(
 ) -> int:
     """Estimate positions from measurements, with covariances and a status for every snapshot.
 
-    Without -o a terminal shows a preview, a pipe gets CSV. Exit codes: 0 done, 1 bad data or files, 2 the words of
-    the command line, 3 under --strict when some snapshot got no estimate, 130 interrupted.
+    The columns that a file needs: 'nlosctl schema bearings'. Without -o a terminal shows a preview, a pipe gets CSV.
+    Exit codes: 0 done, 1 bad data or files, 2 the words of the command line, 3 under --strict when some snapshot got
+    no estimate, 130 interrupted.
     """
     from nlosctl.contract.fields import parse_field
     from nlosctl.pipeline.parameters import method_runs
@@ -120,6 +121,8 @@ def localize(
         bad_rows=bad_rows,
         overwrite=overwrite,
         one_thread=jobs == 1,
+        config=config,
+        outputs=(output, flags_out, trace_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
         runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
@@ -135,10 +138,11 @@ def localize(
             want_trace=trace_out is not None,
         )
         run = MeasurementRun(opened.reader, runs, settings)
+        for line in run.plan():
+            terminal.detail(line)
         outputs = Outputs(
             main=output,
             other=flags_out,
-            other_option="--flags-out",
             estimates_first=True,
             format=format,
             overwrite=overwrite,

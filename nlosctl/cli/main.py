@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import signal
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from types import FrameType
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -29,6 +33,29 @@ written; 2 the words of the command line; 3 under --strict, when some snapshot g
 evaluate --fail-if is met; 130 interrupted.
 """
 
+_INTERRUPTED = 130
+
+
+class _PipeClosedError(Exception):
+    """Whoever read our output has gone: not an error of ours, and nothing to say."""
+
+
+class _StoppedError(Exception):
+    """The user or the system wants an end; ``exit_code`` is 128 plus the signal's number."""
+
+    def __init__(self, exit_code: int) -> None:
+        super().__init__("interrupted; no partial output is left")
+        self.exit_code = exit_code
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM or SIGHUP: unwinds like Ctrl-C, so that temporary files go."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
 app = typer.Typer(
     name="nlosctl",
     help="Localize radio, acoustic and radar sources from files of measurements when some paths are not line of "
@@ -36,16 +63,31 @@ app = typer.Typer(
     epilog=_EXIT_CODES,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    context_settings={"auto_envvar_prefix": "NLOSCTL", "help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(localize)
-app.command()(bound)
-app.command(name="detect-ip")(detect_ip)
-app.command(name="identify-los")(identify_los)
-app.command()(simulate)
-app.command()(evaluate)
-app.command()(validate)
-app.command()(schema)
+
+
+def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Take interrupts and closed pipes before the parser's own handling of them, which would exit otherwise."""
+
+    @functools.wraps(command)
+    def call(*arguments: Any, **options: Any) -> Any:
+        try:
+            return command(*arguments, **options)
+        except BrokenPipeError as error:
+            _forget_stdout()
+            raise _PipeClosedError from error
+        except _Terminated as stop:
+            raise _StoppedError(128 + stop.number) from stop
+        except KeyboardInterrupt as stop:
+            raise _StoppedError(_INTERRUPTED) from stop
+
+    return call
+
+
+for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, validate, schema):
+    _settings = {"auto_envvar_prefix": f"NLOSCTL_{_command.__name__.upper()}"}
+    app.command(_command.__name__.replace("_", "-"), context_settings=_settings)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 
 
@@ -67,29 +109,39 @@ def _program(
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the program with ``arguments`` (those of the process unless given) and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in words
+    if arguments is None:
+        _unwind_on_signals()
     try:
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
-    except NlosctlError as error:
-        if debug:
-            raise
-        return _fail(str(error), error.exit_code)
-    except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted; no partial output is left", 130)
-    except BrokenPipeError:
+        if outcome == _INTERRUPTED:
+            raise _StoppedError(_INTERRUPTED)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (_PipeClosedError, BrokenPipeError):
         _forget_stdout()
         return 0
     except Exception as error:
-        if hasattr(error, "format_message"):  # the parser's own complaint about the command line
-            return _fail(f"{error.format_message()}{_help_hint(error)}", 2)
-        if debug:
+        if "--debug" in words or os.environ.get("NLOSCTL_DEBUG"):
             raise
-        return _fail(f"internal error: {type(error).__name__}: {error} (run again with --debug for the traceback)", 1)
+        return _fail(error)
     return outcome if isinstance(outcome, int) else 0
 
 
-def _fail(message: str, code: int) -> int:
-    sys.stderr.write(f"nlosctl: {message}\n")
+def _fail(error: Exception) -> int:
+    """Tell an error in one line (or the few of a gathered list) and return its exit code."""
+    code = 1
+    if isinstance(error, NlosctlError | _StoppedError):
+        message, code = str(error), error.exit_code
+    elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
+        message, code = f"{error.format_message()}{_help_hint(error)}", 2
+    elif isinstance(error, OSError) and error.strerror:
+        message = f"{error.filename or 'the output'}: {error.strerror}"
+    else:
+        message = f"internal error: {type(error).__name__}: {error} (run again with --debug for the traceback)"
+    if sys.stderr is not None:
+        sys.stderr.write(f"nlosctl: {message}\n")
+    if isinstance(error, OSError):
+        _forget_stdout()
     return code
 
 
@@ -99,5 +151,15 @@ def _help_hint(error: Exception) -> str:
 
 
 def _forget_stdout() -> None:
-    """Leave nothing for the interpreter to flush into the closed pipe at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """Leave nothing for the interpreter, or for an open writer, to flush into a pipe or disk that takes no more."""
+    with suppress(AttributeError, OSError):  # a stdout that is closed, or no file at all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _unwind_on_signals() -> None:
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
+        raise _Terminated(number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), stop)

@@ -19,7 +19,7 @@ methods_app = typer.Typer(help="List the methods, show one, or check that all of
 def list_methods(
     context: typer.Context,
     check: Annotated[bool, typer.Option("--check", help="Import every method; exit 1 if one fails.")] = False,
-    as_json: Json = False,
+    json: Json = False,
     debug: Debug = False,
 ) -> None:
     """List the installed methods by kind of measurement, without importing any."""
@@ -34,7 +34,7 @@ def list_methods(
         for row, entry in zip(rows, entries, strict=True):
             row["check"] = _check(entry)
             failed += row["check"] != "ok"
-    if as_json:
+    if json:
         print_json(rows)
     else:
         print_table(rows, ["kind", "name", "distribution", "version", *(["check"] if check else [])])
@@ -45,7 +45,7 @@ def list_methods(
 @methods_app.command("show")
 def show_method(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Method, as NAME or KIND.NAME.")],
-    as_json: Json = False,
+    json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Show a method: kind, columns, parameters with unit, default and meaning, reference, distribution."""
@@ -57,7 +57,7 @@ def show_method(
         names = sorted({entry.name for entry in known})
         raise UsageError(f"no method {name!r}{did_you_mean(name, names)}; there are: {', '.join(names)}")
     described = [_describe(entry) for entry in matches]
-    if as_json:
+    if json:
         print_json(described if len(described) > 1 else described[0])
         return
     for description in described:
@@ -91,6 +91,7 @@ def _describe(entry: Any) -> dict[str, Any]:
         "minimum_measurements": spec.minimum_measurements,
         "cost": spec.cost,
         "flags": ["used", *spec.flags],
+        "details": list(spec.details),
         "covariance_kinds": list(spec.covariance_kinds),
         "randomized": spec.randomized,
         "parameters": describe_options(spec.options),

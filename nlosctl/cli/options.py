@@ -46,6 +46,9 @@ __all__ = [
 ]
 
 
+_COMMANDS = ("localize", "detect-ip", "simulate", "evaluate", "validate", "schema", "methods")
+
+
 def _load_config(context: typer.Context, value: str | None) -> str | None:
     """Take defaults from a TOML file: one table per command, keys as the long options."""
     if value is None:
@@ -57,17 +60,31 @@ def _load_config(context: typer.Context, value: str | None) -> str | None:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"--config {value}: not TOML: {error}") from error
     command = context.info_name or ""
+    for name in content:
+        if name not in _COMMANDS:
+            raise UsageError(f"--config {value}: no command {name!r}{did_you_mean(name, _COMMANDS)}")
     section = content.get(command, {})
-    known = {parameter.name for parameter in context.command.params if parameter.name}
+    if not isinstance(section, dict):
+        raise UsageError(f"--config {value}: {command}: got {section!r}, expected a table headed [{command}]")
+    known = {_long_name(parameter): parameter for parameter in context.command.params}
     defaults: dict[str, Any] = {}
     for key, setting in section.items():
-        name = key.replace("-", "_")
-        if name not in known:
-            raise UsageError(f"--config {value}: [{command}] has no setting {key!r}{did_you_mean(name, known)}")
-        is_table = isinstance(setting, dict)
-        defaults[name] = [f"{word}={_text(item)}" for word, item in setting.items()] if is_table else setting
+        parameter = known.get(key.replace("_", "-"))
+        if parameter is None:
+            raise UsageError(f"--config {value}: [{command}] has no setting {key!r}{did_you_mean(key, known)}")
+        defaults[str(parameter.name)] = _setting(setting, repeatable=bool(getattr(parameter, "multiple", False)))
     context.default_map = defaults
     return value
+
+
+def _long_name(parameter: Any) -> str:
+    return max((str(word).lstrip("-") for word in parameter.opts), key=len)
+
+
+def _setting(setting: Any, *, repeatable: bool) -> Any:
+    if isinstance(setting, dict):
+        return [f"{word}={_text(item)}" for word, item in setting.items()]
+    return [setting] if repeatable and not isinstance(setting, list) else setting
 
 
 def _text(value: object) -> str:
@@ -171,14 +188,17 @@ Params = Annotated[
         "--param",
         "-p",
         metavar="KEY=VALUE",
-        help="A parameter (see 'nlosctl methods show NAME'); METHOD:KEY=VALUE for one of several. Repeatable.",
+        help="A parameter ('nlosctl methods show NAME' or 'simulate NAME --show' lists them); METHOD:KEY=VALUE for one "
+        "of several methods. Repeatable.",
     ),
 ]
 Carry = Annotated[
     list[str],
     typer.Option("--carry", metavar="COLUMN", help="Carry an input column over to the estimates. Repeatable."),
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of everything random; each snapshot draws its own from it.")]
+Seed = Annotated[
+    int, typer.Option("--seed", min=0, help="Seed of everything random; each snapshot draws its own from it.")
+]
 Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
 BlockSize = Annotated[
     int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.options import key_values
+from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
     from nlosctl.io.inputs import Input
@@ -38,21 +39,26 @@ class ReadWords:
     bad_rows: str | None = None
     overwrite: bool = False
     one_thread: bool = False
+    config: str | None = None
+    outputs: Sequence[str | None] = ()
 
     @property
     def constants(self) -> dict[str, float]:
         """The constant columns, in the contract's units."""
-        degrees = {
-            "bearing_std_rad": self.bearing_std_deg,
-            "dod_std_rad": self.dod_std_deg,
-            "doa_std_rad": self.doa_std_deg,
-        }
-        given = {
-            **{name: None if value is None else math.radians(value) for name, value in degrees.items()},
-            "range_std_m": self.range_std_m,
-            "path_length_std_m": self.path_length_std_m,
-        }
-        return {name: value for name, value in given.items() if value is not None}
+        constants = {}
+        for option, value, name, scale in (
+            ("--bearing-std-deg", self.bearing_std_deg, "bearing_std_rad", math.radians(1.0)),
+            ("--range-std-m", self.range_std_m, "range_std_m", 1.0),
+            ("--dod-std-deg", self.dod_std_deg, "dod_std_rad", math.radians(1.0)),
+            ("--doa-std-deg", self.doa_std_deg, "doa_std_rad", math.radians(1.0)),
+            ("--path-length-std-m", self.path_length_std_m, "path_length_std_m", 1.0),
+        ):
+            if value is None:
+                continue
+            if not 0.0 < value < math.inf:
+                raise UsageError(f"{option} must be a finite number larger than 0. Got {value:g} instead.")
+            constants[name] = value * scale
+        return constants
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,20 +67,25 @@ class Opened:
 
     reader: MeasurementReader
     inputs: Sequence[Input]
+    others: Sequence[Path] = ()
 
     @property
     def paths(self) -> list[Path]:
-        """The files that must not be overwritten."""
-        return [part.path for given in self.inputs for part in given.parts if part.path is not None]
+        """The files and folders that must not be written to."""
+        parts = [part.path for given in self.inputs for part in given.parts if part.path is not None]
+        return [*parts, *(given.path for given in self.inputs if given.path is not None), *self.others]
 
 
 @contextmanager
 def open_measurements(words: ReadWords) -> Iterator[Opened]:
-    """Open the inputs; with ``bad_rows`` the rows set aside are written when the block ends well."""
+    """Open the inputs; with ``bad_rows`` the rows set aside are written when the block ends well.
+
+    All ``outputs`` are checked before anything is written.
+    """
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
     from nlosctl.io.measurements import MeasurementReader, ReadOptions
-    from nlosctl.io.write import BadRowWriter, TableWriter
+    from nlosctl.io.write import BadRowWriter, TableWriter, check_targets
 
     input_format = None if words.input_format is None else format_named(words.input_format)
     inputs = expand_inputs(words.inputs, input_format)
@@ -89,7 +100,9 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     )
     with ExitStack() as stack:
         reader = MeasurementReader(inputs, options)
-        opened = Opened(reader=reader, inputs=inputs)
+        others = [Path(name) for name in (words.scene, words.config) if name is not None]
+        opened = Opened(reader=reader, inputs=inputs, others=others)
+        check_targets([*words.outputs, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths)
         if words.bad_rows is not None:
             schema = BadRowWriter.schema(reader.schema.names)
             writer = TableWriter(words.bad_rows, schema, overwrite=words.overwrite, inputs=opened.paths)

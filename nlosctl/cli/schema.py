@@ -16,7 +16,7 @@ __all__ = ["schema"]
 
 def schema(
     table: Annotated[str | None, typer.Argument(metavar="TABLE", help="Name of a table; none: list them.")] = None,
-    as_json: Json = False,
+    json: Json = False,
     write: Annotated[
         str | None, typer.Option("--write", metavar="FOLDER", help="Write all tables as Frictionless schemas (JSON).")
     ] = None,
@@ -30,14 +30,14 @@ def schema(
         return
     if table is None:
         rows = [{"table": known.name, "title": known.title} for known in TABLES.values()]
-        if as_json:
+        if json:
             print_json(rows)
         else:
             print_table(rows, ["table", "title"])
         return
     if table not in TABLES:
         raise UsageError(f"no table {table!r}{did_you_mean(table, TABLES)}; there are: {', '.join(TABLES)}")
-    if as_json:
+    if json:
         from nlosctl.io.schemas import table_schema
 
         print_json(table_schema(TABLES[table]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,7 +9,7 @@ import typer
 from nlosctl.cli.options import ConfigFile, Debug, Format, Json, Output, Overwrite, Params, Quiet, Seed, key_values
 from nlosctl.cli.reading import open_output
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
-from nlosctl.errors import DataError, UsageError
+from nlosctl.errors import UsageError
 
 __all__ = ["simulate"]
 
@@ -29,28 +28,30 @@ def simulate(
     show: Annotated[bool, typer.Option("--show", help="Show the scenario's parameters and stop.")] = False,
     format: Format = None,
     overwrite: Overwrite = False,
-    as_json: Json = False,
+    json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
     config: ConfigFile = None,
 ) -> None:
     """Draw measurements from a simulated world, with truth columns. The same seed gives the same file."""
     if scenario is None:
-        if param or show or scene_out is not None:
+        if param or show or scene_out is not None or output != "-":
             raise UsageError("name a scenario; 'nlosctl simulate' alone lists them")
-        _list(as_json)
+        _list(json)
         return
     if show:
-        _show(scenario, as_json)
+        _show(scenario, json)
         return
     from nlosctl.io.scenes import scene_to_toml
+    from nlosctl.io.write import check_targets, write_text
     from nlosctl.pipeline.simulation import Simulation
 
     terminal = Terminal(quiet=quiet)
     simulation = Simulation(scenario, key_values(param, "--param"), seed=seed, trials=trials)
-    if scene_out is not None:
-        _write_scene(scene_out, scene_to_toml(simulation.scene), overwrite)
+    check_targets([output, scene_out], overwrite=overwrite, inputs=[])
     rows = _write(simulation, output, format, overwrite, terminal)
+    if scene_out is not None:
+        write_text(scene_out, scene_to_toml(simulation.scene))
     terminal.note(f"{scenario}: {trials} snapshots of {simulation.kind}, {rows} rows, seed {seed}")
 
 
@@ -79,35 +80,26 @@ def _write(simulation: Any, output: str, format: str | None, overwrite: bool, te
     return rows
 
 
-def _write_scene(target: str, text: str, overwrite: bool) -> None:
-    if Path(target).exists() and not overwrite:
-        raise DataError(f"{target}: exists already; --overwrite replaces it")
-    try:
-        Path(target).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"--scene-out {target}: can't be written: {error.strerror}") from error
-
-
-def _list(as_json: bool) -> None:
+def _list(json: bool) -> None:
     from nlosctl.scenarios.catalogue import scenarios
 
     rows = [
         {"scenario": spec.name, "kind": spec.kind, "summary": spec.summary, "reference": spec.reference}
         for spec in scenarios().values()
     ]
-    if as_json:
+    if json:
         print_json(rows)
     else:
         print_table(rows, ["scenario", "kind", "summary", "reference"])
 
 
-def _show(scenario: str, as_json: bool) -> None:
+def _show(scenario: str, json: bool) -> None:
     from nlosctl.contract.options import describe_options
     from nlosctl.scenarios.catalogue import find_scenario
 
     spec = find_scenario(scenario)
     parameters = describe_options(spec.options)
-    if as_json:
+    if json:
         print_json({"scenario": spec.name, "kind": spec.kind, "summary": spec.summary, "parameters": parameters})
         return
     typer.echo(f"{spec.name} ({spec.kind}): {spec.summary}\n{spec.reference}")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.reading import Opened, open_output
 from nlosctl.cli.terminal import Preview, Terminal, write_report
-from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
     from nlosctl.io.write import TableWriter
@@ -23,7 +22,6 @@ class Outputs:
 
     main: str
     other: str | None
-    other_option: str
     estimates_first: bool
     format: str | None
     overwrite: bool
@@ -34,10 +32,6 @@ class Outputs:
 
 def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     """Run to the end, write both tables, tell the summary on standard error and in the report file."""
-    if outputs.other == outputs.main:
-        raise UsageError(f"-o and {outputs.other_option} both name {outputs.other!r}; give two names")
-    if outputs.trace is not None and outputs.trace in (outputs.main, outputs.other):
-        raise UsageError(f"--trace-out names {outputs.trace!r}, as another output does; give it a name of its own")
     preview = Preview.wanted(outputs.main, outputs.format)
     schemas = (run.estimates_schema, run.flags_schema)
     main_schema, other_schema = schemas if outputs.estimates_first else schemas[::-1]
@@ -57,8 +51,8 @@ def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, comma
             )
 
         main = preview or open_sink(outputs.main, main_schema, outputs.format)
-        other = None if outputs.other is None else open_sink(outputs.other, other_schema, None)
-        trace = None if outputs.trace is None else open_sink(outputs.trace, run.trace_schema, None)
+        other = None if outputs.other is None else open_sink(outputs.other, other_schema, outputs.format)
+        trace = None if outputs.trace is None else open_sink(outputs.trace, run.trace_schema, outputs.format)
         progress = stack.enter_context(terminal.progress(command))
         rows = 0
         for tables in run.tables():

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any, Protocol
-
-from nlosctl.errors import DataError
+from typing import Any, Protocol, TextIO
 
 __all__ = ["Preview", "Progress", "Terminal", "print_json", "print_table", "write_report"]
 
@@ -31,18 +29,18 @@ class Terminal:
 
     def note(self, text: str) -> None:
         """Tell a line, unless quiet."""
-        if not self.quiet:
+        if not self.quiet and sys.stderr is not None:
             sys.stderr.write(f"{text}\n")
 
     def detail(self, text: str) -> None:
         """Tell a line, only when verbose."""
-        if self.verbose and not self.quiet:
-            sys.stderr.write(f"{text}\n")
+        if self.verbose:
+            self.note(text)
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress]:
         """Show a progress bar while the block runs, only on a terminal."""
-        if self.quiet or not sys.stderr.isatty():
+        if self.quiet or not _is_terminal(sys.stderr):
             yield lambda done, total: None
             return
         from rich.console import Console
@@ -68,7 +66,7 @@ class Preview:
     @classmethod
     def wanted(cls, output: str, format_name: str | None) -> Preview | None:
         """Return a preview where the output would land on a terminal and no format is asked for."""
-        return cls() if output == "-" and format_name is None and sys.stdout.isatty() else None
+        return cls() if output == "-" and format_name is None and _is_terminal(sys.stdout) else None
 
     def write(self, table: Any) -> None:
         """Take rows; only the first are kept."""
@@ -90,19 +88,30 @@ class Preview:
 
 def write_report(target: str, report: Mapping[str, Any]) -> None:
     """Write a report as JSON to a file, or to standard error for ``-``."""
-    text = json.dumps(report, indent=2, allow_nan=False, default=str) + "\n"
+    text = _json_text(report)
     if target == "-":
         sys.stderr.write(text)
         return
-    try:
-        Path(target).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"--report {target}: can't be written: {error.strerror}") from error
+    from nlosctl.io.write import write_text
+
+    write_text(target, text)
 
 
 def print_json(value: object) -> None:
     """Print a value as JSON on stdout; what is not a finite number is null."""
-    sys.stdout.write(json.dumps(value, indent=2, allow_nan=False, default=str) + "\n")
+    sys.stdout.write(_json_text(value))
+
+
+def _json_text(value: object) -> str:
+    return json.dumps(_finite(value), indent=2, allow_nan=False, default=str) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
@@ -117,6 +126,10 @@ def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> No
     for row in rows:
         table.add_row(*(_cell(row.get(name)) for name in columns))
     Console(width=None if sys.stdout.isatty() else 1000, markup=False, highlight=False).print(table)
+
+
+def _is_terminal(stream: TextIO | None) -> bool:
+    return stream is not None and stream.isatty()
 
 
 def _numeric(rows: Sequence[Mapping[str, Any]], name: str) -> bool:

@@ -41,7 +41,7 @@ def validate(
     input_format: InputFormat = None,
     max_snapshot_rows: MaxSnapshotRows = 1_000_000,
     overwrite: Overwrite = False,
-    as_json: Json = False,
+    json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
     config: ConfigFile = None,
@@ -63,6 +63,7 @@ def validate(
         max_snapshot_rows=max_snapshot_rows,
         bad_rows=bad_rows,
         overwrite=overwrite,
+        config=config,
     )
     with open_measurements(words) as opened, terminal.progress("validate") as progress:
         reader = opened.reader
@@ -79,7 +80,7 @@ def validate(
             "columns": list(reader.schema.names),
             "remarks": list(reader.report.remarks),
         }
-    if as_json:
+    if json:
         print_json(found)
     else:
         print_table(

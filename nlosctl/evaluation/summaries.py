@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary", "plain_dict"]
+__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,11 +133,3 @@ class TargetSummary:
     case_iv: int
     case_v: int
     case_vi: int
-
-
-def plain_dict(summary: EstimateSummary | FlagSummary | DetectionSummary | TargetSummary) -> dict[str, Any]:
-    """Return a summary as a dict that JSON can hold: what is not finite becomes None."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in dataclasses.asdict(summary).items()
-    }

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import gzip
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import IO, Any, cast
 
 from nlosctl.io.inputs import Part
 
-__all__ = ["open_bytes"]
+__all__ = ["closed_on_failure", "open_bytes"]
 
 
 def open_bytes(part: Part) -> IO[bytes]:
@@ -18,3 +20,13 @@ def open_bytes(part: Part) -> IO[bytes]:
         opener = gzip.open if part.format.compressed else open
         unzipped = opener(cast(Any, part.path), "rb")
     return cast(IO[bytes], unzipped)
+
+
+@contextmanager
+def closed_on_failure(stream: IO[bytes]) -> Iterator[None]:
+    """Close ``stream`` if the block raises."""
+    try:
+        yield
+    except BaseException:
+        stream.close()
+        raise

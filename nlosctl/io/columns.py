@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import KINDS, Column, ColumnType, Spelling, Table
+from nlosctl.contract.tables import KINDS, TABLES, Column, ColumnType, Spelling, Table
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
-__all__ = ["ColumnPlan", "FoundColumn", "kind_of_columns", "kind_table", "plan_columns", "rename"]
+__all__ = ["ColumnPlan", "FoundColumn", "contract_names", "kind_of_columns", "kind_table", "plan_columns", "rename"]
 
 SNAPSHOT = "snapshot"
 
@@ -43,6 +44,12 @@ class ColumnPlan:
     def types(self) -> dict[str, ColumnType]:
         """The contract's type of each column that the file has."""
         return {found.name: found.column.type for found in self.found.values()}
+
+
+@cache
+def contract_names() -> frozenset[str]:
+    """Return every name that some table of the contract gives a meaning to, other spellings too."""
+    return frozenset(name for table in TABLES.values() for column in table.columns for name in _accepted(column))
 
 
 def kind_table(kind: str) -> Table:
@@ -91,6 +98,8 @@ def plan_columns(
     Raises DataError where a required column is missing or told twice, UsageError for a constant that the file
     has as a column, or that is not allowed.
     """
+    if names and names[0].startswith("#") and names[0].lstrip("# ") in contract_names():
+        raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {names[0].lstrip('# ')!r}")
     found = {}
     for column in table.columns:
         held = _find(column, names, file)
@@ -142,21 +151,17 @@ def _missing(missing: Sequence[Column], names: Sequence[str], file: str) -> str:
     told = []
     for column in missing:
         others = [spelling.name for spelling in column.spellings]
-        near = did_you_mean(column.name, [name for name in names if name not in _taken(names)])
+        near = did_you_mean(column.name, [name for name in names if name not in contract_names()])
         accepted = f", also accepted: {', '.join(others)}" if others else ""
         option = f", or give {column.constant_option}" if column.constant_option else ""
         scene = ", or give a scene with its sensors" if column.scene_axis is not None else ""
         told.append(f"{column.name!r}{near}{accepted}{option}{scene}")
+    comment = "; the first line begins with '#', expected the header there" if names[0].startswith("#") else ""
     plural = "s" if len(missing) > 1 else ""
     return (
         f"{file}: missing column{plural} {'; '.join(told)}. The file has: {', '.join(names) or 'no columns'}; "
-        f"--column NAME=COLUMN reads one under another name"
+        f"--column NAME=COLUMN reads one under another name{comment}"
     )
-
-
-def _taken(names: Sequence[str]) -> frozenset[str]:
-    known = {accepted for table in KINDS.values() for column in table.columns for accepted in _accepted(column)}
-    return frozenset(names) & known
 
 
 def _must_be_there(column: Column) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,22 +14,39 @@ import pyarrow.csv
 from nlosctl.contract.batches import IntArray
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
-from nlosctl.io.byte_streams import open_bytes
+from nlosctl.io.byte_streams import closed_on_failure, open_bytes
+from nlosctl.io.csv_records import CsvBlock, RecordBlocks
 from nlosctl.io.inputs import Part
 from nlosctl.io.raw import CellFault, LineFault, RawBatch, readable
-from nlosctl.io.text_columns import arrow_type_of, convert_text, decode_utf8, infer_type
+from nlosctl.io.text_columns import (
+    arrow_type_of,
+    convert_text,
+    decode_utf8,
+    identifier_type,
+    infer_type,
+    refuse_wrong_column,
+    wider_type,
+)
 
 __all__ = ["CsvSource"]
 
-_BLOCK_BYTES = 4 << 20
-_HEADER_LINES = 1
+
+@dataclass(frozen=True, kw_only=True)
+class _Parsed:
+    """A block as columns of bytes, the line of each row, and lines that are no rows (by their place in the block)."""
+
+    table: Any
+    lines: IntArray
+    bad: Sequence[tuple[int, str, str]]
 
 
 class CsvSource:
     """A CSV file.
 
-    The first block (4 MiB of text, whatever the batch size) decides the type of columns that the contract does
-    not know, and whether ``snapshot`` holds integers; a later value that does not fit is a bad row.
+    Columns that the contract does not know get the narrowest type that all their cells fit: a large file is read
+    once more for that if such columns are wanted. A stream can't be, so the first block (4 MiB of text) decides,
+    and a later cell that does not fit is an error of the file. The first block also decides whether an identifier
+    holds integers; a later one that does not fit is a bad row.
     """
 
     metadata: Mapping[bytes, bytes] = {}
@@ -37,107 +55,121 @@ class CsvSource:
         self._part, self._batch_rows = part, batch_rows
         self._what = "gzipped CSV file" if part.format.compressed else "CSV file"
         with readable(part.name, self._what):
-            self._stream = open_bytes(part)
-            header = self._stream.readline()
-        self.names: tuple[str, ...] = _names(header, part.name)
+            self._stream: IO[bytes] = open_bytes(part)
+        with readable(part.name, self._what), closed_on_failure(self._stream):
+            self._records = RecordBlocks(self._stream, part.name)
+            self.names: tuple[str, ...] = _names(self._records.header(), part.name)
         self._kept: list[str] = list(self.names)
         self._types: dict[str, ColumnType] = {}
         self._hints: dict[str, str] = {}
-        self._bad_lines: list[LineFault] = []
-        self._blocks: Iterator[Any] = iter(())
-        self._first: Any = None
+        self._guessed: frozenset[str] = frozenset()
+        self._blocks: Iterator[CsvBlock] = iter(())
+        self._first: _Parsed | None = None
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """See RawSource; reads the first block to decide the types that the contract leaves open."""
         self._kept = list(self.names if columns is None else columns)
         with readable(self._part.name, self._what):
-            self._blocks = self._read_blocks()
-            self._first = next(self._blocks, None)
+            self._blocks = self._records.blocks()
+            block = next(self._blocks, None)
+            self._first = None if block is None else self._parse(block, self._kept)
+            unknown = [name for name in self._kept if name not in types]
+            self._types = {**types, **self._survey(unknown)}
         for name in self._kept:
-            self._types[name] = types.get(name) or self._inferred(name, plain_integers=False)
+            if self._first is None:
+                continue
+            cells, _ = decode_utf8(self._first.table.column(name), name)
             if self._types[name] == "identifier":
-                self._types[name] = self._inferred(name, plain_integers=True)
+                self._types[name] = identifier_type(cells)
+                if self._types[name] == "integer":
+                    self._hints[name] = f" as in the first {self._first.table.num_rows} rows"
+            elif name in types:
+                refuse_wrong_column(cells, types[name], self._part.name, name)
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
 
-    def _inferred(self, name: str, plain_integers: bool) -> ColumnType:
-        if self._first is None:
-            return "text"
-        cells, _ = decode_utf8(self._first.column(name), name)
-        found = infer_type(cells, plain_integers)
-        if found != "text":
-            self._hints[name] = f" as in the first {self._first.num_rows} rows"
-        return found
+    def _survey(self, unknown: Sequence[str]) -> dict[str, ColumnType]:
+        """Return the types of columns that the contract does not know: text where there is nothing in them."""
+        if self._first is None or not unknown:
+            return dict.fromkeys(unknown, "text")
+        found: dict[str, ColumnType | None] = dict.fromkeys(unknown)
+        if self._records.at_end or self._part.path is None:
+            self._guessed = frozenset() if self._records.at_end else frozenset(unknown)
+            _widen(found, self._first.table)
+        else:
+            with open_bytes(self._part) as stream:
+                records = RecordBlocks(stream, self._part.name)
+                records.header()
+                for block in records.blocks():
+                    _widen(found, self._parse(block, list(found)).table)
+        return {name: kind or "text" for name, kind in found.items()}
 
-    def _read_blocks(self) -> Iterator[Any]:
-        try:
-            reader = pyarrow.csv.open_csv(
-                self._stream,
-                read_options=pyarrow.csv.ReadOptions(
-                    use_threads=False, block_size=_BLOCK_BYTES, column_names=list(self.names)
-                ),
-                parse_options=pyarrow.csv.ParseOptions(
-                    newlines_in_values=True, invalid_row_handler=self._take_bad_line
-                ),
-                convert_options=pyarrow.csv.ConvertOptions(
-                    check_utf8=False,
-                    strings_can_be_null=True,
-                    quoted_strings_can_be_null=True,
-                    null_values=[""],
-                    column_types={name: pa.binary() for name in self.names},
-                    include_columns=self._kept,
-                ),
+    def _parse(self, block: CsvBlock, columns: list[str]) -> _Parsed:
+        bad: list[tuple[int, str, str]] = []
+
+        def take_bad_line(line: Any) -> str:
+            fault = f"the line has {line.actual_columns} fields, expected {line.expected_columns} as in the header"
+            bad.append((line.number - 1, fault, line.text))
+            return "skip"
+
+        if block.lines.shape[0] == 0:
+            return _Parsed(
+                table=pa.schema([(name, pa.binary()) for name in columns]).empty_table(), lines=block.lines, bad=bad
             )
-        except pa.ArrowInvalid as error:
-            if "Empty CSV" in str(error):
-                return
-            raise
-        yield from reader
-
-    def _take_bad_line(self, line: Any) -> str:
-        expected, actual = line.expected_columns, line.actual_columns
-        fault = f"the line has {actual} fields, expected {expected} as in the header"
-        self._bad_lines.append(LineFault(row=line.number, fault=fault, text=line.text))
-        return "skip"
+        table = pyarrow.csv.read_csv(
+            pa.BufferReader(block.content),
+            read_options=pyarrow.csv.ReadOptions(
+                use_threads=False, block_size=len(block.content) + 1, column_names=list(self.names)
+            ),
+            parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True, invalid_row_handler=take_bad_line),
+            convert_options=pyarrow.csv.ConvertOptions(
+                check_utf8=False,
+                strings_can_be_null=True,
+                quoted_strings_can_be_null=True,
+                null_values=[""],
+                column_types={name: pa.binary() for name in self.names},
+                include_columns=columns,
+            ),
+        ).combine_chunks()
+        if table.num_rows + len(bad) != block.lines.shape[0]:
+            raise DataError(f"{self._part.name}: after line {block.lines[0]}: cells in quotes can't be told apart")
+        return _Parsed(table=table, lines=block.lines, bad=bad)
 
     def batches(self) -> Iterator[RawBatch]:
         """See RawSource."""
-        valid_rows = 0
-        told: list[LineFault] = []
+        before = 0
         with readable(self._part.name, self._what):
-            for block in self._all_blocks():
-                for start in range(0, block.num_rows, self._batch_rows):
-                    batch = block.slice(start, self._batch_rows)
-                    rows = self._numbered(valid_rows, batch.num_rows)
-                    told_now = [line for line in self._bad_lines[len(told) :] if line.row < rows[-1]]
-                    told.extend(told_now)
-                    yield self._converted(batch, rows, told_now)
-                    valid_rows += batch.num_rows
-        rest = self._bad_lines[len(told) :]
-        if rest:
-            empty = pa.RecordBatch.from_pylist([], schema=self._text_schema())
-            yield self._converted(empty, np.empty(0, np.int64), rest)
+            parsed, self._first = self._first, None
+            while parsed is not None:
+                yield from self._in_batches(parsed, before)
+                before += parsed.lines.shape[0]
+                block = next(self._blocks, None)
+                parsed = None if block is None else self._parse(block, self._kept)
 
-    def _all_blocks(self) -> Iterator[Any]:
-        if self._first is not None:
-            yield self._first
-        self._first = None
-        yield from self._blocks
+    def _in_batches(self, parsed: _Parsed, before: int) -> Iterator[RawBatch]:
+        """Yield the rows of a block, which ``before`` rows precede, good or not; a bad line goes with the next rows."""
+        bad = [
+            LineFault(row=before + place + 1, line=int(parsed.lines[place]), fault=fault, text=text)
+            for place, fault, text in parsed.bad
+        ]
+        good = np.ones(parsed.lines.shape[0], dtype=np.bool_)
+        good[[place for place, _, _ in parsed.bad]] = False
+        places = np.flatnonzero(good)
+        count = parsed.table.num_rows
+        for start in range(0, max(count, 1), self._batch_rows):
+            here = places[start : start + self._batch_rows]
+            rows = before + here + 1
+            ends = start + self._batch_rows >= count
+            told = [line for line in bad if ends or line.row < rows[-1]]
+            bad = bad[len(told) :]
+            yield self._converted(parsed.table.slice(start, self._batch_rows), rows, parsed.lines[here], told)
 
-    def _text_schema(self) -> Any:
-        return pa.schema([(name, pa.binary()) for name in self._kept])
-
-    def _numbered(self, valid_rows: int, count: int) -> IntArray:
-        """Number rows by their place in the file, which the skipped lines before them push back."""
-        places = np.arange(valid_rows, valid_rows + count, dtype=np.int64)
-        skipped = np.array([line.row for line in self._bad_lines], dtype=np.int64)
-        valid_before = skipped - 1 - np.arange(skipped.shape[0])
-        return places + 1 + np.searchsorted(valid_before, places, side="right")
-
-    def _converted(self, batch: Any, rows: IntArray, lines: Sequence[LineFault]) -> RawBatch:
+    def _converted(self, table: Any, rows: IntArray, lines: IntArray, told: Sequence[LineFault]) -> RawBatch:
         texts, columns, faults = [], [], list[CellFault]()
         for name in self._kept:
-            cells, unreadable = decode_utf8(batch.column(name), name)
+            cells, unreadable = decode_utf8(_one_chunk(table.column(name)), name)
             column, unfit = convert_text(cells, self._types[name], name, self._hints.get(name, ""))
+            if unfit and name in self._guessed:
+                raise self._misguessed(unfit[0], int(lines[unfit[0].position]))
             faults += unreadable + unfit
             texts.append(cells)
             columns.append(column)
@@ -145,15 +177,32 @@ class CsvSource:
             table=pa.RecordBatch.from_arrays(columns, names=self._kept),
             first_row=0,
             rows=rows,
-            line_offset=_HEADER_LINES,
+            lines=lines,
             text=pa.RecordBatch.from_arrays(texts, names=self._kept),
             cell_faults=faults,
-            line_faults=lines,
+            line_faults=told,
+        )
+
+    def _misguessed(self, fault: CellFault, line: int) -> DataError:
+        return DataError(
+            f"{self._part.name}, line {line}, column {fault.column!r}: {fault.fault} as before; the type of a column "
+            f"of your own is told by the first 4 MiB of a stream: save it as a file, and all of it is looked at"
         )
 
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
+
+
+def _widen(found: dict[str, ColumnType | None], table: Any) -> None:
+    for name, held in found.items():
+        cells, _ = decode_utf8(_one_chunk(table.column(name)), name)
+        found[name] = wider_type(held, infer_type(cells))
+
+
+def _one_chunk(column: Any) -> Any:
+    whole = column.combine_chunks()
+    return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
 
 
 def _names(header: bytes, name: str) -> tuple[str, ...]:
@@ -165,4 +214,21 @@ def _names(header: bytes, name: str) -> tuple[str, ...]:
         raise DataError(f"{name}, line 1: byte 0x{header[error.start]:02x} is not UTF-8; save it as UTF-8") from None
     if not line.strip():
         raise DataError(f"{name}: there is no header: the first line is empty")
-    return tuple(field.strip() for field in next(csv.reader([line])))
+    try:
+        names = [field.strip() for field in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise DataError(f"{name}, line 1: the header can't be read: {error}") from error
+    if len(names) == 1:
+        _refuse_single(names[0], name)
+    return tuple(field or f"unnamed_{place}" for place, field in enumerate(names, start=1))
+
+
+def _refuse_single(header: str, name: str) -> None:
+    if header.startswith("#"):
+        raise DataError(f"{name}, line 1: begins with '#', expected the header; take the comments out: grep -v '^#'")
+    for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if separator in header:
+            raise DataError(
+                f"{name}: the columns are separated by {word}, expected commas (and a point within numbers); "
+                f"save it so, such as by: mlr --icsv --ifs {separator!r} --ocsv cat"
+            )

@@ -13,6 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from nlosctl.io.file_format import FileFormat
+from nlosctl.io.to_text import as_text, json_default
 
 __all__ = ["Encoder", "make_encoder"]
 
@@ -98,9 +99,9 @@ class _CsvEncoder:
         self._sink, self._stream = sink, stream
         header = pa.csv.WriteOptions(quoting_header="none")
         try:
-            self._write(schema.empty_table(), header)
+            self._write(_with_plain_columns(schema.empty_table()), header)
         except pa.ArrowInvalid:  # a name with a comma or a quote
-            self._write(schema.empty_table(), pa.csv.WriteOptions())
+            self._write(_with_plain_columns(schema.empty_table()), pa.csv.WriteOptions())
 
     def _write(self, table: Any, options: Any) -> None:
         buffer = pa.BufferOutputStream()
@@ -108,6 +109,7 @@ class _CsvEncoder:
         self._sink.write(buffer.getvalue())
 
     def write(self, table: Any) -> None:
+        table = _with_plain_columns(table)
         try:
             self._write(table, _csv_options("none"))
         except pa.ArrowInvalid:  # a cell holds a comma, a quote or a line end
@@ -116,6 +118,22 @@ class _CsvEncoder:
     def close(self, metadata: Mapping[str, str]) -> None:
         if self._stream is not None:
             self._stream.close()
+
+
+def _with_plain_columns(table: Any) -> Any:
+    """Return the table with text for columns of types that Arrow can't write as CSV, such as lists and bytes."""
+    for place, column in enumerate(table.schema):
+        if not _is_plain(column.type):
+            table = table.set_column(place, column.name, as_text(table.column(place)))
+    return table
+
+
+def _is_plain(kind: Any) -> bool:
+    types = pa.types
+    if types.is_string(kind) or types.is_large_string(kind) or types.is_boolean(kind) or types.is_null(kind):
+        return True
+    number = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
+    return bool(number or (types.is_temporal(kind) and not types.is_interval(kind)))
 
 
 def _csv_options(quoting: str) -> Any:
@@ -145,4 +163,4 @@ def _json_values(column: Any) -> list[str]:
     values = column.to_pylist()
     if pa.types.is_floating(column.type):
         values = [value if value is not None and math.isfinite(value) else None for value in values]
-    return [json.dumps(value, ensure_ascii=False, default=str) for value in values]
+    return [json.dumps(value, ensure_ascii=False, default=json_default) for value in values]

@@ -49,7 +49,10 @@ class TruthTable:
 
     def __init__(self, given: Input) -> None:
         reader = PlainReader(given, TRUTH)
-        table = pa.concat_tables(reader.batches())
+        batches = list(reader.batches())
+        if not batches:
+            raise DataError(f"{given.name}: no rows")
+        table = pa.concat_tables(batches)
         self._ids = _as_text(table.column("snapshot"))
         self._truth_m = _stack(table, ("truth_x_m", "truth_y_m"))
 
@@ -71,8 +74,9 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
     if status.null_count:
         word = table.column("status").filter(pc.is_null(status))[0].as_py()
         raise DataError(f"{name}, column 'status': {word!r} is no status; they are {', '.join(_STATUSES.to_pylist())}")
-    if truth is None and "truth_x_m" not in table.column_names:
-        raise DataError(f"{name}: no column 'truth_x_m'; name a file with the truth by --truth FILE")
+    for column in ("truth_x_m", "truth_y_m"):
+        if truth is None and column not in table.column_names:
+            raise DataError(f"{name}: no column {column!r}; name a file with the truth by --truth FILE")
     return EstimateArrays(
         position_m=_stack(table, ("x_m", "y_m")),
         covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from enum import Enum
 
 from nlosctl.errors import UsageError, did_you_mean
@@ -79,7 +80,7 @@ def format_named(name: str) -> FileFormat:
 
 
 def format_of_bytes(head: bytes) -> FileFormat:
-    """Return the format that the first bytes tell (16 are enough); text that is not JSON is CSV."""
+    """Return the format that the first bytes tell (some hundred, for gzip); text that is not JSON is CSV."""
     if head.startswith(b"PAR1"):
         return FileFormat.PARQUET
     if head.startswith(b"ARROW1"):
@@ -87,5 +88,16 @@ def format_of_bytes(head: bytes) -> FileFormat:
     if head.startswith(b"\xff\xff\xff\xff"):
         return FileFormat.ARROW_STREAM
     if head.startswith(b"\x1f\x8b"):
-        return FileFormat.CSV_GZ
-    return FileFormat.JSON_LINES if head.lstrip().startswith(b"{") else FileFormat.CSV
+        return FileFormat.JSON_LINES_GZ if _is_json(_unzipped(head)) else FileFormat.CSV_GZ
+    return FileFormat.JSON_LINES if _is_json(head) else FileFormat.CSV
+
+
+def _is_json(head: bytes) -> bool:
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"{", b"["))
+
+
+def _unzipped(head: bytes) -> bytes:
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, 64)
+    except zlib.error:
+        return b""

@@ -18,6 +18,7 @@ from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, 
 __all__ = ["Input", "Part", "expand_inputs"]
 
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
+_HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +68,10 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
     path = Path(word)
     if path.is_dir():
         return [_folder(word, input_format)]
-    if path.exists():
+    if path.is_file():
         return [_file(word, input_format)]
+    if path.exists():  # a named pipe, as of <(...) in a shell
+        return [_stream(word, word, path.open("rb"), input_format)]
     if has_magic(word):
         return _globbed(word, input_format)
     siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
@@ -108,15 +111,47 @@ def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
 
 
 def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) -> Input:
-    source: Any = stdin if stdin is not None else sys.stdin.buffer
-    buffered = source if hasattr(source, "peek") else io.BufferedReader(source)
-    found = input_format or format_of_bytes(buffered.peek(16)[:16])
+    return _stream("-", "stdin", stdin if stdin is not None else sys.stdin.buffer, input_format)
+
+
+def _stream(input_name: str, name: str, source: IO[bytes], input_format: FileFormat | None) -> Input:
+    head = source.read(_HEAD_BYTES)  # as many as there are, however slowly they come
+    told = format_of_bytes(head)
+    found = input_format or told
+    if found is FileFormat.ARROW and told is FileFormat.ARROW_STREAM:
+        found = told
+    buffered: Any = io.BufferedReader(_Replayed(head, source, owned=input_name != "-"))
     stream = _spool(buffered) if found.needs_seeking else buffered
-    return Input(name="-", parts=(Part(name="stdin", format=found, stream=stream),))
+    return Input(name=input_name, parts=(Part(name=name, format=found, stream=stream),))
+
+
+class _Replayed(io.RawIOBase):
+    """A stream whose head was read already, from its beginning; closing it closes the stream if that is ``owned``."""
+
+    def __init__(self, head: bytes, rest: IO[bytes], *, owned: bool) -> None:
+        self._head, self._rest, self._owned = head, rest, owned
+
+    def close(self) -> None:
+        super().close()
+        if self._owned:
+            self._rest.close()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        if self._head:
+            got, self._head = self._head[: len(buffer)], self._head[len(buffer) :]
+        else:
+            read: Any = getattr(self._rest, "read1", self._rest.read)
+            got = read(len(buffer))
+        buffer[: len(got)] = got
+        return len(got)
 
 
 def _spool(stream: IO[bytes]) -> IO[bytes]:
     spooled = tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)  # noqa: SIM115 - the reader closes it
     shutil.copyfileobj(stream, spooled)
+    stream.close()
     spooled.seek(0)
     return spooled

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import IO, Any
 
@@ -12,51 +11,27 @@ import pyarrow as pa
 
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
-from nlosctl.io.byte_streams import open_bytes
+from nlosctl.io.byte_streams import closed_on_failure, open_bytes
+from nlosctl.io.columns import contract_names
 from nlosctl.io.inputs import Part
+from nlosctl.io.json_columns import NameSurvey, json_column
+from nlosctl.io.json_records import JsonBlock, json_text
 from nlosctl.io.raw import CellFault, LineFault, RawBatch, readable
-from nlosctl.io.text_columns import EXPECTED, arrow_type_of, shown
+from nlosctl.io.text_columns import arrow_type_of, shown
 
 __all__ = ["JsonLinesSource"]
 
 _BLOCK_LINES = 1 << 15
-
-
-class _Block:
-    """Lines that parsed as objects, with their line numbers, and those that did not."""
-
-    def __init__(self, first_line: int, lines: Sequence[bytes]) -> None:
-        self.objects: list[dict[str, Any]] = []
-        self.texts: list[bytes] = []
-        self.numbers: list[int] = []
-        self.faults: list[LineFault] = []
-        for number, line in enumerate(lines, start=first_line):
-            self._take(number, line)
-
-    def _take(self, number: int, line: bytes) -> None:
-        if not line.strip():
-            return
-        try:
-            parsed = json.loads(line.decode("utf-8-sig" if number == 1 else "utf-8"))
-        except UnicodeDecodeError as error:
-            self._refuse(number, line, f"byte 0x{line[error.start]:02x} is not UTF-8; save the file as UTF-8")
-        except json.JSONDecodeError as error:
-            self._refuse(number, line, f"not JSON at character {error.colno}: {error.msg}")
-        else:
-            if isinstance(parsed, dict):
-                self.objects.append(parsed)
-                self.texts.append(line)
-                self.numbers.append(number)
-            else:
-                self._refuse(number, line, f'got {shown(parsed)}, expected an object like {{"sensor": ...}}')
-
-    def _refuse(self, number: int, line: bytes, fault: str) -> None:
-        text = line.decode("utf-8", errors="backslashreplace").rstrip("\r\n")
-        self.faults.append(LineFault(row=number, fault=fault, text=text))
+_FEWEST_WRONG = 5
 
 
 class JsonLinesSource:
-    """A JSON Lines file; a row's number is its line. The first block (32768 lines) decides names and types."""
+    """A JSON Lines file; a row's number is its line.
+
+    A file of more than a block (32768 lines) is read once more beforehand, for the names and types in all of it. A
+    stream can't be: its first block decides, and what does not fit later is a bad row in a column of the contract,
+    an error of the file in another.
+    """
 
     metadata: Mapping[bytes, bytes] = {}
 
@@ -64,124 +39,148 @@ class JsonLinesSource:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "JSON Lines file"):
             self._stream: IO[bytes] = open_bytes(part)
-            self._blocks = self._read_blocks()
+        with readable(part.name, "JSON Lines file"), closed_on_failure(self._stream):
+            self._blocks = _read_blocks(self._stream)
             self._first = next(self._blocks, None)
-        objects = self._first.objects if self._first is not None else []
-        if self._first is not None and not objects and self._first.faults:
-            fault = self._first.faults[0]
-            raise DataError(f"{part.name}, line {fault.row}: {fault.fault}")
-        self.names: tuple[str, ...] = tuple(dict.fromkeys(name for row in objects for name in row))
+            if self._first is not None:
+                self._refuse_other_text(self._first)
+            self._second = next(self._blocks, None)
+            self._guessed = self._second is not None and part.path is None
+            self._surveys = self._survey()
+        self.names: tuple[str, ...] = tuple(self._surveys)
         self._kept: list[str] = list(self.names)
+        self._all_names = True
+        self._contract: Mapping[str, ColumnType] = {}
         self._types: dict[str, ColumnType] = {}
 
-    def _read_blocks(self) -> Iterator[_Block]:
-        line = 1
-        while lines := list(islice(self._stream, _BLOCK_LINES)):
-            yield _Block(line, lines)
-            line += len(lines)
+    def _refuse_other_text(self, first: JsonBlock) -> None:
+        if first.numbers and (not first.faults or first.faults[0].line > first.numbers[0]):
+            return
+        fault = first.faults[0]
+        begun = fault.text.lstrip("\ufeff \t")
+        if begun.startswith("[") and (begun.rstrip() == "[" or begun.lstrip("[ ").startswith("{")):
+            raise DataError(
+                f"{self._part.name}: holds a JSON array, expected JSON Lines: an object on each line; "
+                f"convert it: jq -c '.[]' FILE"
+            )
+        if not first.objects:
+            hint = "; if this is CSV, say --input-format csv" if "," in begun and begun[:1] not in "{[" else ""
+            raise DataError(f"{self._part.name}, line {fault.line}: {fault.fault}{hint}")
+
+    def _survey(self) -> dict[str, NameSurvey]:
+        """Return what is under each name, names in the order of their first appearance."""
+        found: dict[str, NameSurvey] = {}
+        if self._second is None or self._guessed:
+            _add(found, self._first)
+            return found
+        with open_bytes(self._part) as stream:
+            for block in _read_blocks(stream):
+                _add(found, block)
+        return found
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """See RawSource."""
         self._kept = list(self.names if columns is None else columns)
-        rows = self._first.objects if self._first is not None else []
+        self._all_names = columns is None
+        self._contract = types
         for name in self._kept:
             wanted = types.get(name)
-            if wanted is None or wanted == "identifier":
-                wanted = _inferred(rows, name, wanted)
+            if wanted is None:
+                wanted = self._surveys[name].own_type()
+            elif wanted == "identifier":
+                wanted = self._surveys[name].identifier_type()
             self._types[name] = wanted
+            if name in types:
+                self._refuse_wrong_column(name)
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
+
+    def _refuse_wrong_column(self, name: str) -> None:
+        rows = self._first.objects if self._first is not None else []
+        values = [row[name] for row in rows[:100] if row.get(name) is not None]
+        if self._types[name] not in ("number", "integer", "boolean") or self._contract[name] == "identifier":
+            return
+        _, faults = json_column(values, self._types[name], name, self._contract[name])
+        if len(values) >= _FEWEST_WRONG and len(faults) == len(values):
+            raise DataError(
+                f"{self._part.name}, column {name!r}: wrong type: in all of the first {len(values)} rows "
+                f"{faults[0].fault}; convert the column, or read another under this name with --column"
+            )
 
     def batches(self) -> Iterator[RawBatch]:
         """See RawSource."""
         with readable(self._part.name, "JSON Lines file"):
-            block = self._first
-            self._first = None
+            block, later = self._first, self._second
+            self._first = self._second = None
             while block is not None:
                 yield from self._in_batches(block)
-                block = next(self._blocks, None)
+                block, later = later, next(self._blocks, None)
 
-    def _in_batches(self, block: _Block) -> Iterator[RawBatch]:
+    def _in_batches(self, block: JsonBlock) -> Iterator[RawBatch]:
         faults: Sequence[LineFault] = block.faults
         for start in range(0, max(len(block.objects), 1), self._batch_rows):
             stop = start + self._batch_rows
             yield self._converted(block, slice(start, stop), faults)
             faults = ()
 
-    def _converted(self, block: _Block, part: slice, lines: Sequence[LineFault]) -> RawBatch:
+    def _converted(self, block: JsonBlock, part: slice, told: Sequence[LineFault]) -> RawBatch:
         objects = block.objects[part]
-        columns, faults = [], self._unknown_names(objects)
+        numbers = np.array(block.numbers[part], dtype=np.int64)
+        columns, faults = [], self._unknown_names(objects, numbers)
         for name in self._kept:
-            column, unfit = _column([row.get(name) for row in objects], self._types[name], name)
+            values = [row.get(name) for row in objects]
+            column, unfit = json_column(values, self._types[name], name, self._contract.get(name))
+            if unfit and self._guessed and name not in self._contract:
+                raise self._misguessed(name, unfit[0].fault, int(numbers[unfit[0].position]))
             columns.append(column)
             faults += unfit
-        texts = [[_as_text(row.get(name)) for row in objects] for name in self._kept] if faults else None
+        text = None
+        if faults:
+            texts = [pa.array([json_text(row.get(name)) for row in objects], pa.string()) for name in self._kept]
+            text = pa.RecordBatch.from_arrays(texts, names=self._kept)
         return RawBatch(
             table=pa.RecordBatch.from_arrays(columns, names=self._kept),
             first_row=0,
-            rows=np.array(block.numbers[part], dtype=np.int64),
-            line_offset=0,
-            text=None
-            if texts is None
-            else pa.RecordBatch.from_arrays([pa.array(column, pa.string()) for column in texts], names=self._kept),
+            rows=numbers,
+            lines=numbers,
+            text=text,
             cell_faults=faults,
-            line_faults=lines,
+            line_faults=told,
         )
 
-    def _unknown_names(self, objects: Sequence[dict[str, Any]]) -> list[CellFault]:
-        known = frozenset(self.names)
-        return [
-            CellFault(
-                position=place, column=name, fault=f"the name is not among those of the first {_BLOCK_LINES} lines"
-            )
-            for place, row in enumerate(objects)
-            if not known.issuperset(row)
-            for name in sorted(set(row) - known)[:1]
-        ]
+    def _unknown_names(self, objects: Sequence[dict[str, Any]], numbers: Any) -> list[CellFault]:
+        """Return a fault for each row with a name that is new and the contract's; others matter if all are wanted."""
+        known = self._surveys.keys()
+        faults = []
+        for place, row in enumerate(objects):
+            new = sorted(row.keys() - known) if not row.keys() <= known else []
+            for name in new:
+                if name in contract_names():
+                    fault = f"the name is not among those of the first {_BLOCK_LINES} lines"
+                    faults.append(CellFault(position=place, column=name, fault=fault))
+                    break
+                if self._all_names:
+                    raise self._misguessed(name, f"{shown(row[name])} comes under a new name", int(numbers[place]))
+        return faults
+
+    def _misguessed(self, name: str, fault: str, line: int) -> DataError:
+        return DataError(
+            f"{self._part.name}, line {line}, column {name!r}: {fault}; columns of your own are told by the first "
+            f"{_BLOCK_LINES} lines of a stream: save it as a file, and all of it is looked at"
+        )
 
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
 
 
-def _inferred(rows: Sequence[dict[str, Any]], name: str, wanted: ColumnType | None) -> ColumnType:
-    kinds = {type(row[name]) for row in rows if row.get(name) is not None}
-    if kinds and kinds <= {int}:
-        return "integer"
-    if wanted is None and kinds and kinds <= {int, float}:
-        return "number"
-    if wanted is None and kinds == {bool}:
-        return "boolean"
-    return "text"
+def _read_blocks(stream: IO[bytes]) -> Iterator[JsonBlock]:
+    line = 1
+    while lines := list(islice(stream, _BLOCK_LINES)):
+        yield JsonBlock(line, lines)
+        line += len(lines)
 
 
-def _column(values: list[Any], wanted: ColumnType, name: str) -> tuple[Any, list[CellFault]]:
-    fits = _FITS[wanted]
-    kept = list(values)
-    faults = []
-    for place, value in enumerate(values):
-        if value is None or fits(value):
-            continue
-        kept[place] = None
-        fault = f"got {shown(value)}, expected {EXPECTED[wanted]}"
-        faults.append(CellFault(position=place, column=name, fault=fault))
-    if wanted == "boolean":
-        kept = [None if value is None else bool(value) for value in kept]
-    elif wanted == "text":
-        kept = [None if value is None or value == "" else str(value) for value in kept]
-    return pa.array(kept, type=arrow_type_of(wanted)), faults
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and -(2**63) <= value < 2**63
-
-
-_FITS: dict[str, Callable[[Any], bool]] = {
-    "number": lambda value: isinstance(value, int | float) and not isinstance(value, bool),
-    "integer": _is_integer,
-    "boolean": lambda value: isinstance(value, bool) or (isinstance(value, int) and value in (0, 1)),
-    "text": lambda value: isinstance(value, str) or _is_integer(value),
-}
-
-
-def _as_text(value: Any) -> str | None:
-    return value if value is None or isinstance(value, str) else json.dumps(value)
+def _add(found: dict[str, NameSurvey], block: JsonBlock | None) -> None:
+    objects = block.objects if block is not None else []
+    for name in dict.fromkeys(name for row in objects for name in row):
+        found.setdefault(name, NameSurvey()).add([row[name] for row in objects if name in row])

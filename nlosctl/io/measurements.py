@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,20 +11,20 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.contract.batches import BoolArray, IntArray
-from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
-from nlosctl.io.columns import SNAPSHOT, kind_of_columns, kind_table
-from nlosctl.io.duplicates import find_duplicates
+from nlosctl.io.columns import SNAPSHOT
+from nlosctl.io.drop_duplicates import drop_duplicates
 from nlosctl.io.inputs import Input
-from nlosctl.io.normalize import RunNames
-from nlosctl.io.open_part import open_part
-from nlosctl.io.open_tables import OpenedPart, TableOptions, open_table, plan_table, unified_schema
+from nlosctl.io.look_ahead import look_ahead
+from nlosctl.io.lost_snapshots import LostSnapshots
+from nlosctl.io.normalize import Normalizer, RunNames
+from nlosctl.io.open_tables import open_table
 from nlosctl.io.pieces import Piece, join_pieces, read_pieces
-from nlosctl.io.problems import BadRow, BadRowSink, Problem, ProblemLog
+from nlosctl.io.problems import BadRowSink, ProblemLog
+from nlosctl.io.read_options import ReadOptions
 from nlosctl.io.read_report import ReadReport
 from nlosctl.io.runs import ReturnWatch, run_starts
-from nlosctl.io.scenes import find_scene
+from nlosctl.io.sort_hint import sort_hint
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
 
@@ -54,27 +54,6 @@ class Chunk:
         return [str(text) for text in self.snapshot.to_pylist()]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReadOptions:
-    """How to read. ``kind`` None: told by the columns. ``renames``: contract's name -> file's name.
-
-    ``scene`` is given as it is, or found as `nlosctl.io.scenes.find_scene` says, ``scene_file`` first.
-    ``constants`` (contract's name -> value in its unit) stand in for missing columns. ``extra_columns``: those
-    to keep in ``Chunk.table`` beside the measurement's own; None: all.
-    """
-
-    kind: str | None = None
-    renames: Mapping[str, str] = field(default_factory=dict)
-    constants: Mapping[str, float] = field(default_factory=dict)
-    scene: Scene | None = None
-    scene_file: str | None = None
-    all_rows: bool = False
-    chunk_rows: int = 131_072
-    max_snapshot_rows: int = 1_000_000
-    use_threads: bool = True
-    extra_columns: Sequence[str] | None = None
-
-
 class MeasurementReader:
     """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are there before the first chunk.
 
@@ -88,17 +67,16 @@ class MeasurementReader:
         self._options = options or ReadOptions()
         self._inputs = tuple(inputs)
         self._log = ProblemLog(bad_rows)
-        self.report = ReadReport()
-        self._held: dict[str, OpenedPart] = {}
-        self._table: Table | None = kind_table(self._options.kind) if self._options.kind else None
-        self.metadata, self.scene = self._find_scene()
+        self._found = look_ahead(self._inputs, self._options)
+        self.report = ReadReport(remarks=list(self._found.remarks))
+        self.metadata, self.scene = self._found.metadata, self._found.scene
+        self.schema: Any = self._found.schema
         self._names = RunNames(self.scene)
-        self.schema: Any = self._look_ahead()
 
     @property
     def kind(self) -> str:
         """The kind of measurement."""
-        return self._kind_table.name
+        return self._found.table.name
 
     @property
     def sensor_names(self) -> Sequence[str]:
@@ -106,10 +84,14 @@ class MeasurementReader:
         return self._names.codes("sensor").names
 
     @property
-    def _kind_table(self) -> Table:
-        if self._table is None:
-            raise AssertionError("the kind is known after the first file is opened")
-        return self._table
+    def column_names(self) -> tuple[str, ...]:
+        """All columns that the inputs have, also those that are not kept; ``--column`` is applied."""
+        return self._found.column_names
+
+    @property
+    def constants(self) -> Mapping[str, float]:
+        """The values that stand in for missing columns, by the contract's names and in its units."""
+        return self._options.constants
 
     @property
     def has_several_sources(self) -> bool:
@@ -120,81 +102,30 @@ class MeasurementReader:
         """Hand bad rows to ``sink`` from now on and go on with the rest; call it before the first chunk."""
         self._log = ProblemLog(sink)
 
-    def _find_scene(self) -> tuple[Mapping[bytes, bytes], Scene]:
-        """Open the first file for its metadata, and return these and the scene."""
-        group = self._inputs[0]
-        source = open_part(group.parts[0], self._options.chunk_rows, self._options.use_threads)
-        self._first_source = source
-        try:
-            if self._options.scene is not None:
-                return source.metadata, self._options.scene
-            return source.metadata, find_scene(self._options.scene_file, source.metadata, group.path)
-        except BaseException:
-            source.close()
-            raise
-
-    def _look_ahead(self) -> Any:
-        """Open every file, check its columns, and return the schema that holds them all."""
-        parts = [part for group in self._inputs for part in group.parts]
-        schemas = []
-        for number, part in enumerate(parts):
-            if number == 0:
-                opened = plan_table(part, self._first_source, self._table, self._table_options())
-                self._table = opened.plan.table
-            else:
-                opened = open_table(part, self._table, self._table_options())
-                if self._options.kind is None and kind_of_columns(opened.names) != self.kind:
-                    raise DataError(
-                        f"{part.name}: holds {kind_of_columns(opened.names)}, but {parts[0].name} holds {self.kind}; "
-                        f"give files of one kind, or say --kind"
-                    )
-            schemas.append(opened.schema)
-            if len(parts) == 1 or part.stream is not None:
-                self._held[part.name] = opened
-            else:
-                opened.source.close()
-        self._remark_on_snapshots(parts[0].name, schemas)
-        return unified_schema(schemas)
-
-    def _table_options(self) -> TableOptions:
-        options = self._options
-        return TableOptions(
-            renames=options.renames,
-            constants=options.constants,
-            scene=self.scene,
-            batch_rows=options.chunk_rows,
-            use_threads=options.use_threads,
-            extra_columns=options.extra_columns,
-        )
-
-    def _remark_on_snapshots(self, name: str, schemas: Sequence[Any]) -> None:
-        with_ids = [SNAPSHOT in schema.names for schema in schemas]
-        if not all(with_ids):
-            self.report.remarks.append("without a 'snapshot' column each input is taken as one snapshot")
-        if any(with_ids) and not all(with_ids):
-            raise DataError(f"{name}: some of the files have a 'snapshot' column and some don't; give all one")
-
     def chunks(self) -> Iterator[Chunk]:
         """Yield the chunks of all inputs, in order; call it once."""
         for group in self._inputs:
-            rows_before = self.report.rows
+            rows_before = self.report.rows_in_all
             for chunk in self._group_chunks(group):
                 if self._log.total == 0 or not self._log.stops_the_run:
                     self.report.snapshots += len(chunk.snapshot)
                     self.report.left_out_rows += int(chunk.left_out.sum())
                     yield chunk
-            if self.report.rows == rows_before:
+            if self.report.rows_in_all == rows_before:
                 raise DataError(f"{group.name}: no rows: the file has columns and nothing else")
         self._log.raise_if_stopping()
+        if self.report.snapshots_lost:
+            self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
 
     def close(self) -> None:
         """Close what is open; needed only where the chunks are not read to their end."""
-        for opened in self._held.values():
+        for opened in self._found.held.values():
             opened.source.close()
-        self._held.clear()
+        self._found.held.clear()
 
     def _group_chunks(self, group: Input) -> Iterator[Chunk]:
-        watch = ReturnWatch(group.name)
+        column = self._options.renames.get(SNAPSHOT, SNAPSHOT)
+        watch = ReturnWatch(column, sort_hint(group, column))
         pending: list[Piece] = []
         last: Any = None
         for piece in self._pieces(group):
@@ -213,17 +144,19 @@ class MeasurementReader:
         return run_starts(piece.ids, last if follows else None)
 
     def _pieces(self, group: Input) -> Iterator[Piece]:
+        lost = LostSnapshots()
         for part in group.parts:
-            opened = self._held.pop(part.name, None) or open_table(part, self._table, self._table_options())
-            before = self.report.rows
-            all_rows = self._options.all_rows
+            opened = self._found.held.pop(part.name, None) or open_table(part, self._found.table, self._found.options)
+            before = self.report.rows_in_all
+            normalizer = Normalizer(opened.plan, self._names, part.name, self._options.all_rows)
             try:
-                for piece in read_pieces(opened, self.schema, self._names, all_rows, self._log, self.report):
+                for piece in read_pieces(opened, self.schema, normalizer, self._log, lost, self.report):
                     if len(piece.ids):
                         yield piece
             finally:
                 opened.source.close()
-            self.report.rows_by_file[part.name] = self.report.rows - before
+            self.report.rows_by_file[part.name] = self.report.rows_in_all - before
+        self.report.snapshots_lost += lost.count
 
     def _check_size(self, pending: Sequence[Piece], group: Input) -> None:
         rows = sum(len(piece.ids) for piece in pending)
@@ -236,45 +169,15 @@ class MeasurementReader:
             )
 
     def _chunk(self, pieces: Sequence[Piece], group: Input) -> Chunk:
-        whole = join_pieces(pieces)
-        offsets = np.append(whole.starts, len(whole.ids))
-        key = [whole.columns[name] for name in self._kind_table.row_key if name in whole.columns]
-        repeated, first = find_duplicates(offsets, key)
-        if repeated.shape[0]:
-            whole = self._without_duplicates(pieces, whole, repeated, first)
-            offsets = np.append(whole.starts, len(whole.ids))
+        whole = drop_duplicates(pieces, join_pieces(pieces), self._found.table.row_key, self._log, self.report)
         return Chunk(
             table=whole.table,
             snapshot=whole.ids.take(pa.array(whole.starts)),
-            offsets=offsets,
+            offsets=np.append(whole.starts, len(whole.ids)),
             columns=whole.columns,
             left_out=whole.left_out,
             source=group.name,
         )
-
-    def _without_duplicates(self, pieces: Sequence[Piece], whole: Piece, repeated: IntArray, first: IntArray) -> Piece:
-        ends = np.cumsum([len(piece.ids) for piece in pieces])
-        key = ", ".join(name for name in self._kind_table.row_key if name in whole.columns)
-        rows = []
-        for place, earlier in list(zip(repeated, first, strict=True))[: self._log.wanted()]:
-            piece = pieces[int(np.searchsorted(ends, place, side="right"))]
-            fault = (
-                f"duplicate measurement: same snapshot, {key} as row {whole.rows[earlier]}; "
-                f"drop one, or number them in a 'path' column"
-            )
-            problem = Problem(
-                file=piece.file,
-                row=int(whole.rows[place]),
-                line=piece.line_of(int(whole.rows[place])),
-                column=None,
-                fault=fault,
-            )
-            rows.append(BadRow(problem=problem, values=whole.texts(int(place))))
-        self._log.add(rows, total=repeated.shape[0])
-        self.report.bad_rows += repeated.shape[0]
-        keep = np.ones(len(whole.ids), dtype=np.bool_)
-        keep[repeated] = False
-        return whole.kept(keep)
 
 
 def _split(pending: list[Piece], piece: Piece) -> tuple[list[Piece], list[Piece]]:

@@ -17,10 +17,15 @@ from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.columns import SNAPSHOT, ColumnPlan, FoundColumn
 from nlosctl.io.faults import Describe, Fault
-from nlosctl.io.names import NULL_CODE, NameCodes, text_at
+from nlosctl.io.names import NULL_CODE, NameCodes, plain, text_at
 from nlosctl.io.placement import placement_faults
 
 __all__ = ["Normalized", "Normalizer", "RunNames"]
+
+_LARGEST_INTEGER = 2**63 - 1
+_SLACK = 1e-6
+_FEWEST_TOO_LARGE = 5
+_SHARE_TOO_LARGE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +52,11 @@ class RunNames:
 
 
 class Normalizer:
-    """Applies a column plan to the batches of one file."""
+    """Applies a column plan to the batches of one file.
+
+    A value beyond the contract's largest magnitude is a fault of its row. Where such values are at least a tenth of
+    the file's rows and five in number, or more than half of the rows, the file plainly holds another unit.
+    """
 
     def __init__(self, plan: ColumnPlan, names: RunNames, file: str, all_rows: bool) -> None:
         self._plan, self._names, self._file, self._all_rows = plan, names, file, all_rows
@@ -65,8 +74,10 @@ class Normalizer:
             values = self._column(column, batch, columns, faults)
             if values is not None:
                 columns[column.name] = values
+        self._check_booleans(batch, faults)
+        left_out = np.zeros(batch.num_rows, dtype=np.bool_) if self._all_rows else self._left_out(batch)
         faults += placement_faults(self._names.scene, self._plan, columns)
-        return Normalized(columns=columns, left_out=self._left_out(batch), faults=faults)
+        return Normalized(columns=columns, left_out=left_out, faults=faults)
 
     def _column(
         self, column: Column, batch: Any, done: Mapping[str, npt.NDArray[Any]], faults: list[Fault]
@@ -86,7 +97,7 @@ class Normalizer:
                 faults.append(Fault(mask=codes == NULL_CODE, column=found.name, describe=_is_null("a name")))
             return codes
         if column.type == "integer":
-            return self._integers(cells)
+            return self._integers(found, cells, faults)
         return self._numbers(found, cells, faults)
 
     def _absent(self, column: Column, rows: int) -> npt.NDArray[Any] | None:
@@ -96,8 +107,17 @@ class Normalizer:
             return None
         return np.full(rows, NULL_CODE, dtype=np.int64)
 
-    def _integers(self, cells: Any) -> IntArray:
-        return np.asarray(cells.fill_null(NULL_CODE).cast(pa.int64()).to_numpy(zero_copy_only=False), np.int64)
+    def _integers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> IntArray:
+        cells = plain(cells)
+        if pa.types.is_uint64(cells.type):
+            beyond = pc.fill_null(pc.greater(cells, pa.scalar(_LARGEST_INTEGER, pa.uint64())), False)
+            if pc.any(beyond).as_py():
+                values, mask = cells, np.asarray(beyond.to_numpy(zero_copy_only=False), dtype=np.bool_)
+                describe = lambda place: f"got {values[place].as_py()}, expected at most {_LARGEST_INTEGER}"  # noqa: E731
+                faults.append(Fault(mask=mask, column=found.name, describe=describe))
+                cells = pc.if_else(beyond, pa.scalar(None, pa.uint64()), cells)
+        cells = cells.cast(pa.int64())
+        return np.asarray(cells.fill_null(NULL_CODE).to_numpy(zero_copy_only=False), np.int64)
 
     def _numbers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> FloatArray:
         column = found.column
@@ -111,9 +131,12 @@ class Normalizer:
         limit = column.largest_magnitude
         if found.converted:
             return values * found.scale + found.offset
-        if limit is not None and values.shape[0] and (values.max() > limit or values.min() < -limit):
-            finite_beyond = np.isfinite(values) & (np.abs(values) > limit)
-            self.too_large[column.name] = self.too_large.get(column.name, 0) + int(finite_beyond.sum())
+        if limit is not None:
+            beyond = (np.abs(values) > limit * (1.0 + _SLACK)) & np.isfinite(values)
+            if beyond.any():
+                self.too_large[column.name] = self.too_large.get(column.name, 0) + int(beyond.sum())
+                expected = f"{-limit:.4g} to {limit:.4g} {column.unit}"
+                faults.append(Fault(mask=beyond, column=found.name, describe=_got(values, expected)))
         return values
 
     def _check_finite(
@@ -179,17 +202,31 @@ class Normalizer:
 
     def _left_out(self, batch: Any) -> BoolArray:
         out = np.zeros(batch.num_rows, dtype=np.bool_)
-        if self._all_rows:
-            return out
         for name, leaves_out in (("los", False), ("ip", True)):
             if name in self._plan.found:
-                cells = batch.column(self._plan.found[name].name).cast(pa.bool_())
+                cells = plain(batch.column(self._plan.found[name].name)).cast(pa.bool_())
                 out |= cells.fill_null(not leaves_out).to_numpy(zero_copy_only=False) == leaves_out
         return out
 
+    def _check_booleans(self, batch: Any, faults: list[Fault]) -> None:
+        """Find integers that are neither 0 nor 1 in the boolean columns that the batch has."""
+        for found in self._plan.found.values():
+            if found.column.type != "boolean" or found.name not in batch.schema.names:
+                continue
+            cells = plain(batch.column(found.name))
+            if pa.types.is_integer(cells.type):
+                wrong = pc.invert(pc.is_in(cells, value_set=pa.array([0, 1, None], cells.type)))
+                mask = np.asarray(wrong.to_numpy(zero_copy_only=False), dtype=np.bool_)
+                if mask.any():
+                    values = _as_float64(cells)
+                    faults.append(Fault(mask=mask, column=found.name, describe=_got(values, "true/false or 1/0")))
+
     def raise_if_too_large(self) -> None:
-        """Raise DataError where a column plainly holds another unit."""
+        """Raise DataError where a column plainly holds another unit; call it at the end of the file."""
         for name, count in self.too_large.items():
+            many = count >= _FEWEST_TOO_LARGE and count >= _SHARE_TOO_LARGE * self.rows_seen
+            if not many and 2 * count <= self.rows_seen:
+                continue
             found = self._plan.found[name]
             column = found.column
             raise DataError(

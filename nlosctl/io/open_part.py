@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from nlosctl.errors import DataError
 from nlosctl.io.csv_file import CsvSource
-from nlosctl.io.file_format import FileFormat
+from nlosctl.io.file_format import FileFormat, format_of_bytes
 from nlosctl.io.inputs import Part
 from nlosctl.io.jsonl_file import JsonLinesSource
 from nlosctl.io.raw import RawSource, readable
@@ -12,11 +14,16 @@ from nlosctl.io.typed_files import ArrowSource, ParquetSource
 
 __all__ = ["open_part"]
 
+_HEAD_BYTES = 4096
+
 
 def open_part(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
     """Return the open file; raise DataError where it is empty or not what its name says."""
-    if _is_empty(part):
+    head = _head(part)
+    if head == b"":
         raise DataError(f"{part.name}: no rows: the file is empty (0 bytes)")
+    if head is not None:
+        part = _checked(part, head)
     if part.format is FileFormat.PARQUET:
         return ParquetSource(part, batch_rows, use_threads)
     if part.format in (FileFormat.ARROW, FileFormat.ARROW_STREAM):
@@ -26,9 +33,31 @@ def open_part(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
     return JsonLinesSource(part, batch_rows)
 
 
-def _is_empty(part: Part) -> bool:
+def _head(part: Part) -> bytes | None:
+    """Return the first bytes of a file or of stdin; None where they can't be had without taking them."""
     if part.path is not None:
-        with readable(part.name, "file"):
-            return part.path.stat().st_size == 0
+        with readable(part.name, "file"), part.path.open("rb") as file:
+            return file.read(_HEAD_BYTES)
     peek = getattr(part.stream, "peek", None)
-    return peek is not None and not peek(1)
+    return bytes(peek(_HEAD_BYTES)) if peek is not None else None
+
+
+def _checked(part: Part, head: bytes) -> Part:
+    """Return the part with the Arrow format that its bytes tell; raise DataError where they tell another format."""
+    told = format_of_bytes(head)
+    if {told, part.format} == {FileFormat.ARROW, FileFormat.ARROW_STREAM}:
+        return replace(part, format=told)
+    if told is part.format or (told is FileFormat.CSV and not _is_told_by_bytes(part.format, head)):
+        return part
+    what = "text, perhaps CSV" if told is FileFormat.CSV else told.value
+    raise DataError(
+        f"{part.name}: taken for {part.format.value}, but its bytes are {what}; rename the file, or say "
+        f"--input-format {told.value}"
+    )
+
+
+def _is_told_by_bytes(format: FileFormat, head: bytes) -> bool:
+    """Return whether text can't be of this format; bytes that are no text may be a spoilt file of any."""
+    if format in (FileFormat.CSV, FileFormat.JSON_LINES):
+        return False
+    return b"\0" not in head and head.isascii()

@@ -11,7 +11,7 @@ import pyarrow as pa
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
-from nlosctl.io.columns import SNAPSHOT, ColumnPlan, kind_of_columns, kind_table, plan_columns, rename
+from nlosctl.io.columns import SNAPSHOT, ColumnPlan, contract_names, kind_of_columns, kind_table, plan_columns, rename
 from nlosctl.io.inputs import Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.raw import RawSource
@@ -33,13 +33,17 @@ class TableOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class OpenedPart:
-    """An open file: ``file_names`` are its columns that are read, ``names`` the same after renaming."""
+    """An open file: ``file_names`` are its columns that are read, ``names`` the same after renaming.
+
+    ``all_names`` are all columns of the file, after renaming.
+    """
 
     part: Part
     source: RawSource
     plan: ColumnPlan
     file_names: tuple[str, ...]
     names: tuple[str, ...]
+    all_names: tuple[str, ...]
     schema: Any
 
     def file_name(self, name: str) -> str:
@@ -86,6 +90,7 @@ def _plan(part: Part, source: RawSource, table: Table | None, options: TableOpti
         plan=plan,
         file_names=tuple(original[name] for name in kept),
         names=kept,
+        all_names=names,
         schema=renamed,
     )
 
@@ -98,7 +103,8 @@ def _kept(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[str] | None)
         for name, found in plan.found.items()
         if not found.column.carried or name in ("los", "ip") or name == SNAPSHOT
     }
-    return tuple(name for name in names if name in used or name in extra)
+    beginnings = tuple(name[:-1] for name in extra if name.endswith("*"))
+    return tuple(name for name in names if name in used or name in extra or name.startswith(beginnings))
 
 
 def plain_type(arrow_type: Any) -> Any:
@@ -109,7 +115,8 @@ def plain_type(arrow_type: Any) -> Any:
 def unified_schema(schemas: Sequence[Any]) -> Any:
     """Return the schema that holds the columns of all: in order of first appearance, nullable, of a common type.
 
-    Integers and floats meet as float64, anything else as text. A single schema stays as it is.
+    Integers and floats meet as float64, integers of different sizes as int64 (uint64 in a column that the contract
+    lacks: as text), anything else as text. A single schema stays as it is.
     """
     if len(schemas) == 1:
         return schemas[0]
@@ -117,17 +124,17 @@ def unified_schema(schemas: Sequence[Any]) -> Any:
     for schema in schemas:
         for column in schema:
             held, new = types.get(column.name), plain_type(column.type)
-            types[column.name] = new if held is None else _common_type(held, new)
+            types[column.name] = new if held is None else _common_type(held, new, column.name in contract_names())
     return pa.schema(list(types.items()))
 
 
-def _common_type(one: Any, other: Any) -> Any:
+def _common_type(one: Any, other: Any, in_contract: bool) -> Any:
     if one == other or pa.types.is_null(other):
         return one
     if pa.types.is_null(one):
         return other
     numeric = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in (one, other)]
-    if all(numeric):
+    if all(numeric) and (in_contract or not any(pa.types.is_uint64(kind) for kind in (one, other))):
         both_integers = pa.types.is_integer(one) and pa.types.is_integer(other)
         return pa.int64() if both_integers else pa.float64()
     return pa.string()

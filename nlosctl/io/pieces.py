@@ -14,19 +14,24 @@ from nlosctl.contract.batches import BoolArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT
 from nlosctl.io.faults import Fault
+from nlosctl.io.lost_snapshots import LostSnapshots
 from nlosctl.io.names import plain, text_at
-from nlosctl.io.normalize import Normalizer, RunNames
+from nlosctl.io.normalize import Normalizer
 from nlosctl.io.open_tables import OpenedPart
 from nlosctl.io.problems import BadRow, Problem, ProblemLog
 from nlosctl.io.raw import RawBatch
 from nlosctl.io.read_report import ReadReport
+from nlosctl.io.to_text import as_text
 
 __all__ = ["Piece", "join_pieces", "read_pieces"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """Good rows (N,) of one file: table, snapshot ids, contract columns, row numbers, and where snapshots start."""
+    """Good rows (N,) of one file: table, snapshot ids, contract columns, row numbers, lines of a text file.
+
+    ``starts`` are the places where snapshots start.
+    """
 
     file: str
     table: Any
@@ -34,16 +39,16 @@ class Piece:
     rows: IntArray
     columns: dict[str, npt.NDArray[Any]]
     left_out: BoolArray
-    line_offset: int | None
+    lines: IntArray | None
     starts: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def with_starts(self, starts: IntArray) -> Piece:
         """Return the piece with the places where snapshots start."""
         return replace(self, starts=starts)
 
-    def line_of(self, row: int) -> int | None:
-        """Return the line of a row, or None where the file has no lines."""
-        return None if self.line_offset is None else row + self.line_offset
+    def line_at(self, place: int) -> int | None:
+        """Return the line of the row at ``place``, or None where the file has no lines."""
+        return None if self.lines is None else int(self.lines[place])
 
     def slice(self, start: int, stop: int) -> Piece:
         """Return the rows from ``start`` to ``stop``."""
@@ -53,6 +58,7 @@ class Piece:
             table=self.table.slice(start, stop - start),
             ids=self.ids.slice(start, stop - start),
             rows=self.rows[start:stop],
+            lines=None if self.lines is None else self.lines[start:stop],
             columns={name: values[start:stop] for name, values in self.columns.items()},
             left_out=self.left_out[start:stop],
             starts=self.starts[within] - start,
@@ -66,6 +72,7 @@ class Piece:
             table=self.table.filter(mask),
             ids=self.ids.filter(mask),
             rows=self.rows[keep],
+            lines=None if self.lines is None else self.lines[keep],
             columns={name: values[keep] for name, values in self.columns.items()},
             left_out=self.left_out[keep],
             starts=np.cumsum(keep)[self.starts] - 1 if self.starts.shape[0] else self.starts,
@@ -77,7 +84,7 @@ class Piece:
 
 
 def join_pieces(pieces: Sequence[Piece]) -> Piece:
-    """Return the pieces as one; a single one is not copied."""
+    """Return the pieces as one, without their lines; a single one is not copied."""
     if len(pieces) == 1:
         return pieces[0]
     shifts = np.cumsum([0, *(len(piece.ids) for piece in pieces[:-1])])
@@ -87,6 +94,7 @@ def join_pieces(pieces: Sequence[Piece]) -> Piece:
         table=pa.concat_tables([piece.table for piece in pieces]),
         ids=pa.concat_arrays([piece.ids for piece in pieces]),
         rows=np.concatenate([piece.rows for piece in pieces]),
+        lines=None,
         columns={name: np.concatenate([_column(piece, name) for piece in pieces]) for name in names},
         left_out=np.concatenate([piece.left_out for piece in pieces]),
         starts=np.concatenate([piece.starts + shift for piece, shift in zip(pieces, shifts, strict=True)]),
@@ -100,30 +108,34 @@ def _column(piece: Piece, name: str) -> npt.NDArray[Any]:
 
 
 def read_pieces(
-    opened: OpenedPart, schema: Any, names: RunNames, all_rows: bool, log: ProblemLog, report: ReadReport
+    opened: OpenedPart,
+    schema: Any,
+    normalizer: Normalizer,
+    log: ProblemLog,
+    lost: LostSnapshots,
+    report: ReadReport,
 ) -> Iterator[Piece]:
     """Yield the good rows of an open file, conformed to ``schema``; bad ones go to ``log``.
 
-    Raises DataError at the end (at once, where bad rows don't stop the run) if a column plainly holds another unit.
+    Raises DataError at the end if a column plainly holds another unit.
     """
-    normalizer = Normalizer(opened.plan, names, opened.part.name, all_rows)
     for raw in opened.source.batches():
         batch = raw.table.rename_columns(list(opened.names))
         normalized = normalizer.normalize(batch)
         ids, id_faults = _ids(batch, opened, schema)
         bad = _log_bad_rows(raw, batch, [*id_faults, *normalized.faults], opened, log)
-        report.rows += batch.num_rows + len(raw.line_faults)
-        report.bad_rows += len(raw.line_faults) + (0 if bad is None else int(bad.sum()))
-        if not log.stops_the_run:
-            normalizer.raise_if_too_large()
+        good_rows = batch.num_rows - (0 if bad is None else int(bad.sum()))
+        report.rows += good_rows
+        report.bad_rows += batch.num_rows - good_rows + len(raw.line_faults)
+        lost.add(ids, bad)
         piece = Piece(
             file=opened.part.name,
-            table=_conformed(batch, schema),
+            table=_conformed(batch, schema, opened),
             ids=ids,
             rows=raw.row_numbers(),
             columns=normalized.columns,
             left_out=normalized.left_out,
-            line_offset=raw.line_offset,
+            lines=raw.lines,
         )
         yield piece if bad is None else piece.kept(~bad)
     normalizer.raise_if_too_large()
@@ -146,17 +158,27 @@ def _ids(batch: Any, opened: OpenedPart, schema: Any) -> tuple[Any, list[Fault]]
     return ids, [fault]
 
 
-def _conformed(batch: Any, schema: Any) -> Any:
+def _conformed(batch: Any, schema: Any, opened: OpenedPart) -> Any:
     table = pa.Table.from_batches([batch])
     if table.schema.equals(schema):
         return table
     columns = [
-        plain(table.column(column.name).combine_chunks()).cast(column.type)
+        _cast(plain(batch.column(column.name)), column, opened)
         if column.name in table.column_names
         else pa.nulls(batch.num_rows, column.type)
         for column in schema
     ]
     return pa.table(columns, schema=schema)
+
+
+def _cast(cells: Any, column: Any, opened: OpenedPart) -> Any:
+    try:
+        return as_text(cells) if pa.types.is_string(column.type) else cells.cast(column.type)
+    except pa.ArrowInvalid as error:
+        raise DataError(
+            f"{opened.part.name}, column {opened.file_name(column.name)!r}: holds {cells.type}, and a value of it "
+            f"can't be {column.type} as in the other files; give the column one type in all of them"
+        ) from error
 
 
 def _log_bad_rows(
@@ -187,7 +209,7 @@ def _bad_cells(raw: RawBatch, batch: Any, first: dict[int, tuple[str, str]], ope
     cells = batch if raw.text is None else raw.text.rename_columns(list(opened.names))
     for place, (column, fault) in sorted(first.items()):
         row = int(numbers[place])
-        line = None if raw.line_offset is None else row + raw.line_offset
+        line = None if raw.lines is None else int(raw.lines[place])
         yield BadRow(
             problem=Problem(file=opened.part.name, row=row, line=line, column=column, fault=fault),
             values={name: text_at(cells.column(name), place) for name in opened.names},
@@ -196,6 +218,5 @@ def _bad_cells(raw: RawBatch, batch: Any, first: dict[int, tuple[str, str]], ope
 
 def _bad_lines(raw: RawBatch, opened: OpenedPart) -> Iterator[BadRow]:
     for fault in raw.line_faults:
-        line = None if raw.line_offset is None else fault.row + raw.line_offset
-        problem = Problem(file=opened.part.name, row=fault.row, line=line, column=None, fault=fault.fault)
+        problem = Problem(file=opened.part.name, row=fault.row, line=fault.line, column=None, fault=fault.fault)
         yield BadRow(problem=problem, values={}, raw_line=fault.text)

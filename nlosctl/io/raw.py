@@ -28,9 +28,10 @@ class CellFault:
 
 @dataclass(frozen=True, kw_only=True)
 class LineFault:
-    """A line that is no row at all: its data row number, what to say, and the line."""
+    """A line that is no row at all: its data row number and line, what to say, and its text."""
 
     row: int
+    line: int
     fault: str
     text: str
 
@@ -39,15 +40,15 @@ class LineFault:
 class RawBatch:
     """Rows of a file.
 
-    ``rows`` numbers them from 1 (None: they follow ``first_row`` without a gap); ``line_offset`` added to a row
-    number gives its line, or is None where the file has no lines. ``text`` holds the cells as text where the
-    reader had to convert them. Unreadable values are null in ``table`` and told in ``cell_faults``.
+    ``rows`` numbers them from 1 (None: they follow ``first_row`` without a gap); ``lines`` are the lines where they
+    begin, or None where the file has no lines. ``text`` holds the cells as text where the reader had to convert
+    them. Unreadable values are null in ``table`` and told in ``cell_faults``.
     """
 
     table: Any
     first_row: int
     rows: IntArray | None = None
-    line_offset: int | None = None
+    lines: IntArray | None = None
     text: Any = None
     cell_faults: Sequence[CellFault] = ()
     line_faults: Sequence[LineFault] = field(default=())

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import ESTIMATES, FLAGS, TRACE, Column
-from nlosctl.errors import DataError, did_you_mean
+from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = ["EstimatesLayout", "FlagsLayout", "TraceLayout", "carried_columns"]
 
@@ -33,17 +33,17 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
     """Return the input's columns that estimates carry over: truth, scene, ``sweep_*``, and the ``wanted`` ones.
 
     Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is
-    not there.
+    not there, UsageError where estimates have one of that name.
     """
+    own = {column.name for column in ESTIMATES.columns if column.name not in _ALWAYS_CARRIED} | {"source"}
     for name in wanted:
+        if name in own - {"snapshot"}:
+            raise UsageError(f"--carry {name}: estimates have a column {name!r} of their own")
         if name not in input_names:
             raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
     truth = () if "truth_target" in input_names else _TRUTH
     chosen = {"scene", *truth, *wanted}
-    taken = {column.name for column in ESTIMATES.columns if column.name not in _ALWAYS_CARRIED}
-    return tuple(
-        name for name in input_names if (name in chosen or name.startswith("sweep_")) and name not in {*taken, "source"}
-    )
+    return tuple(name for name in input_names if (name in chosen or name.startswith("sweep_")) and name not in own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,11 +111,15 @@ class EstimatesLayout:
 
 @dataclass(frozen=True, kw_only=True)
 class FlagsLayout:
-    """How the flags table of a run looks: the input's columns, and what the methods say of each row."""
+    """How the flags table of a run looks: the input's columns, and what the methods say of each row.
+
+    ``constants`` were given for missing columns: they become columns, so that flags are measurements again.
+    """
 
     methods: tuple[str, ...]
     input_schema: pa.Schema
     said: tuple[str, ...]
+    constants: Mapping[str, float]
     with_source: bool
 
     @property
@@ -124,6 +128,7 @@ class FlagsLayout:
         replaced = {column.name for column in FLAGS.columns if column.name not in ("snapshot", *_KEPT_FLAGS)}
         replaced |= set(self.said)
         fields = [field for field in self.input_schema if field.name not in replaced and field.name != "source"]
+        fields += [pa.field(name, pa.float64()) for name in self.constants]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
         if len(self.methods) > 1:
@@ -153,6 +158,8 @@ class FlagsLayout:
         for field in self.schema:
             if field.name == "method" and len(self.methods) > 1:
                 values: Any = _repeated(self.methods[number], used.shape[0])
+            elif field.name in self.constants:
+                values = pa.array(np.full(used.shape[0], self.constants[field.name]))
             elif field.name == "used":
                 values = pa.array(used)
             elif field.name in self.said:

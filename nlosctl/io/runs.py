@@ -35,11 +35,12 @@ def run_starts(ids: Any, before: Any) -> IntArray:
 class ReturnWatch:
     """Finds a snapshot whose rows come back after those of others.
 
-    Exact while the ids rise, or fall, strictly; else over the last million snapshots at least.
+    Exact while the ids rise, or fall, strictly; else over the last million snapshots at least. ``column`` is the
+    file's name for the ids, ``cure`` what to do about it: both for the message.
     """
 
-    def __init__(self, file: str, remembered: int = REMEMBERED_SNAPSHOTS) -> None:
-        self._file, self._remembered = file, remembered
+    def __init__(self, column: str, cure: str, remembered: int = REMEMBERED_SNAPSHOTS) -> None:
+        self._column, self._cure, self._remembered = column, cure, remembered
         self._history: list[tuple[str, Any, IntArray]] = []
         self._last: Any = None
         self._sorted = True
@@ -94,10 +95,7 @@ class ReturnWatch:
                 self._older, self._recent = self._recent, {}
 
     def _came_back(self, identity: Any, earlier: tuple[str, int], later: tuple[str, int]) -> str:
-        file = "FILE" if self._file == "-" else self._file
-        statement = f"COPY (SELECT * FROM '{file}' ORDER BY snapshot) TO 'sorted.parquet'"  # noqa: S608 - shown, not run
         return (
-            f"{later[0]}, row {later[1]}, column 'snapshot': {identity!r} comes back after other snapshots (before: "
-            f"{earlier[0]}, row {earlier[1]}), expected the rows of a snapshot together; sort the file: "
-            f'duckdb -c "{statement}"'
+            f"{later[0]}, row {later[1]}, column {self._column!r}: {identity!r} comes back after other snapshots "
+            f"(before: {earlier[0]}, row {earlier[1]}), expected the rows of a snapshot together; {self._cure}"
         )

@@ -48,7 +48,7 @@ def scene_from_toml(text: str, name: str) -> Scene:
     reflectors = []
     for where, entry in _entries(tree, "reflector", name):
         kind = entry.get("kind")
-        if kind not in REFLECTOR_KINDS:
+        if not isinstance(kind, str) or kind not in REFLECTOR_KINDS:
             known = ", ".join(repr(word) for word in REFLECTOR_KINDS)
             near = did_you_mean(kind, REFLECTOR_KINDS) if isinstance(kind, str) else ""
             came = "nothing" if "kind" not in entry else repr(kind)

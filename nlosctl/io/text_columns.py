@@ -9,16 +9,32 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from nlosctl.contract.tables import ColumnType
+from nlosctl.errors import DataError
 from nlosctl.io.raw import CellFault
 
-__all__ = ["EXPECTED", "arrow_type_of", "convert_text", "decode_utf8", "infer_type", "shown"]
+__all__ = [
+    "EXPECTED",
+    "arrow_type_of",
+    "convert_text",
+    "decode_utf8",
+    "identifier_type",
+    "infer_type",
+    "refuse_wrong_column",
+    "shown",
+    "wider_type",
+]
 
 EXPECTED = {
     "number": "a number",
     "integer": "an integer",
     "boolean": "true/false or 1/0",
     "text": "text",
+    "identifier": "text",
 }
+
+_EXPECTED_ALL = {"number": "numbers", "integer": "integers", "boolean": "true/false or 1/0"}
+_FEWEST_WRONG = 5
+_TRIED = 100
 
 _ARROW_TYPES = {
     "number": pa.float64(),
@@ -40,23 +56,48 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def infer_type(cells: Any, plain_integers: bool = False) -> ColumnType:
-    """Return the narrowest type that all ``cells`` (text, null where empty) fit; text if all are null.
-
-    With ``plain_integers`` only integers or text come out, and integers with leading zeros or a plus sign are text.
-    """
+def identifier_type(cells: Any) -> ColumnType:
+    """Return integer where all ``cells`` are integers written plainly (no leading zero or plus), else identifier."""
     filled = cells.drop_null()
+    return "integer" if len(filled) and _are_plain_integers(filled) else "identifier"
+
+
+def infer_type(cells: Any) -> ColumnType | None:
+    """Return the narrowest type that holds all ``cells`` (text, null where empty) unchanged; None if all are null.
+
+    Numbers with leading zeros and integers that a float can't hold are text.
+    """
+    filled = pc.utf8_trim_whitespace(cells.drop_null())
     if len(filled) == 0:
-        return "text"
-    if plain_integers:
-        plain = pc.all(pc.match_substring_regex(filled, r"^(0|-?[1-9][0-9]*)$")).as_py()
-        return "integer" if plain and _cast(filled, pa.int64()) is not None else "text"
-    if _cast(filled, pa.int64()) is not None:
+        return None
+    if _are_plain_integers(filled):
         return "integer"
     if _cast(filled, pa.float64()) is not None:
-        return "number"
+        changed = pc.any(pc.match_substring_regex(filled, r"^[+-]?(0[0-9]|[0-9]{16})")).as_py()
+        return "text" if changed else "number"
     words = pc.is_in(pc.utf8_lower(filled), value_set=pa.array(["true", "false"]))
     return "boolean" if pc.all(words).as_py() else "text"
+
+
+def wider_type(one: ColumnType | None, other: ColumnType | None) -> ColumnType | None:
+    """Return the type that holds what both hold; None is that of nothing."""
+    if one is None or other is None or one == other:
+        return one or other
+    return "number" if {one, other} == {"integer", "number"} else "text"
+
+
+def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) -> None:
+    """Raise DataError where there are several ``cells`` and none of them fits the contract's type."""
+    if wanted in ("text", "identifier"):
+        return
+    for some in (cells.slice(0, _TRIED), cells):
+        if len(some) - some.null_count < _FEWEST_WRONG or len(convert_text(some, wanted, column)[0].drop_null()):
+            return
+    example = cells.drop_null()[0].as_py()
+    raise DataError(
+        f"{file}, column {column!r}: wrong type: holds text such as {shown(example)}, "
+        f"expected {_EXPECTED_ALL[wanted]}; convert the column, or read another under this name with --column"
+    )
 
 
 def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") -> tuple[Any, list[CellFault]]:
@@ -104,6 +145,11 @@ def decode_utf8(cells: Any, column: str) -> tuple[Any, list[CellFault]]:
             fault = f"got {shown(value)}, byte 0x{value[error.start]:02x} is not UTF-8; save the file as UTF-8"
             faults.append(CellFault(position=place, column=column, fault=fault))
     return pa.array(decoded, type=pa.string()), faults
+
+
+def _are_plain_integers(filled: Any) -> bool:
+    plain = pc.all(pc.match_substring_regex(filled, r"^(0|-?[1-9][0-9]*)$")).as_py()
+    return bool(plain) and _cast(filled, pa.int64()) is not None
 
 
 def _cast(cells: Any, target: Any) -> Any:

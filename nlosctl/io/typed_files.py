@@ -13,6 +13,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Part
 from nlosctl.io.raw import RawBatch, readable, rebatch
+from nlosctl.io.to_text import without_views
 
 __all__ = ["ArrowSource", "ParquetSource", "fits_type"]
 
@@ -53,6 +54,10 @@ def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> Non
             )
 
 
+def _without_views(schema: Any) -> Any:
+    return pa.schema([column.with_type(without_views(column.type)) for column in schema], metadata=schema.metadata)
+
+
 class ParquetSource:
     """A Parquet file, read in batches whatever the size of its row groups."""
 
@@ -86,7 +91,7 @@ class ParquetSource:
         if encoded:
             with readable(self._part.name, "Parquet file"):
                 self._reopen(encoded)
-        self._schema = self._file.schema_arrow.remove_metadata()
+        self._schema = _without_views(self._file.schema_arrow.remove_metadata())
         return self._schema if columns is None else pa.schema([self._schema.field(name) for name in columns])
 
     def _reopen(self, encoded: Sequence[str]) -> None:
@@ -104,7 +109,8 @@ class ParquetSource:
                 self._file.iter_batches(self._batch_rows, columns=self._columns, use_threads=self._use_threads),
                 self._batch_rows,
             ):
-                yield RawBatch(table=batch, first_row=row)
+                wanted = _without_views(batch.schema)
+                yield RawBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
                 row += batch.num_rows
 
     def close(self) -> None:
@@ -123,7 +129,7 @@ class ArrowSource:
             self._handle = part.stream if part.stream is not None else pa.memory_map(str(part.path))
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
-        self._schema = self._reader.schema
+        self._schema = _without_views(self._reader.schema)
         self.names: tuple[str, ...] = tuple(self._schema.names)
         self.metadata: Mapping[bytes, bytes] = self._schema.metadata or {}
         self._columns: list[str] | None = None
@@ -150,7 +156,9 @@ class ArrowSource:
             found = iter(self._reader)
         for batch in found:
             batch.validate()
-            yield batch if self._columns is None else batch.select(self._columns)
+            batch = batch if self._columns is None else batch.select(self._columns)
+            wanted = _without_views(batch.schema)
+            yield batch if batch.schema.equals(wanted) else batch.cast(wanted)
 
     def close(self) -> None:
         """Close the file."""

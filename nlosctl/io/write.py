@@ -7,20 +7,21 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
 import pyarrow as pa
 
-from nlosctl.errors import DataError
+from nlosctl.errors import DataError, UsageError
 from nlosctl.io.encode import Encoder, make_encoder
 from nlosctl.io.file_format import FileFormat, format_of_path
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow
 
-__all__ = ["BadRowWriter", "TableWriter", "provenance_text"]
+__all__ = ["BadRowWriter", "TableWriter", "check_targets", "provenance_text", "write_text"]
 
 GROUP_ROWS = 131_072
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
@@ -62,8 +63,7 @@ class TableWriter:
         self._temporary: Path | None = None
         self._sink: Any = None
         self._encoder: Encoder | None = None
-        if target != "-":
-            _check_target(target, overwrite, inputs)
+        check_targets([target], overwrite=overwrite, inputs=inputs)
 
     def __enter__(self) -> TableWriter:
         self._sink = self._open_sink()
@@ -97,22 +97,27 @@ class TableWriter:
             raise
 
     def _encode(self, table: Any) -> None:
-        if self._encoder is None:
-            self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
-        self._encoder.write(table.combine_chunks())
+        with _writing(self.target):
+            if self._encoder is None:
+                self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
+            self._encoder.write(table.combine_chunks())
 
     def _finish(self) -> None:
+        with _writing(self.target):
+            self._put_in_place()
+
+    def _put_in_place(self) -> None:
         if self._waiting_rows or self._encoder is None:
             self._encode(pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table())
         assert self._encoder is not None  # noqa: S101 - made by _encode
         self._encoder.close(self._metadata)
         if self._temporary is None:
-            self._pass_on()
+            self._pass_on() if self.target == "-" else self._sink.close()
             return
         self._sink.flush()
         os.fsync(self._sink.fileno())
         self._sink.close()
-        self._temporary.replace(self.target)
+        self._temporary.replace(Path(self.target).resolve())
         self._temporary = None
 
     def _open_sink(self) -> Any:
@@ -120,16 +125,15 @@ class TableWriter:
             if self._format is FileFormat.PARQUET:
                 return tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)
             return self._output()
-        target = Path(self.target)
-        try:
-            handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
-        except OSError as error:
-            raise DataError(f"{self.target}: can't be written: {error.strerror}") from error
-        self._temporary = Path(name)
-        self._temporary.chmod(0o666 & ~_umask())
-        return os.fdopen(handle, "wb")
+        with _writing(self.target):
+            if _takes_bytes_as_they_come(self.target):
+                return Path(self.target).open("wb")
+            self._temporary, sink = _temporary_beside(self.target)
+            return sink
 
     def _output(self) -> IO[bytes]:
+        if self._stdout is None and sys.stdout is None:
+            raise DataError("standard output is closed; name a file with -o")
         return self._stdout if self._stdout is not None else sys.stdout.buffer
 
     def _pass_on(self) -> None:
@@ -185,19 +189,76 @@ def _format_for(target: str, format: FileFormat | None) -> FileFormat:
     return FileFormat.ARROW_STREAM if format is FileFormat.ARROW else format or FileFormat.CSV
 
 
+def write_text(target: str, text: str) -> None:
+    """Write a small text file, whole or not at all; check the target first with `check_targets`."""
+    with _writing(target):
+        if _takes_bytes_as_they_come(target):
+            Path(target).write_text(text, encoding="utf-8")
+            return
+        temporary, sink = _temporary_beside(target)
+        with sink:
+            sink.write(text.encode("utf-8"))
+        temporary.replace(Path(target).resolve())
+
+
+def check_targets(targets: Sequence[str | None], *, overwrite: bool, inputs: Sequence[Path]) -> None:
+    """Refuse outputs that can't be written or would destroy something, before any work is done.
+
+    ``-`` is standard output, None stands for an output that is not wanted. Raises UsageError where two outputs are
+    one file, DataError where a file exists (without ``overwrite``), is an input, or can't be written.
+    """
+    wanted = [target for target in targets if target is not None]
+    places = [target if target == "-" else str(Path(target).resolve()) for target in wanted]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise UsageError(f"{wanted[places.index(place)]} and {wanted[number]} are one output; give two names")
+    for target in wanted:
+        if target != "-":
+            _check_target(target, overwrite, inputs)
+
+
 def _check_target(target: str, overwrite: bool, inputs: Sequence[Path]) -> None:
-    path = Path(target)
+    path = Path(target).resolve()
     if path.is_dir():
         raise DataError(f"{target}: is a folder, expected the name of a file")
     if not path.parent.is_dir():
-        raise DataError(f"{target}: there is no folder {str(path.parent)!r}; make it first")
-    if path.exists():
-        if any(given.exists() and given.samefile(path) for given in inputs):
+        raise DataError(f"{target}: there is no folder {str(Path(target).parent)!r}; make it first")
+    if _takes_bytes_as_they_come(target):
+        return
+    for given in inputs:
+        if path.exists() and given.exists() and given.samefile(path):
             raise DataError(f"{target}: is the input; write to another file")
-        if not overwrite:
-            raise DataError(f"{target}: exists already; --overwrite replaces it")
+        if given.is_dir() and given.resolve() in path.parents:
+            raise DataError(f"{target}: lies in the input folder {str(given)!r}; write to another folder")
+    if path.exists() and not overwrite:
+        raise DataError(f"{target}: exists already; --overwrite replaces it")
     if not os.access(path.parent, os.W_OK):
         raise DataError(f"{target}: can't be written: no permission in the folder")
+
+
+def _takes_bytes_as_they_come(target: str) -> bool:
+    """Whether the target is there and no regular file: a pipe or device, which is written through."""
+    path = Path(target)
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _temporary_beside(target: str) -> tuple[Path, IO[bytes]]:
+    place = Path(target).resolve()
+    handle, name = tempfile.mkstemp(prefix=f".{place.name}.", suffix=".part", dir=place.parent)
+    temporary = Path(name)
+    temporary.chmod(0o666 & ~_umask())
+    return temporary, os.fdopen(handle, "wb")
+
+
+@contextmanager
+def _writing(target: str) -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        name = "standard output" if target == "-" else target
+        raise DataError(f"{name}: can't be written: {error.strerror or error}") from error
 
 
 def _umask() -> int:

@@ -15,6 +15,7 @@ from nlosctl.errors import UsageError
 from nlosctl.models.triplets import path_rows
 from nlosctl.solvers.path_estimates import path_estimates
 from nlosctl.solvers.path_reasons import reasons
+from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
 from nlosctl.solvers.triplet_fits import fit_paths
 from nlosctl.solvers.triplet_rules import rays_miss_by
 
@@ -73,6 +74,7 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
             "ip": rows.dense(ip),
             "p_value": rows.dense(p_value),
             "reason": Words(code=rows.dense(words.code), words=words.words),
+            **(detail_columns(rows, options.false_alarm) if batch.want_details else {}),
         },
     )
     return Solution(estimates=estimates, flags=flags)
@@ -89,4 +91,5 @@ METHOD = MethodSpec(
     cost="half the chi-square of the triplet's residuals",
     minimum_measurements=1,
     flags=("ip", "p_value", "reason"),
+    details=DETAIL_COLUMNS,
 )

@@ -19,6 +19,7 @@ from nlosctl.models.triplets import path_rows, snapshot_centers
 from nlosctl.solvers.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.path_estimates import judge_targets
 from nlosctl.solvers.path_reasons import reasons
+from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
 from nlosctl.solvers.triplet_fits import fit_paths
 from nlosctl.solvers.triplet_problem import TripletProblem
 
@@ -77,6 +78,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
             "p_value": p_value,
             "reason": reasons(ip.shape, ("inconsistent", inconsistent), ("off_target", ip & ~inconsistent)),
             "direct_probability": common.direct,
+            **(detail_columns(rows, options.false_alarm) if batch.want_details else {}),
         },
     )
     return Solution(estimates=estimates, flags=flags)
@@ -135,4 +137,5 @@ METHOD = MethodSpec(
     cost="negative log-evidence of the best set of targets, in nats",
     minimum_measurements=1,
     flags=("ip", "p_value", "reason", "direct_probability"),
+    details=DETAIL_COLUMNS,
 )

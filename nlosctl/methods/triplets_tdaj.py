@@ -16,6 +16,7 @@ from nlosctl.geometry.triplets import DIFFERENCES
 from nlosctl.models.error_laws import ErrorLaw, parse_error_law
 from nlosctl.models.triplets import PathRows, path_rows
 from nlosctl.solvers.path_reasons import reasons
+from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
 from nlosctl.solvers.triplet_rules import Decision, blind_rows, decide, decide_fusion, rule_quantity
 
 __all__ = ["METHOD", "TdajOptions", "solve"]
@@ -56,80 +57,49 @@ def solve(batch: TripletBatch, options: TdajOptions) -> Solution:
     where the rule cannot judge: no ellipse, parallel rays, transmitter and receiver in one place (no baseline frame).
     """
     rows, law = path_rows(batch), parse_error_law(options.noise)
-    decisions: dict[int | str, Decision] = {}
-    if batch.want_details or options.rule == "fusion":
-        decisions = {rule: _decide(rows, rule, law, options) for rule in RULES}
-    p_value, blind = _judge(rows, law, options, decisions)
+    p_value, blind = _judge(rows, law, options)
     monostatic = ~(rows.rays.baseline_m > 0.0)
     if monostatic.any():
         p_value = np.where(monostatic, np.nan, p_value)
     with np.errstate(invalid="ignore"):
         significant = p_value < options.false_alarm
-    unjudged = np.isnan(p_value) & ~monostatic
     behind = rows.rays.meets_behind & ~monostatic if options.behind_is_ip else np.zeros_like(significant)
-    words = (
+    words = reasons(
+        significant.shape,
         ("inconsistent", significant),
         ("behind", behind),
         ("no_ellipse", ~rows.rays.has_ellipse & ~monostatic),
-        ("parallel", unjudged & rows.rays.has_ellipse),
+        ("parallel", np.isnan(p_value) & rows.rays.has_ellipse & ~monostatic),
         ("monostatic", monostatic),
     )
     columns: dict[str, Any] = {
-        "ip": significant | behind,
-        "p_value": np.where(behind, 0.0, p_value) if options.behind_is_ip else p_value,
-        "reason": reasons(significant.shape, *words),
-        "blind": blind,
+        "ip": rows.dense(significant | behind),
+        "p_value": rows.dense(np.where(behind, 0.0, p_value) if options.behind_is_ip else p_value),
+        "reason": Words(code=rows.dense(words.code), words=words.words),
+        "blind": rows.dense(blind),
     }
     if options.eta_m > 0.0:
-        columns["outside_safe_region"] = significant
+        columns["outside_safe_region"] = rows.dense(significant)
     if batch.want_details:
-        columns |= _details(rows, decisions, law, options)
-    dense = {name: _dense(rows, column) for name, column in columns.items()}
+        columns |= detail_columns(rows, options.false_alarm, law=law, eta_m=options.eta_m)
     used = np.zeros(rows.shape, dtype=bool)
-    return Solution(estimates=no_estimates(batch.size), flags=Flags(used=used, columns=dense))
+    return Solution(estimates=no_estimates(batch.size), flags=Flags(used=used, columns=columns))
 
 
 def _decide(rows: PathRows, rule: int | str, law: ErrorLaw, options: TdajOptions) -> Decision:
     return decide(rows, rule_quantity(rows.rays, rule), law, options.eta_m)
 
 
-def _judge(
-    rows: PathRows, law: ErrorLaw, options: TdajOptions, decisions: dict[int | str, Decision]
-) -> tuple[FloatArray, BoolArray]:
+def _judge(rows: PathRows, law: ErrorLaw, options: TdajOptions) -> tuple[FloatArray, BoolArray]:
     """Return the p-value of the chosen rule and where it is blind."""
     if options.rule == "fusion":
         blind = np.stack([blind_rows(rows, rule) for rule in RULES])
         # Fewer than k + 1 rules that see can't outvote k; nearly parallel rays spoil the p-values of four of them.
         too_few = np.sum(~blind, axis=0, dtype=np.int64) <= options.k
-        p_value = decide_fusion([decisions[rule].p_value for rule in RULES], options.k)
-        return p_value, too_few | blind_rows(rows, "ellipse")
+        p_values = [_decide(rows, rule, law, options).p_value for rule in RULES]
+        return decide_fusion(p_values, options.k), too_few | blind_rows(rows, "ellipse")
     rule: int | str = options.rule if options.rule == "ellipse" else int(options.rule[-1])
-    decision = decisions[rule] if rule in decisions else _decide(rows, rule, law, options)
-    return decision.p_value, blind_rows(rows, rule)
-
-
-def _details(
-    rows: PathRows, decisions: dict[int | str, Decision], law: ErrorLaw, options: TdajOptions
-) -> dict[str, FloatArray]:
-    """Return points in global coordinates, differences and thresholds in the baseline frame."""
-    columns: dict[str, FloatArray] = {}
-    for point, name in ((1, "dod_doa"), (2, "dod_toa"), (3, "doa_toa")):
-        x, y = rows.rays.coordinate(point, "x").value_m, rows.rays.coordinate(point, "y").value_m
-        columns[f"{name}_x_m"], columns[f"{name}_y_m"] = rows.frame.to_global(x, y)
-    for rule in RULES:
-        columns[f"lambda{rule}_m"] = decisions[rule].value_m
-    for rule in RULES:
-        columns[f"threshold{rule}_m"] = decisions[rule].threshold_m(law, options.false_alarm, options.eta_m)
-    return columns
-
-
-def _dense(rows: PathRows, column: Any) -> Any:
-    if isinstance(column, Words):
-        return Words(code=rows.dense(column.code), words=column.words)
-    return rows.dense(column)
-
-
-_POINTS = tuple(f"{name}_{axis}_m" for name in ("dod_doa", "dod_toa", "doa_toa") for axis in ("x", "y"))
+    return _decide(rows, rule, law, options).p_value, blind_rows(rows, rule)
 
 
 def _safe_region_columns(options: TdajOptions) -> tuple[str, ...]:
@@ -149,9 +119,5 @@ METHOD = MethodSpec(
     estimates=False,
     flags=("ip", "p_value", "reason", "blind"),
     flags_with=_safe_region_columns,
-    details=(
-        *_POINTS,
-        *(f"lambda{rule}_m" for rule in RULES),
-        *(f"threshold{rule}_m" for rule in RULES),
-    ),
+    details=DETAIL_COLUMNS,
 )

@@ -9,7 +9,9 @@ once, to better than 1e-6.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -110,13 +112,13 @@ class LaplaceErrors:
         With s = (scale parameter)^2 of each, P(|sum| > z) is the second divided difference of s^2 exp(-z / sqrt s)
         over the three s: partial fractions would lose all digits where two of them are alike.
         """
-        s1, s2, s3 = (0.5 * weight * weight for weight in _unit_weights(weights))
-        distance = np.abs(scaled)
-        total = np.zeros(np.broadcast(scaled, s1).shape)
-        for share2, share3, quadrature_weight in _SIMPLEX:
-            s = s1 + share2 * (s2 - s1) + share3 * (s3 - s1)
-            q = distance / np.sqrt(s)
-            total += quadrature_weight * (2.0 + 1.25 * q + 0.25 * q * q) * np.exp(-q)
+        return _by_rows(self._integrate, scaled, weights)
+
+    def _integrate(self, scaled: FloatArray, weights: list[FloatArray]) -> FloatArray:
+        s1, s2, s3 = (0.5 * weight[:, None] ** 2 for weight in weights)
+        share2, share3, quadrature = _SIMPLEX
+        q = np.abs(scaled)[:, None] / np.sqrt(s1 + share2 * (s2 - s1) + share3 * (s3 - s1))
+        total = np.sum(quadrature * (2.0 + 1.25 * q + 0.25 * q * q) * np.exp(-q), axis=1)
         tail = 0.5 * np.minimum(total, 1.0)
         return np.where(scaled >= 0.0, tail, np.where(np.isnan(scaled), np.nan, 1.0 - tail))
 
@@ -137,35 +139,42 @@ class StudentErrors:
 
         The step repeats the law with a period so long that its tails there do not matter.
         """
-        arrays = np.broadcast_arrays(np.asarray(scaled, dtype=np.float64), *_unit_weights(weights))
-        flat = [array.ravel() for array in arrays]
-        result = np.empty(flat[0].shape)
-        for first in range(0, result.size, _STUDENT_ROWS):
-            rows = slice(first, first + _STUDENT_ROWS)
-            result[rows] = self._invert(flat[0][rows], [weight[rows] for weight in flat[1:]])
-        return result.reshape(arrays[0].shape)
+        return _by_rows(self._invert, scaled, weights)
 
     def _invert(self, scaled: FloatArray, weights: list[FloatArray]) -> FloatArray:
-        nu = self.degrees_of_freedom
-        step = 2.0 * math.pi / min(max(2.0 * 10.0 ** (8.0 / nu), 60.0), 400.0)
-        t = np.arange(1, math.ceil(max(9.0, 36.0 / math.sqrt(nu - 2.0)) / step) + 1) * step
-        characteristic = self._characteristic(float(t[-1]))
-        product = np.ones((scaled.shape[0], t.shape[0]))
+        t, step, characteristic = _student_characteristic(self.degrees_of_freedom)
+        product = np.sin(np.where(np.isnan(scaled), 0.0, scaled)[:, None] * t) / t
         for weight in weights:
             product *= characteristic(np.where(np.isnan(weight), 0.0, weight)[:, None] * t)
-        product *= np.sin(np.where(np.isnan(scaled), 0.0, scaled)[:, None] * t) / t
-        series = np.array([float(np.sum(row)) for row in product])
-        survival = 0.5 - (0.5 * scaled + series) * step / math.pi
+        with np.errstate(invalid="ignore"):
+            survival = 0.5 - (0.5 * scaled + np.sum(product, axis=1)) * step / math.pi
         unknown = np.isnan(scaled) | np.isnan(weights[0])
         return np.where(unknown, np.nan, np.clip(survival, 0.0, 1.0))
 
-    def _characteristic(self, largest: float) -> CubicSpline:
-        nu = self.degrees_of_freedom
-        t = np.linspace(0.0, largest, 6001)
-        x = math.sqrt(nu - 2.0) * t[1:]
-        log_value = np.log(kve(0.5 * nu, x)) - x + 0.5 * nu * np.log(x)
-        log_value -= gammaln(0.5 * nu) + (0.5 * nu - 1.0) * math.log(2.0)
-        return CubicSpline(t, np.concatenate([[1.0], np.exp(log_value)]))
+
+@lru_cache(maxsize=8)
+def _student_characteristic(nu: float) -> tuple[FloatArray, float, CubicSpline]:
+    """Return the places t, their step, and the characteristic function of Student's law with standard deviation 1."""
+    step = 2.0 * math.pi / min(max(2.0 * 10.0 ** (8.0 / nu), 60.0), 400.0)
+    t = np.arange(1, math.ceil(max(9.0, 36.0 / math.sqrt(nu - 2.0)) / step) + 1) * step
+    knots = np.linspace(0.0, float(t[-1]), 6001)
+    x = math.sqrt(nu - 2.0) * knots[1:]
+    log_value = np.log(kve(0.5 * nu, x)) - x + 0.5 * nu * np.log(x)
+    log_value -= gammaln(0.5 * nu) + (0.5 * nu - 1.0) * math.log(2.0)
+    return t, step, CubicSpline(knots, np.concatenate([[1.0], np.exp(log_value)]))
+
+
+def _by_rows(
+    survival: Callable[[FloatArray, list[FloatArray]], FloatArray], scaled: FloatArray, weights: Weights
+) -> FloatArray:
+    """Return ``survival`` of flat rows with unit weights, a few at a time: each row needs a row of quadrature."""
+    arrays = np.broadcast_arrays(np.asarray(scaled, dtype=np.float64), *_unit_weights(weights))
+    flat = [array.ravel() for array in arrays]
+    result = np.empty(flat[0].shape)
+    for first in range(0, result.size, _ROWS):
+        rows = slice(first, first + _ROWS)
+        result[rows] = survival(flat[0][rows], [weight[rows] for weight in flat[1:]])
+    return result.reshape(arrays[0].shape)
 
 
 def parse_error_law(text: str) -> ErrorLaw:
@@ -259,7 +268,7 @@ def _unit_weights(weights: Weights) -> tuple[FloatArray, FloatArray, FloatArray]
     return scale, middle * scale, smallest * scale
 
 
-def _simplex_rule(nodes_u: int, nodes_v: int) -> list[tuple[float, float, float]]:
+def _simplex_rule(nodes_u: int, nodes_v: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return shares of corners 2 and 3 and weights of a rule over a triangle of area 1/2.
 
     Gauss's, its nodes drawn towards the corner of the smallest weights, where the integrand may end abruptly.
@@ -269,15 +278,15 @@ def _simplex_rule(nodes_u: int, nodes_v: int) -> list[tuple[float, float, float]
     t, r = 0.5 * (point_u + 1.0), 0.5 * (point_v + 1.0)
     u, wu = 1.0 - t**4, 2.0 * weight_u * t**3
     v, wv = r**2, weight_v * r
-    return [
-        (float(a * b), float(a * (1.0 - b)), float(wa * wb * a))
-        for a, wa in zip(u, wu, strict=True)
-        for b, wb in zip(v, wv, strict=True)
-    ]
+    return (
+        np.outer(u, v).ravel(),
+        np.outer(u, 1.0 - v).ravel(),
+        np.outer(wu * u, wv).ravel(),
+    )
 
 
 _SIMPLEX = _simplex_rule(32, 16)
-_STUDENT_ROWS = 512
+_ROWS = 256
 _PLAIN: dict[str, ErrorLaw] = {
     "gaussian": GaussianErrors(),
     "uniform": UniformErrors(),

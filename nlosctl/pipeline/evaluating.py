@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,6 @@ from nlosctl.errors import DataError
 from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
 from nlosctl.evaluation.flags import FlagScores
-from nlosctl.evaluation.summaries import plain_dict
 from nlosctl.evaluation.targets import TargetScores
 from nlosctl.io.evaluation_rows import (
     TruthTable,
@@ -33,7 +33,10 @@ Readers = Sequence[tuple[Input, PlainReader]]
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """What was evaluated (``estimates`` or ``flags``): the figures of each group, and of all together."""
+    """What was evaluated (``estimates`` or ``flags``): the figures of each group, and of all together.
+
+    NaN: nothing to say; infinite: rows without a fix reach into the percentile.
+    """
 
     of: str
     groups: list[dict[str, Any]]
@@ -134,8 +137,10 @@ def present(
 ) -> Evaluation:
     """Return the scores as plain values; their keys are the file, where there are several, and the grouping columns."""
     names = (["file"] if len(readers) > 1 else []) + list(grouping)
-    groups = []
+    groups: list[dict[str, Any]] = []
     for key, summary in scores.result().items():
         assert isinstance(key, tuple)  # noqa: S101 - made above
-        groups.append({**dict(zip(names, key, strict=True)), **plain_dict(summary)})
-    return Evaluation(of=of, groups=groups, overall=plain_dict(scores.overall()))
+        groups.append({**dict(zip(names, key, strict=True)), **dataclasses.asdict(summary)})
+    if not groups:
+        raise DataError(f"{', '.join(given.name for given, _ in readers)}: no rows to evaluate")
+    return Evaluation(of=of, groups=groups, overall=dataclasses.asdict(scores.overall()))

@@ -86,7 +86,8 @@ class RunReport:
             rows += f", {self.bad_rows} bad rows set aside"
         names = ", ".join(str(given["name"]) for given in self.inputs[:3])
         more = f" and {len(self.inputs) - 3} more" if len(self.inputs) > 3 else ""
-        lines = [f"{names}{more}: {self.snapshots} snapshots of {self.kind}, {rows}"]
+        snapshots = "1 snapshot" if self.snapshots == 1 else f"{self.snapshots} snapshots"
+        lines = [f"{names}{more}: {snapshots} of {self.kind}, {rows}"]
         for name, tally in self.methods.items():
             told = [*tally.verdicts.items(), *sorted(tally.statuses.items(), key=_by_status)]
             lines.append(f"{name}: {', '.join(f'{count} {word}' for word, count in told) or 'nothing to solve'}")

@@ -43,6 +43,11 @@ class RunSettings:
     want_details: bool = False
     want_trace: bool = False
 
+    def __post_init__(self) -> None:
+        for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
+            if getattr(self, name) < least:
+                raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
@@ -75,6 +80,7 @@ class MeasurementRun:
             methods=methods,
             input_schema=reader.schema,
             said=self._said(),
+            constants=reader.constants,
             with_source=reader.has_several_sources,
         )
         self._trace_layout = TraceLayout(
@@ -98,6 +104,18 @@ class MeasurementRun:
     def trace_schema(self) -> Any:
         """The Arrow schema of the trace."""
         return self._trace_layout.schema
+
+    def plan(self) -> list[str]:
+        """Return what the run is about to do, a line for the data and one for each method."""
+        scene, settings = self._reader.scene, self._settings
+        lines = [
+            f"scene: {len(scene.sensors)} sensors, {len(scene.reflectors)} reflectors; seed {settings.seed}, "
+            f"jobs {settings.jobs}, blocks of {settings.block_size} snapshots"
+        ]
+        for run in self._runs:
+            options = ", ".join(f"{name}={value}" for name, value in dataclasses.asdict(run.options).items())
+            lines.append(f"{run.spec.full_name}: {options or 'no parameters'}")
+        return lines
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
@@ -204,6 +222,7 @@ class MeasurementRun:
             *heights_remark(self._reader.schema.names, self._settings.target_z_m),
             *self._unused_ranges(),
             *self._edge_remarks(),
+            *self._hopeless(),
             *self._advice(),
         ]
 
@@ -219,6 +238,13 @@ class MeasurementRun:
         if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
             return []
         return [f"the column 'range_m' is not used by {', '.join(takers)}"]
+
+    def _hopeless(self) -> list[str]:
+        answered = any(tally.answered for tally in self.report.methods.values())
+        senses = [spelling.name for column in KINDS[self.report.kind].columns for spelling in column.spellings]
+        if answered or not self.report.snapshots:
+            return []
+        return [f"no snapshot got a position; check units and sense of the angles (there are also {', '.join(senses)})"]
 
     def _advice(self) -> list[str]:
         robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}

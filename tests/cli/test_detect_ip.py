@@ -14,6 +14,7 @@ import pytest
 import nlosctl
 from nlosctl.cli.main import run
 
+METHODS = ("tdaj", "chi2", "joint")
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 GOOD = str(FIXTURES / "good_triplets.csv")
 
@@ -52,9 +53,18 @@ def test_details_and_safe_region_add_columns(tmp_path):
     np.testing.assert_array_equal(detailed["threshold5_m"].to_numpy() > 0.5, ~no_ellipse)
 
 
+def test_every_method_has_details(tmp_path):
+    """Points, differences and thresholds are the same whatever method decides."""
+    tables = [flags_of("-m", method, "--details", target=tmp_path / "flags.parquet") for method in METHODS]
+    names = [name for name in tables[0].column_names if name.startswith(("lambda", "threshold", "dod_", "doa_"))]
+    assert len(names) == 18 + 4
+    for table in tables[1:]:
+        assert table.select(names).equals(tables[0].select(names))
+
+
 def test_block_size_and_jobs_change_no_byte(tmp_path):
     """The same file whatever the threads and the block size, for each method."""
-    for method in ("tdaj", "chi2", "joint"):
+    for method in METHODS:
         files = [tmp_path / f"{n}.parquet" for n in range(2)]
         flags_of("-m", method, "--jobs", "1", target=files[0])
         flags_of("-m", method, "--jobs", "2", "--block-size", "7", target=files[1])

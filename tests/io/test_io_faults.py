@@ -38,6 +38,11 @@ BAD = {
     "bad_sensor_outside_circle.csv": ["row 2", "'sensor_x_m'", "7011421.448 m from the centre", "6671000 m"],
     "bad_blocker_outside_circle.csv": ["reflector[0].blocker_radius", "got 6.5e+06", "(0, 6.481e+06)"],
     "bad_snapshot_comes_back.csv": ["row 13", "row 1)", "ORDER BY snapshot"],
+    "bad_triplets_degrees_as_radians.csv": ["'dod_rad'", "17 of 18", "dod_deg"],
+    "bad_triplets_negative_length.csv": ["(line 6)", "'path_length_m'", "got -3", "larger than 0"],
+    "bad_triplets_zero_std.csv": ["row 8", "'doa_std_rad'", "got 0", "larger than 0"],
+    "bad_triplets_duplicate_path.csv": ["row 6", "duplicate", "row 5"],
+    "bad_triplets_missing_doa.csv": ["'doa_rad'", "doa_deg"],
 }
 ROW_FAULTS = [name for name, words in BAD.items() if any(word.startswith("row 5") for word in words)]
 
@@ -169,7 +174,7 @@ def test_unsorted_ids_are_fine(tmp_path: Path) -> None:
 
 def test_unsorted_ids_are_remembered_for_a_while() -> None:
     """At least the last so many snapshots are remembered, and memory stays bounded."""
-    watch = ReturnWatch("f", remembered=4)
+    watch = ReturnWatch("snapshot", "sort the file", remembered=4)
     for identity in [9, 1, 8, 2, 7, 3, 6, 4]:
         watch.add("f", pa.array([identity]), np.array([1]))
     with pytest.raises(DataError, match="3 comes back"):

@@ -105,11 +105,16 @@ def test_chi2_knows_gaussian_errors_alone():
         triplets_tdaj.METHOD.options(noise="cauchy")
 
 
-@pytest.mark.parametrize("rule", ["lambda1", "lambda4", "lambda5", "lambda6", "ellipse"])
-@pytest.mark.parametrize("noise", ["gaussian", "uniform", "laplace", "student-t:4"])
+@pytest.mark.parametrize(
+    ("rule", "noise"),
+    [
+        *((rule, "gaussian") for rule in ("lambda1", "lambda4", "lambda5", "lambda6", "ellipse")),
+        *(("lambda5", noise) for noise in ("uniform", "laplace", "student-t:4")),
+    ],
+)
 def test_flags_agree_with_thresholds(rule, noise):
     """A path is flagged exactly where its difference exceeds the threshold of the details."""
-    batch = dataclasses.replace(batch_of(draw("shen", 60, seed=1)), want_details=True)
+    batch = dataclasses.replace(batch_of(draw("shen", 30, seed=1)), want_details=True)
     options = triplets_tdaj.TdajOptions(rule=rule, noise=noise, false_alarm=0.02)
     columns = triplets_tdaj.solve(batch, options).flags.columns
     np.testing.assert_array_equal(columns["ip"], columns["p_value"] < 0.02)

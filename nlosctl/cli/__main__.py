@@ -1,0 +1,31 @@
+"""The entry of the program: an interrupt is met in one line even while the rest is being imported."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+__all__ = ["main"]
+
+
+def main() -> int:
+    """Run the program and return its exit code.
+
+    Once interrupted and tidied up it leaves at once: threads of the libraries may still wait for an input that never
+    ends, and the interpreter would wait for them.
+    """
+    try:
+        from nlosctl.cli.main import run
+
+        code = run()
+    except KeyboardInterrupt:
+        sys.stderr.write("nlosctl: interrupted\n")
+        code = 130
+    if code > 128:
+        sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""CSV text cut into blocks of whole records, each record with its line; quotes may hold line ends."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import IO
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import IntArray
+from nlosctl.errors import DataError
+
+__all__ = ["CsvBlock", "RecordBlocks"]
+
+_BLOCK_BYTES = 4 << 20
+
+_QUOTE, _LINE_FEED, _RETURN = ord('"'), ord("\n"), ord("\r")
+_AT_EDGE = np.isin(np.arange(256), list(b',\r\n"'))
+_QUOTED = re.compile(rb'(?:(?<=[,\r\n])|\A)"[^"]*(?:""[^"]*)*("?)')
+
+
+@dataclass(frozen=True, kw_only=True)
+class CsvBlock:
+    """Whole records, and the line (R,) where each of those that are not blank begins."""
+
+    content: bytes
+    lines: IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """Where lines end (the last byte of each line end), where records stop, and the quote that is still open."""
+
+    line_ends: IntArray
+    stops: IntArray
+    open_quote: int | None
+
+
+class RecordBlocks:
+    """Cuts a CSV stream into a header and blocks of about 4 MiB; lines end with LF, CR LF or CR.
+
+    A quote opens a quoted cell only where the cell begins, as in pyarrow. Raises DataError with its line for a
+    quote that is not closed: at the end of the file, within 4 MiB, or where what closes it on a later line does
+    not end the cell.
+    """
+
+    def __init__(self, stream: IO[bytes], name: str) -> None:
+        self._stream, self._name = stream, name
+        self._held = b""
+        self._line = 1
+        self._ended = False
+
+    @property
+    def at_end(self) -> bool:
+        """Whether everything has been given out."""
+        return self._ended and not self._held
+
+    def header(self) -> bytes:
+        """Return the first record without its line end; empty where there is none."""
+        if not self._fill():
+            return b""
+        layout = self._layout()
+        return self._take(layout, int(layout.stops[0])).rstrip(b"\r\n")
+
+    def blocks(self) -> Iterator[CsvBlock]:
+        """Yield the records after the header."""
+        while self._fill():
+            layout = self._layout()
+            first_line = self._line
+            content = self._take(layout, int(layout.stops[-1]))
+            yield CsvBlock(content=content, lines=_record_lines(content, layout, first_line))
+
+    def _fill(self) -> bool:
+        parts = [self._held]
+        size = len(self._held)
+        while size < _BLOCK_BYTES and not self._ended:
+            part = self._stream.read(_BLOCK_BYTES - size)
+            self._ended = not part
+            parts.append(part)
+            size += len(part)
+        self._held = b"".join(parts)
+        return bool(self._held)
+
+    def _layout(self) -> _Layout:
+        layout = self._scan()
+        if layout.open_quote is not None and (self._ended or not layout.stops.shape[0]):
+            raise self._unclosed(layout.line_ends, layout.open_quote)
+        if not layout.stops.shape[0]:
+            raise DataError(f"{self._name}, line {self._line}: the line is longer than 4 MiB: this is no CSV file")
+        return layout
+
+    def _scan(self) -> _Layout:
+        data, array = self._held, np.frombuffer(self._held, np.uint8)
+        line_ends = _line_ends(data, array, self._ended)
+        quotes = np.flatnonzero(array == _QUOTE)
+        if not _plain_quotes(array, quotes):
+            quotes = self._exact_quotes(line_ends)
+        stops = line_ends + 1
+        if quotes.shape[0]:
+            stops = stops[np.searchsorted(quotes, line_ends) % 2 == 0]
+        if self._ended and (not stops.shape[0] or stops[-1] < len(data)):
+            stops = np.append(stops, len(data))
+        return _Layout(
+            line_ends=line_ends, stops=stops, open_quote=int(quotes[-1]) if quotes.shape[0] % 2 == 1 else None
+        )
+
+    def _exact_quotes(self, line_ends: IntArray) -> IntArray:
+        """Return the quotes that open and close quoted cells, in turn; others are text."""
+        data = self._held
+        places = []
+        for match in _QUOTED.finditer(data):
+            places.append(match.start())
+            if match[1]:
+                places.append(match.end() - 1)
+                after = data[match.end() : match.end() + 1]
+                if after not in (b"", b",", b"\r", b"\n") and np.diff(np.searchsorted(line_ends, places[-2:]))[0]:
+                    raise self._unclosed(line_ends, match.start())
+        return np.array(places, dtype=np.int64)
+
+    def _unclosed(self, line_ends: IntArray, place: int) -> DataError:
+        line = self._line + int(np.searchsorted(line_ends, place))
+        return DataError(
+            f"{self._name}, line {line}: a quote opens here and is not closed; "
+            f'close it, or write a quote within a quoted cell twice ("")'
+        )
+
+    def _take(self, layout: _Layout, stop: int) -> bytes:
+        taken, self._held = self._held[:stop], self._held[stop:]
+        self._line += int(np.searchsorted(layout.line_ends, stop))
+        return taken
+
+
+def _line_ends(data: bytes, array: npt.NDArray[np.uint8], ended: bool) -> IntArray:
+    """Return the last byte of every line end; a CR at the very end may be half of one."""
+    if b"\r" not in data:
+        return np.flatnonzero(array == _LINE_FEED)
+    following = np.append(array[1:], _LINE_FEED if not ended else 0)
+    return np.flatnonzero((array == _LINE_FEED) | ((array == _RETURN) & (following != _LINE_FEED)))
+
+
+def _plain_quotes(array: npt.NDArray[np.uint8], quotes: IntArray) -> bool:
+    """Return whether each quote that is first, third... begins a cell, and each other one ends its cell."""
+    if quotes.shape[0] == 0:
+        return True
+    opening, closing = quotes[::2], quotes[1::2]
+    before = _AT_EDGE[array[opening - 1]] | (opening == 0)
+    after = _AT_EDGE[array[np.minimum(closing + 1, array.shape[0] - 1)]] | (closing + 1 == array.shape[0])
+    return bool(before.all() and after.all())
+
+
+def _record_lines(content: bytes, layout: _Layout, first_line: int) -> IntArray:
+    """Return the line of each record that is not blank."""
+    array = np.frombuffer(content, np.uint8)
+    starts = np.concatenate([np.zeros(1, dtype=np.int64), layout.stops[:-1]])
+    last = array[layout.stops - 1]
+    sizes = layout.stops - starts - np.isin(last, (_LINE_FEED, _RETURN))
+    sizes -= (last == _LINE_FEED) & (sizes > 0) & (array[np.maximum(layout.stops - 2, 0)] == _RETURN)
+    lines = first_line + np.searchsorted(layout.line_ends, starts)
+    found: IntArray = lines[sizes > 0].astype(np.int64)
+    return found

@@ -1,0 +1,298 @@
+"""``evaluate``: its figures against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_support import FIXTURES, GOOD, Outcome, table_csv
+from scipy import stats
+
+Cli = Callable[..., Outcome]
+
+STATUS = ["ok", "ok", "ambiguous", "infeasible", "boundary", "too_few", "ok", "degenerate"]
+X = [1.0, 2.5, -3.0, 4.0, 0.5, None, 7.0, None]
+Y = [0.0, 1.0, 2.0, -1.5, 0.25, None, 8.0, None]
+XX = [1.0, 2.0, 4.0, 0.5, None, None, 9.0, None]
+XY = [0.0, 0.5, -1.0, 0.1, None, None, 3.0, None]
+YY = [1.0, 3.0, 2.0, 0.25, None, None, 4.0, None]
+TRUTH_X = [0.0, 2.0, -1.0, 4.5, 0.0, 1.0, 1.0, 0.0]
+TRUTH_Y = [0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 1.0, 0.0]
+
+
+def estimates(**columns: Any) -> dict[str, list[Any]]:
+    """Return the columns of a small table of estimates; columns can be replaced or, by None, taken out."""
+    count = len(STATUS)
+    standard: dict[str, list[Any]] = {
+        "snapshot": list(range(count)),
+        "method": ["ml"] * count,
+        "target": [0] * count,
+        "alternative": [0] * count,
+        "x_m": X,
+        "y_m": Y,
+        "cov_xx_m2": XX,
+        "cov_xy_m2": XY,
+        "cov_yy_m2": YY,
+        "n_measurements": [3] * count,
+        "n_used": [3] * count,
+        "cost": [None] * count,
+        "status": STATUS,
+        "truth_x_m": TRUTH_X,
+        "truth_y_m": TRUTH_Y,
+    }
+    return {name: values for name, values in {**standard, **columns}.items() if values is not None}
+
+
+def write(folder: Path, name: str = "e.csv", **columns: Any) -> None:
+    """Write the table."""
+    (folder / name).write_text(table_csv(estimates(**columns)))
+
+
+def by_hand(rows: list[int]) -> dict[str, float | None]:
+    """Return the figures of some rows, worked out row by row."""
+    errors = [np.hypot(X[k] - TRUTH_X[k], Y[k] - TRUTH_Y[k]) if X[k] is not None else np.inf for k in rows]
+    fixed = [k for k in rows if X[k] is not None]
+    offset = np.array([[X[k] - TRUTH_X[k], Y[k] - TRUTH_Y[k]] for k in fixed])
+    squared = []
+    for k in fixed:
+        if XX[k] is not None:
+            e = np.array([X[k] - TRUTH_X[k], Y[k] - TRUTH_Y[k]])
+            squared.append(e @ np.linalg.inv(np.array([[XX[k], XY[k]], [XY[k], YY[k]]])) @ e)
+    count = len(squared)
+    low, high = stats.chi2.ppf([0.025, 0.975], 2 * count) / count
+    figures = {
+        "rows": len(rows),
+        "answered": len(fixed),
+        "fix_rate": len(fixed) / len(rows),
+        "rmse_m": np.sqrt(np.mean(np.sum(offset**2, axis=1))),
+        "bias_x_m": offset[:, 0].mean(),
+        "bias_y_m": offset[:, 1].mean(),
+        "nees": np.mean(squared),
+        "nees_rows": count,
+        "nees_low": low,
+        "nees_high": high,
+        **{f"coverage_{p}": np.mean(np.array(squared) <= stats.chi2.ppf(p / 100, 2)) for p in (50, 90, 95, 99)},
+    }
+    for name, percent in (("median_m", 50), ("p90_m", 90), ("p95_m", 95), ("p99_m", 99)):
+        place = percent / 100 * (len(errors) - 1)
+        low_error, high_error = np.sort(errors)[[int(np.floor(place)), int(np.ceil(place))]]
+        fraction = place - np.floor(place)
+        reached = high_error if fraction else low_error
+        figures[name] = float(low_error + fraction * (high_error - low_error)) if np.isfinite(reached) else None
+    return figures
+
+
+def agree(told: dict[str, Any], expected: dict[str, float | None]) -> None:
+    """Compare figures."""
+    assert {name: told[name] for name in expected} == {
+        name: None if value is None else pytest.approx(value, rel=1e-12) for name, value in expected.items()
+    }
+
+
+def test_every_figure_is_the_one_by_hand(cli: Cli, tmp_path: Path) -> None:
+    """RMSE, bias, percentiles, fix rate, NEES with its interval and coverage of eight mixed rows."""
+    write(tmp_path)
+    told = cli("evaluate", "e.csv", "--json").json
+    assert told["of"] == "estimates"
+    agree(told["overall"], by_hand(list(range(8))))
+    assert told["overall"]["statuses"] == {
+        "ok": 3, "ambiguous": 1, "infeasible": 1, "boundary": 1, "too_few": 1, "degenerate": 1
+    }  # fmt: skip
+
+
+def test_rows_without_a_fix_are_infinite_in_the_percentiles_alone(cli: Cli, tmp_path: Path) -> None:
+    """Two of eight rows have no fix: the median is finite, the 90 % error is not; RMSE leaves them out."""
+    write(tmp_path)
+    told = cli("evaluate", "e.csv", "--json").json["overall"]
+    expected = by_hand(list(range(8)))
+    assert told["median_m"] == pytest.approx(expected["median_m"])
+    assert [told[name] for name in ("p90_m", "p95_m", "p99_m")] == [None] * 3
+    assert told["rmse_m"] == pytest.approx(by_hand([0, 1, 2, 3, 4, 6])["rmse_m"])
+    assert told["fix_rate"] == 0.75
+
+
+def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -> None:
+    """In the table a percentile that rows without a fix reach is ``inf``, not the ``-`` of a missing figure."""
+    write(tmp_path)
+    shown = dict(line.split()[:2] for line in cli("evaluate", "e.csv").text.splitlines() if "status" not in line)
+    assert shown["p95_m"] == "inf"
+
+
+def test_figures_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
+    """Each method has its own figures, in order of appearance, and all rows together are told too."""
+    write(tmp_path, method=["ml", "ls"] * 4)
+    told = cli("evaluate", "e.csv", "--json").json
+    assert [group["method"] for group in told["groups"]] == ["ml", "ls"]
+    agree(told["groups"][0], by_hand([0, 2, 4, 6]))
+    agree(told["groups"][1], by_hand([1, 3, 5, 7]))
+    agree(told["overall"], by_hand(list(range(8))))
+    shown = cli("evaluate", "e.csv").text.splitlines()[0].split()
+    assert shown == ["figure", "ml", "ls", "overall"]
+
+
+def test_figures_per_sweep_value(cli: Cli, tmp_path: Path) -> None:
+    """Columns ``sweep_*`` part the rows as methods do."""
+    write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
+    told = cli("evaluate", "e.csv", "--json").json
+    assert [group["sweep_sigma_deg"] for group in told["groups"]] == [1.0, 2.0]
+    agree(told["groups"][1], by_hand([1, 3, 5, 7]))
+
+
+def test_several_files_are_told_apart(cli: Cli, tmp_path: Path) -> None:
+    """Several inputs have their own figures under the file's name."""
+    write(tmp_path)
+    write(tmp_path, "g.csv", x_m=[value and value + 100 for value in X])
+    told = cli("evaluate", "e.csv", "g.csv", "--json").json
+    assert [group["file"] for group in told["groups"]] == ["e.csv", "g.csv"]
+    agree(told["groups"][0], by_hand(list(range(8))))
+    assert told["groups"][1]["rmse_m"] > 100 > told["groups"][0]["rmse_m"]
+
+
+def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
+    """``--truth`` joins on the snapshot, whatever the order; it beats the truth columns; who is missing is counted."""
+    write(tmp_path, truth_x_m=None, truth_y_m=None)
+    write(tmp_path, "wrong.csv", truth_x_m=[0.0] * 8, truth_y_m=[0.0] * 8)
+    order = [6, 3, 0, 1, 7, 4, 2]
+    columns = {
+        "snapshot": order,
+        "truth_x_m": [TRUTH_X[k] for k in order],
+        "truth_y_m": [TRUTH_Y[k] for k in order],
+    }
+    (tmp_path / "t.csv").write_text(table_csv(columns))
+    for name in ("e.csv", "wrong.csv"):
+        told = cli("evaluate", name, "--truth", "t.csv", "--json").json["overall"]
+        agree(told, by_hand([0, 1, 2, 3, 4, 6, 7]))
+        assert told["without_truth"] == 1
+
+
+def test_without_truth_there_is_nothing_to_say(cli: Cli, tmp_path: Path) -> None:
+    """Estimates without truth are exit 1 with the cure."""
+    write(tmp_path, truth_x_m=None, truth_y_m=None)
+    outcome = cli("evaluate", "e.csv")
+    assert outcome.code == 1
+    assert "truth_x_m" in outcome.err
+    assert "--truth" in outcome.err
+
+
+def test_only_the_first_alternative_counts_unless_told(cli: Cli, tmp_path: Path) -> None:
+    """Alternative 0 counts; with ``--alternatives best`` the one nearest to the truth, for each target alone."""
+    columns = {
+        "snapshot": ["a", "a", "a", "a", "b", "b"],
+        "method": ["ml"] * 6,
+        "target": [0, 0, 1, 1, 0, 0],
+        "alternative": [0, 1, 0, 1, 0, 1],
+        "x_m": [3.0, 1.0, 2.0, 5.0, 4.0, 6.0],
+        "y_m": [0.0] * 6,
+        **{name: [1.0] * 6 for name in ("cov_xx_m2", "cov_yy_m2")},
+        "cov_xy_m2": [0.0] * 6,
+        **{name: [3] * 6 for name in ("n_measurements", "n_used", "cost")},
+        "status": ["ok"] * 6,
+        "truth_x_m": [0.0] * 6,
+        "truth_y_m": [0.0] * 6,
+    }
+    (tmp_path / "e.csv").write_text(table_csv(columns))
+    first = cli("evaluate", "e.csv", "--json").json["overall"]
+    best = cli("evaluate", "e.csv", "--alternatives", "best", "--json").json["overall"]
+    assert (first["rows"], best["rows"]) == (3, 3)
+    assert first["rmse_m"] == pytest.approx(np.sqrt((9 + 4 + 16) / 3))
+    assert best["rmse_m"] == pytest.approx(np.sqrt((1 + 4 + 16) / 3))
+
+
+@pytest.mark.parametrize(
+    ("conditions", "code"),
+    [
+        (["rmse_m>5"], 0),
+        (["rmse_m>3"], 4),
+        (["fix_rate<0.75"], 0),
+        (["fix_rate<=0.75"], 4),
+        (["rows>=8"], 4),
+        (["rows > 8"], 0),
+        (["rmse_m>5", "fix_rate<1"], 4),
+        (["p95_m>1e9"], 4),
+        (["coverage_95<0.95"], 4),
+        (["rmse>5"], 2),
+        (["rmse_m=5"], 2),
+        (["rmse_m>five"], 2),
+        (["statuses>5"], 2),
+    ],
+)
+def test_conditions(cli: Cli, tmp_path: Path, conditions: list[str], code: int) -> None:
+    """``--fail-if`` exits 4 when any condition is met (by an infinite figure too), 2 when it is none."""
+    write(tmp_path)
+    assert by_hand(list(range(8)))["rmse_m"] == pytest.approx(4.0, abs=1.0)
+    outcome = cli("evaluate", "e.csv", *(word for condition in conditions for word in ("--fail-if", condition)))
+    assert outcome.code == code, outcome.err
+    assert len(outcome.err.splitlines()) == (code > 0)
+
+
+def test_a_condition_holds_for_every_method(cli: Cli, tmp_path: Path) -> None:
+    """A condition that one method meets is met, and the message names the method."""
+    write(tmp_path, method=["ml"] * 6 + ["ls"] * 2)
+    outcome = cli("evaluate", "e.csv", "--fail-if", "rmse_m>6")
+    assert outcome.code == 4
+    assert "ls" in outcome.err
+
+
+def test_a_condition_that_is_none_is_told_before_the_table(cli: Cli, tmp_path: Path) -> None:
+    """A fault of the words comes alone: no table on stdout."""
+    write(tmp_path)
+    assert cli("evaluate", "e.csv", "--fail-if", "rmse_m=5").out == b""
+
+
+def test_flags_are_held_against_the_truth(cli: Cli, tmp_path: Path) -> None:
+    """Flags: the confusion table of ``los`` against ``truth_los``, unknowns apart."""
+    los = ["true", "true", "false", "false", "true", "", "true"]
+    truth = ["true", "false", "false", "true", "true", "true", ""]
+    columns = {"snapshot": [1] * 7, "sensor": list("abcdefg"), "used": ["true"] * 7, "los": los, "truth_los": truth}
+    (tmp_path / "f.csv").write_text(table_csv(columns))
+    told = cli("evaluate", "f.csv", "--json").json
+    figures = told["overall"]
+    assert told["of"] == "flags"
+    assert (figures["rows"], figures["without_flag"], figures["without_truth"]) == (5, 1, 1)
+    assert [figures[name] for name in ("los_called_los", "los_called_nlos", "nlos_called_los", "nlos_called_nlos")] == [
+        2, 1, 1, 1
+    ]  # fmt: skip
+    assert figures["precision"] == pytest.approx(2 / 3)
+    assert figures["recall"] == pytest.approx(2 / 3)
+    assert figures["false_alarm"] == pytest.approx(1 / 2)
+
+
+def test_the_figures_do_not_depend_on_the_format(cli: Cli, tmp_path: Path) -> None:
+    """CSV, Parquet and Arrow of the same estimates have the same figures to the last digit."""
+    told = []
+    for extension in ("csv", "parquet", "arrow", "jsonl"):
+        assert cli("localize", GOOD, "-o", f"e.{extension}", "-m", "ml", "-m", "ls").code == 0
+        told.append(cli("evaluate", f"e.{extension}", "--json").json)
+    assert told[1:] == told[:1] * 3
+
+
+def test_parts_of_a_folder_are_one_table_of_estimates(cli: Cli, tmp_path: Path) -> None:
+    """A folder of parts is evaluated as one."""
+    assert cli("localize", GOOD, "-o", "e.csv").code == 0
+    lines = (tmp_path / "e.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "0.csv").write_text("".join(lines[:14]))
+    (tmp_path / "parts" / "1.csv").write_text("".join([lines[0], *lines[14:]]))
+    assert cli("evaluate", "parts", "--json").json["overall"] == cli("evaluate", "e.csv", "--json").json["overall"]
+
+
+def test_nothing_but_a_fixless_file(cli: Cli, tmp_path: Path) -> None:
+    """Where no row has a fix the figures are null, the fix rate is 0, and every condition on an error is met."""
+    nothing: list[Any] = [None] * 8
+    columns = dict.fromkeys(["x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"], nothing)
+    write(tmp_path, **columns, status=["too_few"] * 8)
+    outcome = cli("evaluate", "e.csv", "--json", "--fail-if", "rmse_m>1000")
+    assert outcome.code == 4
+    assert json.loads(outcome.out)["overall"]["rmse_m"] is None
+    assert json.loads(outcome.out)["overall"]["fix_rate"] == 0.0
+
+
+def test_measurements_are_no_estimates(cli: Cli) -> None:
+    """A file of measurements is refused, with what is missing."""
+    outcome = cli("evaluate", FIXTURES / "good_bearings.csv")
+    assert outcome.code == 1
+    assert "'method'" in outcome.err

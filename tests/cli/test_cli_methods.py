@@ -1,0 +1,128 @@
+"""``methods``: the list, one method, and the check of all."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_support import GOOD, ROOT, Outcome, listing
+
+from nlosctl import __version__
+
+Cli = Callable[..., Outcome]
+BUILT_IN = ["ls", "ml", "stansfield"]
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which the broken plugin of tests/plugin is installed."""
+    spec = importlib.util.spec_from_file_location("plugin_support", ROOT / "tests" / "plugin" / "test_plugin.py")
+    assert spec is not None
+    assert spec.loader is not None
+    support = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(support)
+    folder: Path = support.install("nlosctl_broken", tmp_path_factory.mktemp("broken"))
+    return folder
+
+
+@pytest.fixture
+def with_broken(broken: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> Cli:
+    """Run the command line where the broken plugin is installed."""
+    monkeypatch.syspath_prepend(str(broken))
+    return cli
+
+
+def test_the_list_names_every_method_by_kind(cli: Cli) -> None:
+    """``methods`` lists kind, name, distribution and version; ``--json`` the same."""
+    told = cli("methods", "--json").json
+    built_in = [row for row in told if row["distribution"] == "nlosctl"]
+    assert {"kind": "bearings", "name": "ml", "distribution": "nlosctl", "version": __version__} in built_in
+    assert {row["name"] for row in built_in if row["kind"] == "bearings"} >= set(BUILT_IN)
+    shown = cli("methods").text
+    assert all(f"{row['kind']}  " in shown and f"  {row['name']} " in shown for row in told)
+
+
+def test_show_tells_all_that_a_user_needs(cli: Cli) -> None:
+    """Kind, required columns, reference, distribution, cost; each parameter's type, unit, default, meaning."""
+    told = cli("methods", "show", "ml", "--json").json
+    assert (told["name"], told["kind"], told["job"]) == ("ml", "bearings", "localize")
+    assert {"sensor", "bearing_rad", "bearing_std_rad"} <= set(told["required_columns"])
+    assert told["distribution"] == f"nlosctl {__version__}"
+    assert told["minimum_measurements"] == 2
+    parameters = {item["name"]: item for item in told["parameters"]}
+    assert parameters["max_iterations"]["type"] == "int"
+    assert parameters["max_iterations"]["default"] == 30
+    assert parameters["min_range_m"]["unit"] == "m"
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_built_in_method_is_described(cli: Cli, name: str) -> None:
+    """Nothing is left blank: reference, summary, cost, and meaning of every parameter; text shows all of it."""
+    told, shown = cli("methods", "show", name, "--json").json, cli("methods", "show", name).text
+    for key in ("summary", "reference", "cost"):
+        assert told[key]
+        assert told[key] in shown
+    for item in told["parameters"]:
+        assert item["meaning"]
+        assert item["meaning"] in shown
+        assert item["name"].endswith("_m") == (item["unit"] == "m")
+
+
+def test_a_method_can_be_shown_by_its_full_name(cli: Cli) -> None:
+    """``KIND.NAME`` shows the same as the bare name."""
+    assert cli("methods", "show", "bearings.ml", "--json").json == cli("methods", "show", "ml", "--json").json
+
+
+def test_check_loads_all(cli: Cli) -> None:
+    """``--check`` says ok for every method and exits 0."""
+    outcome = cli("methods", "--check", "--json")
+    assert outcome.code == 0
+    assert [row["check"] for row in outcome.json] == ["ok"] * len(outcome.json)
+
+
+def test_check_tells_the_broken_one(with_broken: Cli, tmp_path: Path) -> None:
+    """With a broken plugin ``--check`` exits 1, says which method of which distribution fails and why."""
+    outcome = with_broken("methods", "--check", "--json")
+    assert outcome.code == 1
+    told: dict[str, Any] = {f"{row['name']} of {row['distribution']}": row["check"] for row in outcome.json}
+    assert "ImportError: libfoo.so.3" in told["broken of nlosctl-broken"]
+    assert "nlosctl-broken 0.0.1" in told["broken of nlosctl-broken"]
+    assert [told[f"{name} of nlosctl"] for name in BUILT_IN] == ["ok"] * 3
+    assert len(outcome.err.splitlines()) == 1
+    plain = with_broken("methods", "--check")
+    assert "ImportError: libfoo.so.3" in plain.text
+    assert listing(tmp_path) == []
+
+
+def test_a_broken_plugin_harms_nothing(with_broken: Cli) -> None:
+    """With a broken plugin the list works, and so does every other method."""
+    assert "broken" in [row["name"] for row in with_broken("methods", "--json").json]
+    assert with_broken("localize", GOOD, "-m", "ml", "-q").code == 0
+
+
+def test_a_broken_method_that_is_used_is_told(with_broken: Cli) -> None:
+    """Using or showing the broken method is exit 1 and one line with its fault."""
+    for words in (["localize", GOOD, "-m", "broken"], ["methods", "show", "broken"]):
+        outcome = with_broken(*words)
+        assert outcome.code == 1
+        assert len(outcome.err.splitlines()) == 1
+        assert "ImportError: libfoo.so.3" in outcome.err
+
+
+def test_a_name_that_is_there_twice_is_an_error_when_used(with_broken: Cli) -> None:
+    """A duplicate name is exit 2 and names both distributions."""
+    outcome = with_broken("localize", GOOD, "-m", "ls")
+    assert outcome.code == 2
+    assert "nlosctl and nlosctl-broken" in outcome.err
+
+
+def test_plugins_can_be_left_out(with_broken: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``NLOSCTL_NO_PLUGINS=1`` leaves only built-in methods: the check passes, the taken name is free again."""
+    monkeypatch.setenv("NLOSCTL_NO_PLUGINS", "1")
+    outcome = with_broken("methods", "--check", "--json")
+    assert outcome.code == 0
+    assert {row["distribution"] for row in outcome.json} == {"nlosctl"}
+    assert with_broken("localize", GOOD, "-m", "ls", "-q").code == 0

@@ -1,0 +1,147 @@
+"""Convention 2: data alone on stdout, the rest on stderr or in a report."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from cli_support import GOOD, PROGRAM, Outcome, crossing_rows, plain_csv, plain_environment
+
+Cli = Callable[..., Outcome]
+
+
+def test_stdout_carries_the_table_alone(cli: Cli) -> None:
+    """Every line of stdout is a row of the table; the summary is on stderr and counts the statuses."""
+    outcome = cli("localize", GOOD)
+    assert outcome.table.num_rows == len(outcome.text.splitlines()) - 1 == 40
+    assert "40 snapshots of bearings, 240 rows" in outcome.err
+    assert "ml: 40 ok" in outcome.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["localize", GOOD], ["simulate", "ring", "-n", "5"], ["validate", GOOD]],
+    ids=lambda words: words[0],
+)
+def test_quiet_tells_nothing(cli: Cli, words: list[str]) -> None:
+    """``-q`` leaves stderr empty and stdout as it was."""
+    quiet, loud = cli(*words, "-q"), cli(*words)
+    assert quiet.err == ""
+    assert quiet.out == loud.out != b""
+
+
+def test_with_an_output_file_stdout_is_empty(cli: Cli) -> None:
+    """``-o FILE`` leaves nothing for stdout."""
+    for words in (["localize", GOOD, "-o", "e.csv"], ["simulate", "ring", "-n", 2, "-o", "m.csv"]):
+        outcome = cli(*words)
+        assert (outcome.code, outcome.out) == (0, b"")
+        assert outcome.err != ""
+
+
+def test_verbose_tells_more(cli: Cli) -> None:
+    """``-v`` says more on stderr than the summary alone, and nothing on stdout."""
+    plain, verbose = cli("localize", GOOD), cli("localize", GOOD, "-v")
+    assert verbose.out == plain.out
+    assert len(verbose.err.splitlines()) > len(plain.err.splitlines())
+
+
+def test_the_report_is_json_with_the_counts(cli: Cli, tmp_path: Path) -> None:
+    """``--report`` writes rows, left out, bad, snapshots and statuses as JSON, quiet or not."""
+    rows = [*crossing_rows(1), *crossing_rows(2, 1), *crossing_rows(3)]
+    rows = [(*row, "false" if place == 6 else "true") for place, row in enumerate(rows)]
+    rows[5] = (*rows[5][:5], "-1", "true")
+    header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad,los"
+    (tmp_path / "m.csv").write_text(plain_csv(rows, header))
+    words = ["localize", "m.csv", "-q", "-o", "e.csv", "--bad-rows", "bad.csv", "--report", "r.json"]
+    outcome = cli(*words, "--method", "ml", "--method", "ls")
+    assert (outcome.code, outcome.err) == (0, "")
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert (report["rows"], report["rows_left_out"], report["bad_rows"], report["snapshots"]) == (6, 1, 1, 3)
+    assert {name: told["statuses"] for name, told in report["methods"].items()} == {
+        "ml": {"ok": 1, "too_few": 2},
+        "ls": {"ok": 1, "too_few": 2},
+    }
+    assert [given["name"] for given in report["inputs"]] == ["m.csv"]
+
+
+def test_the_report_can_go_to_stderr(cli: Cli) -> None:
+    """``--report -`` writes the JSON to stderr, so that stdout stays data."""
+    outcome = cli("localize", GOOD, "-q", "--report", "-")
+    assert json.loads(outcome.err)["snapshots"] == 40
+    assert outcome.table.num_rows == 40
+
+
+def test_the_report_of_an_evaluation(cli: Cli, tmp_path: Path) -> None:
+    """``evaluate --report`` writes what ``--json`` tells."""
+    cli("localize", GOOD, "-o", "e.csv")
+    outcome = cli("evaluate", "e.csv", "--json", "--report", "r.json")
+    assert json.loads((tmp_path / "r.json").read_text()) == outcome.json
+
+
+def test_a_file_without_snapshots_is_one_and_the_summary_says_so(cli: Cli, tmp_path: Path) -> None:
+    """Without a ``snapshot`` column a file is one snapshot; the summary tells."""
+    rows = [row[1:] for row in crossing_rows(1)]
+    header = "sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
+    (tmp_path / "m.csv").write_text(plain_csv(rows, header))
+    outcome = cli("localize", "m.csv")
+    assert outcome.table.num_rows == 1
+    assert "without a 'snapshot' column" in outcome.err
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.3, True)])
+def test_a_bad_fit_is_told(cli: Cli, share: float, told: bool) -> None:
+    """The summary says when residuals are larger than their standard deviations explain, and only then."""
+    drawn = cli("simulate", "ring", "-n", 60, "-q", "-p", f"outlier_fraction={share}")
+    assert ("ml fits badly" in cli("localize", "-", stdin=drawn.out).err) is told
+
+
+def on_a_terminal(*words: str, cwd: Path, **environment: str) -> tuple[int, str, str]:
+    """Return exit code, stdout and stderr of the program with a terminal as its stdout."""
+    terminal, slave = pty.openpty()
+    running = subprocess.Popen(
+        [str(PROGRAM), *words],
+        stdin=subprocess.DEVNULL,
+        stdout=slave,
+        stderr=subprocess.PIPE,
+        cwd=cwd,
+        env=plain_environment(TERM="xterm-256color", COLUMNS="250", **environment),
+    )
+    os.close(slave)
+    seen = b""
+    while True:
+        try:
+            piece = os.read(terminal, 65536)
+        except OSError:
+            break
+        if not piece:
+            break
+        seen += piece
+    os.close(terminal)
+    assert running.stderr is not None
+    err = running.stderr.read().decode()
+    running.stderr.close()
+    return running.wait(timeout=30), seen.decode(), err
+
+
+def test_a_terminal_gets_a_preview(tmp_path: Path) -> None:
+    """Without ``-o`` a terminal gets the first rows as a table, and how many there are in all."""
+    code, seen, err = on_a_terminal("localize", str(GOOD), cwd=tmp_path)
+    assert code == 0
+    assert "cov_xx_m2" in seen
+    assert ",cov_xx_m2," not in seen
+    assert "20 of 40 rows" in err
+    assert "ml: 40 ok" in err
+
+
+def test_no_color_is_obeyed(tmp_path: Path) -> None:
+    """With ``NO_COLOR`` a terminal gets no colour codes."""
+    code, seen, _ = on_a_terminal("--help", cwd=tmp_path, NO_COLOR="1")
+    assert code == 0
+    assert "localize" in seen
+    assert re.findall(r"\x1b\[[0-9;]*?(?:3[0-8]|9[0-7])[0-9;]*m", seen) == []

@@ -1,0 +1,193 @@
+"""CSV as people write it: quotes, blank lines, other line ends, other separators, columns of their own."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reading_support import Gathered, pa, read, whole
+
+from nlosctl.errors import DataError
+from nlosctl.io import csv_records
+from nlosctl.io.csv_records import RecordBlocks
+from nlosctl.io.inputs import expand_inputs
+from nlosctl.io.measurements import MeasurementReader, ReadOptions
+
+HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
+SMALL_BLOCK = 400
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read CSV in blocks of a few rows."""
+    monkeypatch.setattr(csv_records, "_BLOCK_BYTES", SMALL_BLOCK)
+
+
+def save_csv(path: Path, *lines: str, header: str = HEADER, end: str = "\n") -> Path:
+    """Write a header and lines."""
+    path.write_bytes((end.join([header, *lines]) + end).encode())
+    return path
+
+
+def good(place: int, note: str = "") -> str:
+    """Return a good line."""
+    return f"{place},a{place},0,0,1,0.1{note}"
+
+
+@pytest.mark.parametrize("rows_after", [1, 3, 200_000])
+def test_a_quote_that_is_not_closed_is_told_by_its_line(tmp_path: Path, rows_after: int) -> None:
+    """An unclosed quote never swallows the rest, be it short or larger than a block."""
+    lines = [good(1), '2,"a,0,0,1,0.1', *(good(place) for place in range(3, 3 + rows_after))]
+    with pytest.raises(DataError, match="line 3: a quote opens here and is not closed"):
+        read([save_csv(tmp_path / "a.csv", *lines)])
+
+
+def test_a_quote_closed_by_the_next_one_is_told(tmp_path: Path) -> None:
+    """A quote that the next quoted cell seems to close is an error where a row would be lost unseen."""
+    path = save_csv(tmp_path / "a.csv", good(1), '2,"abc,0,0,1,0.1', '3,"x",0,0,1,0.1', good(4))
+    with pytest.raises(DataError, match="line 3: a quote opens"):
+        read([path])
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_bad_rows_have_their_line_after_blank_and_broken_lines(tmp_path: Path, small_blocks: None, end: str) -> None:
+    """Rows count data rows, lines count lines: blank ones, ragged ones and those within quotes too."""
+    note = f',"a note{end}of ""two"" lines{end}"'
+    lines = [good(1, note), "", good(2, ",x"), "5,6", "", *(good(place, ',5" screen') for place in range(3, 30))]
+    lines.append("30,z,0,0,north,0.1,")
+    path = save_csv(tmp_path / "a.csv", *lines, header=HEADER + ",note", end=end)
+    aside = Gathered()
+    found = whole(read([path], aside, chunk_rows=7))
+    assert [(row.problem.row, row.problem.line) for row in aside] == [(3, 7), (31, 36)]
+    assert path.read_bytes().decode().split(end)[35].startswith("30,z")
+    assert found.ids == list(range(1, 30))
+    assert found.table.column("note")[0].as_py() == f'a note{end}of "two" lines{end}'
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    rows=st.lists(st.lists(st.text(alphabet='a",\n\r ', max_size=6), min_size=2, max_size=2), min_size=1, max_size=25),
+    end=st.sampled_from(["\n", "\r\n"]),
+    block=st.integers(40, 200),
+)
+def test_records_are_cut_as_the_csv_module_cuts_them(rows: list[list[str]], end: str, block: int) -> None:
+    """Whatever is in quotes and wherever blocks end, records and their lines are those of a plain reader."""
+    text = io.StringIO()
+    csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator=end).writerows(rows)
+    data = text.getvalue().encode()
+    expected, line = [], 1
+    for row in rows:
+        expected.append(line)
+        single = io.StringIO()
+        csv.writer(single, quoting=csv.QUOTE_ALL, lineterminator=end).writerow(row)
+        written = single.getvalue().replace("\r\n", "\n").replace("\r", "\n")
+        line += written.count("\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv_records, "_BLOCK_BYTES", block)
+        blocks = list(RecordBlocks(io.BytesIO(data), "f").blocks())
+    assert b"".join(block.content for block in blocks) == data
+    assert np.concatenate([block.lines for block in blocks]).tolist() == expected
+
+
+def test_types_of_own_columns_hold_for_the_whole_file(tmp_path: Path, small_blocks: None) -> None:
+    """A column that the contract lacks has the narrowest type that loses nothing, wherever the odd value is."""
+    notes = {30: ",x,1.5,7,2,", 40: ",,2,,-,true"}
+    lines = [good(place, notes.get(place, ",1,1,007,1,")) for place in range(60)]
+    path = save_csv(tmp_path / "a.csv", *lines, header=HEADER + ",word,number,code,dash,flag")
+    table = whole(read([path])).table
+    types = {name: str(table.schema.field(name).type) for name in table.column_names[6:]}
+    assert types == {"word": "string", "number": "double", "code": "string", "dash": "string", "flag": "bool"}
+    assert table.column("code")[0].as_py() == "007"
+    assert table.num_rows == 60
+
+
+def test_a_stream_tells_the_cure_for_own_columns(small_blocks: None) -> None:
+    """A stream can't be read twice: a later misfit is one line with a cure, if anybody wants the column."""
+    lines = [HEADER + ",n", *(good(place, f",{place if place < 40 else 'x'}") for place in range(50))]
+    data = "\n".join(lines).encode()
+    for extra in (None, ("n",)):
+        inputs = expand_inputs(["-"], stdin=io.BytesIO(data))
+        reader = MeasurementReader(inputs, ReadOptions(extra_columns=extra))
+        with pytest.raises(DataError, match=r"line 42, column 'n': got 'x'.*save it as a file"):
+            list(reader.chunks())
+    reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), ReadOptions(extra_columns=("sweep_*",)))
+    assert sum(chunk.table.num_rows for chunk in reader.chunks()) == 50
+    assert reader.column_names[-1] == "n"
+    assert "n" not in reader.schema.names
+
+
+def test_extra_columns_are_named_by_their_beginning_too(tmp_path: Path) -> None:
+    """``sweep_*`` keeps all columns that begin so."""
+    path = save_csv(tmp_path / "a.csv", good(1, ",1,2,3"), header=HEADER + ",sweep_a,sweep_b,other")
+    assert whole(read([path], extra_columns=("sweep_*",))).table.column_names[6:] == ["sweep_a", "sweep_b"]
+
+
+@pytest.mark.parametrize(
+    ("header", "told"),
+    [
+        (HEADER.replace(",", ";"), "separated by semicolons, expected commas"),
+        (HEADER.replace(",", "\t"), "separated by tabs, expected commas"),
+        ("# made by a script", "begins with '#', expected the header"),
+        ("# made by a script, 2024", "begins with '#', expected the header"),
+        ("# " + HEADER, "got '# snapshot', expected 'snapshot'"),
+        ('"' + HEADER, "line 1: a quote opens here"),
+    ],
+)
+def test_a_header_that_is_none_is_told(tmp_path: Path, header: str, told: str) -> None:
+    """Another separator and comments are called what they are."""
+    with pytest.raises(DataError, match=told):
+        read([save_csv(tmp_path / "a.csv", good(1), header=header)])
+
+
+def test_columns_without_a_name_get_one(tmp_path: Path) -> None:
+    """Trailing commas of a spreadsheet, or R's column of row names, are columns of no concern."""
+    path = save_csv(tmp_path / "a.csv", good(1, ",,"), header=HEADER + ",,")
+    assert whole(read([path])).table.column_names[6:] == ["unnamed_7", "unnamed_8"]
+
+
+def test_a_wholly_wrong_column_is_one_line(tmp_path: Path) -> None:
+    """Text in all rows of a column of numbers is a fault of the file, not of each row."""
+    path = save_csv(tmp_path / "a.csv", *(good(place).replace(",1,", ",north,") for place in range(30)))
+    with pytest.raises(DataError, match="'bearing_rad': wrong type: holds text such as 'north', expected numbers") as e:
+        read([path], Gathered())
+    assert "\n" not in str(e.value)
+
+
+def test_a_line_without_end_is_no_csv(tmp_path: Path, small_blocks: None) -> None:
+    """A line longer than a block is refused with its number, in bounded memory."""
+    path = save_csv(tmp_path / "a.csv", good(1), good(2, "," + "x" * 2 * SMALL_BLOCK), header=HEADER + ",note")
+    with pytest.raises(DataError, match=r"line 3: the line is longer than"):
+        read([path])
+
+
+def test_gzipped_csv_of_many_blocks_is_whole(tmp_path: Path, small_blocks: None) -> None:
+    """Blocks of unzipped text join without a seam, with or without a line end at the end."""
+    text = "\n".join([HEADER, *(good(place) for place in range(200))])
+    for tail in ("", "\n", "\n\n"):
+        (tmp_path / "a.csv.gz").write_bytes(gzip.compress((text + tail).encode()))
+        assert whole(read([tmp_path / "a.csv.gz"])).ids == list(range(200))
+
+
+def test_own_columns_of_any_type_stay_with_the_rows(tmp_path: Path) -> None:
+    """Views of text and bytes, lists and structs are carried through a typed file."""
+    from reading_support import bearings
+
+    table = bearings([1, 1, 1], sensor=pa.array(["a", None, "b"], pa.string_view()))
+    table = table.append_column("v", pa.array(["x", None, "y"], pa.string_view()))
+    table = table.append_column("b", pa.array([b"\xff", None, b"z"], pa.binary_view()))
+    table = table.append_column("l", pa.array([[1], None, []]))
+    with pa.ipc.new_file(tmp_path / "a.arrow", table.schema) as writer:
+        writer.write_table(table)
+    aside = Gathered()
+    found = whole(read([tmp_path / "a.arrow"], aside)).table
+    assert [row.problem.row for row in aside] == [2]
+    assert found.select(["v", "b", "l"]).to_pylist() == [
+        {"v": "x", "b": b"\xff", "l": [1]},
+        {"v": "y", "b": b"z", "l": []},
+    ]

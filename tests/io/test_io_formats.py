@@ -1,0 +1,128 @@
+"""Which format a file or stream is in, told by its bytes; columns of any type written as text."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import threading
+from pathlib import Path
+
+import pytest
+from reading_support import FIXTURES, bearings, pa, read, scene_of, whole
+
+from nlosctl.errors import DataError
+from nlosctl.io.file_format import FileFormat
+from nlosctl.io.inputs import expand_inputs
+from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.write import TableWriter
+
+SCENE = scene_of(FIXTURES / "good_bearings.csv")
+JSON_LINES = (FIXTURES / "good_bearings.jsonl").read_bytes()
+
+
+class Trickle(io.RawIOBase):
+    """A stream that gives a few bytes at a time, as a slow pipe does."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = io.BytesIO(data)
+
+    def readable(self) -> bool:
+        """Return that it can be read."""
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:
+        """Read at most five bytes."""
+        got = self._data.read(min(5, len(buffer)))
+        buffer[: len(got)] = got
+        return len(got)
+
+
+@pytest.mark.parametrize("data", [JSON_LINES, gzip.compress(JSON_LINES), b"\xef\xbb\xbf" + JSON_LINES])
+@pytest.mark.parametrize("slow", [True, False])
+def test_json_lines_from_stdin_are_recognized(data: bytes, slow: bool) -> None:
+    """Gzipped, or behind a byte order mark, and however slowly they come."""
+    stdin = io.BufferedReader(Trickle(data)) if slow else io.BytesIO(data)
+    reader = MeasurementReader(expand_inputs(["-"], stdin=stdin), ReadOptions(scene=SCENE))
+    assert sum(len(chunk.snapshot) for chunk in reader.chunks()) == 40
+
+
+def test_a_json_array_from_stdin_is_told() -> None:
+    """An array is JSON, not CSV, and the error says how to convert it."""
+    inputs = expand_inputs(["-"], stdin=io.BytesIO(b"[" + JSON_LINES.replace(b"\n", b",\n") + b"]"))
+    with pytest.raises(DataError, match="JSON array"):
+        MeasurementReader(inputs, ReadOptions())
+
+
+def test_an_arrow_stream_is_read_where_arrow_is_said() -> None:
+    """--input-format arrow in a pipe is what --format arrow writes there."""
+    data = (FIXTURES / "good_bearings.arrows").read_bytes()
+    inputs = expand_inputs(["-"], FileFormat.ARROW, io.BytesIO(data))
+    assert sum(len(chunk.snapshot) for chunk in MeasurementReader(inputs, ReadOptions(scene=SCENE)).chunks()) == 40
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.csv.gz", "a.arrow", "a.jsonl", "a.jsonl.gz"])
+@pytest.mark.parametrize("held", ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"])
+def test_bytes_of_another_format_are_told(tmp_path: Path, name: str, held: str) -> None:
+    """A wrong extension is named with the format that the bytes are of; the two of Arrow are taken as they are."""
+    path = tmp_path / name
+    path.write_bytes((FIXTURES / f"good_bearings.{held}").read_bytes())
+    named = name.removeprefix("a.")
+    if named == held or {named, held} == {"arrow", "arrows"}:
+        assert len(whole(read([path], scene=SCENE)).ids) == 40
+        return
+    with pytest.raises(DataError, match=f"--input-format {held}") as caught:
+        read([path], scene=SCENE)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_named_pipe_is_read_once(tmp_path: Path) -> None:
+    """<(...) of a shell is an input like stdin."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writing = threading.Thread(target=pipe.write_bytes, args=((FIXTURES / "good_bearings.parquet").read_bytes(),))
+    writing.start()
+    chunks = read([pipe], scene=SCENE)
+    writing.join()
+    assert sum(len(chunk.snapshot) for chunk in chunks) == 40
+
+
+def test_every_type_can_be_written_as_text(tmp_path: Path) -> None:
+    """Lists, structs, bytes, views and intervals become text in CSV and JSON Lines; nothing stops."""
+    table = pa.table(
+        {
+            "list": pa.array([[1, 2], None]),
+            "struct": pa.array([{"a": "ü", "b": b"\xff"}, None]),
+            "bytes": pa.array([b"\xffa", None]),
+            "view": pa.array(["x,y", None], pa.string_view()),
+            "byte_view": pa.array([b"z", None], pa.binary_view()),
+            "map": pa.array([[("k", 1)], None], pa.map_(pa.string(), pa.int64())),
+            "interval": pa.array([(1, 2, 3), None], pa.month_day_nano_interval()),
+            "number": [1.5, None],
+        }
+    )
+    for name in ("a.csv", "a.jsonl"):
+        with TableWriter(str(tmp_path / name), table.schema) as writer:
+            writer.write(table)
+    header, first, second = (tmp_path / "a.csv").read_text().splitlines()
+    assert header == "list,struct,bytes,view,byte_view,map,interval,number"
+    assert first.startswith('"[1, 2]","{""a"": ""ü"", ""b"": ""\\\\xff""}",')
+    assert first.endswith(",1.5")
+    assert second == ",,,,,,,"
+    row = json.loads((tmp_path / "a.jsonl").read_text().splitlines()[0])
+    assert (row["list"], row["bytes"], row["byte_view"]) == ([1, 2], "\\xffa", "z")
+
+
+def test_an_empty_pipe_is_told() -> None:
+    """No bytes on stdin are no rows."""
+    with pytest.raises(DataError, match="0 bytes"):
+        MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(b"")), ReadOptions())
+
+
+def test_a_table_in_memory_is_left_unread(tmp_path: Path) -> None:
+    """Looking at the first bytes takes nothing from a stream that can't be looked at."""
+    from nlosctl.io.in_memory import input_of_table
+
+    chunks = list(MeasurementReader([input_of_table(bearings([1, 2]))], ReadOptions()).chunks())
+    assert sum(chunk.table.num_rows for chunk in chunks) == 2

@@ -1,0 +1,217 @@
+"""Ragged to dense and back, against slow loops over single snapshots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.results import Estimates, Flags, Solution
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import MethodError, UsageError
+from nlosctl.pipeline.dense import dense_blocks
+from nlosctl.pipeline.solving import FlatEstimates, MethodRun, Problem, solve_flat
+
+
+@st.composite
+def ragged(draw: st.DrawFn) -> tuple[list[int], list[bool]]:
+    """Return rows per snapshot, and which rows are kept."""
+    counts = draw(st.lists(st.integers(1, 6), min_size=1, max_size=30))
+    total = sum(counts)
+    return counts, draw(st.lists(st.booleans(), min_size=total, max_size=total))
+
+
+def offsets_of(counts: list[int]) -> np.ndarray:
+    """Return row offsets."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+@given(ragged(), st.integers(1, 7))
+def test_blocks_hold_each_snapshot_once_with_its_kept_rows(case: tuple[list[int], list[bool]], size: int) -> None:
+    """Every snapshot is in one block, with the places of its kept rows in order; blocks are bounded and uniform."""
+    counts, kept = case
+    offsets = offsets_of(counts)
+    found: dict[int, list[int]] = {}
+    for block in dense_blocks(offsets, np.array(kept), size):
+        assert 1 <= block.snapshot.shape[0] == block.row.shape[0] <= size
+        for snapshot, rows in zip(block.snapshot.tolist(), block.row.tolist(), strict=True):
+            assert snapshot not in found
+            found[snapshot] = rows
+    expected = {
+        place: [row for row in range(offsets[place], offsets[place + 1]) if kept[row]] for place in range(len(counts))
+    }
+    assert found == expected
+
+
+@given(ragged(), st.integers(1, 7))
+def test_batches_hold_the_columns_of_their_rows(case: tuple[list[int], list[bool]], size: int) -> None:
+    """A batch has the values of its rows and its snapshots' seeds; arrays are read-only and in Fortran order."""
+    counts, kept = case
+    columns, seed = columns_of(sum(counts)), np.arange(len(counts), dtype=np.uint64) * 7
+    for block in dense_blocks(offsets_of(counts), np.array(kept), size):
+        batch = block.batch("bearings", columns, Scene(), seed, flags=True)
+        assert batch.seed.tolist() == [7 * place for place in block.snapshot]
+        for name in ("sensor", "bearing_rad", "bearing_std_rad", "path", "reflector"):
+            dense = getattr(batch, name)
+            assert dense.tolist() == [[columns[name][row] for row in rows] for rows in block.row.tolist()]
+            assert not dense.flags.writeable
+            assert dense.flags.f_contiguous
+        expected = [[[columns["sensor_x_m"][r], columns["sensor_y_m"][r]] for r in rows] for rows in block.row.tolist()]
+        assert batch.sensor_xy_m.tolist() == expected
+        assert batch.sensor_xy_m.shape == (*block.row.shape, 2)
+
+
+def columns_of(total: int) -> dict[str, Any]:
+    """Return flat columns with a different value in every place."""
+    place = np.arange(total)
+    return {
+        "sensor": place % 4,
+        "sensor_x_m": place + 0.5,
+        "sensor_y_m": -place - 0.25,
+        "bearing_rad": np.sin(place),
+        "bearing_std_rad": 0.01 + place,
+        "path": place % 3,
+        "reflector": np.full(total, -1),
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoOptions:
+    """A method without options."""
+
+
+def ladder(batch: Any, options: Any) -> Solution:
+    """Give each snapshot K alternatives, told by its own numbers; use every second row, and flag all of them."""
+    size, count = batch.bearing_rad.shape
+    row = np.repeat(np.arange(size), count)
+    alternative = np.tile(np.arange(count), size)
+    first = batch.sensor_xy_m[:, 0, :][row]
+    used = np.broadcast_to(np.arange(count) % 2 == 0, (size, count))
+    return Solution(
+        estimates=Estimates(
+            row=row,
+            target=np.zeros_like(row),
+            alternative=alternative,
+            position_m=first + alternative[:, None],
+            covariance_m2=np.ones((row.shape[0], 3)),
+            cost=batch.seed[row].astype(float),
+            n_used=np.full(row.shape, count),
+            status=np.full(row.shape, Status.OK, dtype=np.uint8),
+        ),
+        flags=Flags(used=used, columns={"residual_rad": 2.0 * batch.bearing_rad, "los": used}),
+    )
+
+
+def method(name: str, solve: Any, minimum: int = 1, flags: tuple[str, ...] = ("residual_rad", "los")) -> MethodRun:
+    """Return a run of a toy method."""
+    spec = MethodSpec(
+        name=name,
+        kind="bearings",
+        job="localize",
+        summary="a toy",
+        reference="none",
+        options=NoOptions,
+        solve=solve,
+        cost="its seed",
+        minimum_measurements=minimum,
+        flags=flags,
+    )
+    return MethodRun(spec=spec, options=NoOptions())
+
+
+def problem(counts: list[int], kept: list[bool]) -> Problem:
+    """Return a problem with a different seed for each snapshot."""
+    return Problem(
+        kind="bearings",
+        scene=Scene(),
+        columns=columns_of(sum(counts)),
+        offsets=offsets_of(counts),
+        kept=np.array(kept),
+        seed=np.arange(len(counts), dtype=np.uint64) + 100,
+    )
+
+
+def by_loop(counts: list[int], kept: list[bool], minimums: list[int], alternatives: int) -> list[tuple[Any, ...]]:
+    """Return what `ladder` gives, worked out snapshot by snapshot."""
+    offsets, columns, rows = offsets_of(counts), columns_of(sum(counts)), []
+    for place in range(len(counts)):
+        mine = [row for row in range(offsets[place], offsets[place + 1]) if kept[row]]
+        for number, minimum in enumerate(minimums):
+            if len(mine) < minimum:
+                rows.append((place, number, 0, None, counts[place], 0, "too_few"))
+                continue
+            for alternative in range(min(alternatives, len(mine))):
+                x = columns["sensor_x_m"][mine[0]] + alternative
+                rows.append((place, number, alternative, x, counts[place], len(mine), "ok"))
+    return rows
+
+
+def told(estimates: FlatEstimates) -> list[tuple[Any, ...]]:
+    """Return estimates as rows."""
+    x = [None if np.isnan(value) else value for value in estimates.position_m[:, 0].tolist()]
+    words = [Status(code).word for code in estimates.status]
+    counts = (estimates.n_measurements.tolist(), estimates.n_used.tolist())
+    ids = (estimates.snapshot.tolist(), estimates.method.tolist(), estimates.alternative.tolist())
+    return list(zip(*ids, x, *counts, words, strict=True))
+
+
+@settings(deadline=None)
+@given(ragged(), st.integers(1, 7), st.integers(1, 4))
+def test_estimates_come_in_order_and_no_more_than_wanted(
+    case: tuple[list[int], list[bool]], size: int, alternatives: int
+) -> None:
+    """By snapshot, then method, then alternative, at most N of these; as from a loop over the snapshots."""
+    counts, kept = case
+    runs = [method("one", ladder, minimum=1), method("two", ladder, minimum=3)]
+    estimates, _ = solve_flat(problem(counts, kept), runs, block_size=size, alternatives=alternatives, want_flags=False)
+    assert told(estimates) == by_loop(counts, kept, [1, 3], alternatives)
+    seeds = [None if np.isnan(cost) else cost for cost in estimates.cost]
+    expected = [None if row[3] is None else 100.0 + row[0] for row in told(estimates)]
+    assert seeds == expected
+
+
+@settings(deadline=None)
+@given(ragged(), st.integers(1, 7))
+def test_flags_come_back_to_their_rows(case: tuple[list[int], list[bool]], size: int) -> None:
+    """Each row has what was said of it; rows left out, or of a snapshot not solved, are not used and say nothing."""
+    counts, kept = case
+    _, (flags,) = solve_flat(
+        problem(counts, kept), [method("two", ladder, minimum=2)], block_size=size, alternatives=1, want_flags=True
+    )
+    offsets, bearing = offsets_of(counts), columns_of(sum(counts))["bearing_rad"]
+    expected: list[tuple[bool, float | None, bool | None]] = [(False, None, None)] * sum(counts)
+    for place in range(len(counts)):
+        mine = [row for row in range(offsets[place], offsets[place + 1]) if kept[row]]
+        if len(mine) >= 2:
+            for number, row in enumerate(mine):
+                expected[row] = (number % 2 == 0, 2.0 * bearing[row], number % 2 == 0)
+    assert flags.used.tolist() == [used for used, _, _ in expected]
+    residual = flags.columns.get("residual_rad", np.full(sum(counts), np.nan))
+    los = flags.columns.get("los", np.full(sum(counts), None, dtype=object))
+    assert [None if np.isnan(value) else value for value in residual] == [value for _, value, _ in expected]
+    assert los.tolist() == [value for _, _, value in expected]
+
+
+def test_a_method_that_breaks_its_contract_is_named() -> None:
+    """An exception, or a result that is none, is a MethodError that names the method; our own errors pass."""
+
+    def failing(batch: Any, options: Any) -> Solution:
+        raise ZeroDivisionError("division by zero")
+
+    def usage(batch: Any, options: Any) -> Solution:
+        raise UsageError("needs a scene")
+
+    given_ = problem([2], [True, True])
+    keywords: dict[str, Any] = {"block_size": 1, "alternatives": 1, "want_flags": False}
+    with pytest.raises(MethodError, match="'bad' failed: ZeroDivisionError: division by zero"):
+        solve_flat(given_, [method("bad", failing)], **keywords)
+    with pytest.raises(MethodError, match="'none' returned a NoneType"):
+        solve_flat(given_, [method("none", lambda batch, options: None)], **keywords)
+    with pytest.raises(UsageError, match="needs a scene"):
+        solve_flat(given_, [method("usage", usage)], **keywords)

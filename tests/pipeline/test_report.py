@@ -1,0 +1,88 @@
+"""What a run counts."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from nlosctl.contract.statuses import Status
+from nlosctl.pipeline.report import MethodTally, RunReport
+
+ANSWERED = {"ok", "ambiguous", "infeasible", "boundary"}
+
+
+@given(st.lists(st.lists(st.sampled_from(list(Status)), max_size=12), max_size=5))
+def test_statuses_are_counted_over_chunks(chunks: list[list[Status]]) -> None:
+    """Each status is counted by its word, whatever the chunks; those with a position are answered."""
+    tally = MethodTally()
+    for chunk in chunks:
+        nothing = np.full(len(chunk), np.nan)
+        tally.add(np.array(chunk, dtype=np.uint8), nothing, np.full(len(chunk), 5))
+    words = Counter(status.word for chunk in chunks for status in chunk)
+    assert dict(tally.statuses) == dict(words)
+    assert tally.answered == sum(count for word, count in words.items() if word in ANSWERED)
+    assert (tally.tested, tally.badly_fitted, tally.fits_badly) == (0, 0, False)
+
+
+@given(st.lists(st.tuples(st.floats(0, 60) | st.just(np.nan), st.integers(0, 12)), max_size=40))
+def test_bad_fits_are_those_that_chance_does_not_explain(rows: list[tuple[float, int]]) -> None:
+    """Half a chi-square beyond the 99.9 % point of n - 2 degrees of freedom is a bad fit; over 5 % of them is told."""
+    tally = MethodTally()
+    cost, used = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
+    tally.add(np.zeros(len(rows), dtype=np.uint8), cost, used)
+    tested = [(half, count) for half, count in rows if not np.isnan(half) and count > 2]
+    bad = sum(stats.chi2.sf(2 * half, count - 2) < 1e-3 for half, count in tested)
+    assert (tally.tested, tally.badly_fitted) == (len(tested), bad)
+    assert tally.fits_badly == (bad > 0.05 * len(tested))
+
+
+def report() -> RunReport:
+    """Return a report of two methods."""
+    tallies = {"ml": MethodTally(Counter(ok=3, too_few=1)), "ls": MethodTally(Counter(behind=2, boundary=2))}
+    inputs = [{"name": name, "rows": 3} for name in ("a.csv", "b.csv", "c.csv", "d.csv")]
+    return RunReport(
+        kind="bearings",
+        inputs=inputs,
+        rows=12,
+        rows_left_out=2,
+        bad_rows=1,
+        snapshots=4,
+        methods=tallies,
+        notes=["mind the gap"],
+    )
+
+
+def test_the_summary_tells_every_count() -> None:
+    """Inputs, snapshots, rows, left out, bad, a line for each method by status, and the notes."""
+    lines = report().lines()
+    assert lines[0].startswith("a.csv, b.csv, c.csv and 1 more: 4 snapshots of bearings, 12 rows")
+    assert "2 left out" in lines[0]
+    assert "1 bad row" in lines[0]
+    assert lines[1:] == ["ml: 3 ok, 1 too_few", "ls: 2 boundary, 2 behind", "note: mind the gap"]
+
+
+def test_unanswered_are_counted_over_the_methods() -> None:
+    """``--strict`` looks at estimates without a position, of any method."""
+    assert report().unanswered == 3
+    assert RunReport(kind="bearings", inputs=[]).unanswered == 0
+
+
+def test_the_report_is_plain_json() -> None:
+    """The dictionary holds every count, and JSON can hold the dictionary."""
+    told = json.loads(json.dumps(report().as_dict(), allow_nan=False))
+    assert (told["rows"], told["rows_left_out"], told["bad_rows"], told["snapshots"]) == (12, 2, 1, 4)
+    assert told["methods"]["ml"] == {"statuses": {"ok": 3, "too_few": 1}, "answered": 3, "fits_badly": False}
+    assert told["notes"] == ["mind the gap"]
+
+
+@pytest.mark.parametrize("status", Status)
+def test_every_status_says_what_it_has(status: Status) -> None:
+    """A status has a position exactly if it is answered, and a covariance exactly if it is not on a boundary too."""
+    assert status.has_position == (status.word in ANSWERED)
+    assert status.has_covariance == (status.word in ANSWERED - {"boundary"})

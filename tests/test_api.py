@@ -1,0 +1,187 @@
+"""Convention 10: ``import nlosctl`` gives the tables of the command line, to the bit."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+import nlosctl
+from nlosctl.cli.main import run
+from nlosctl.errors import DataError, UsageError
+from nlosctl.io.scenes import scene_from_toml
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+GOOD, SCENE = FIXTURES / "good_bearings.parquet", FIXTURES / "good_bearings.scene.toml"
+
+
+def good() -> Any:
+    """Return the good bearings."""
+    return pyarrow.parquet.read_table(GOOD)
+
+
+def by_program(folder: Path, *words: Any, source: Path = GOOD) -> tuple[Any, Any, dict[str, Any]]:
+    """Return estimates, flags and report that the command line writes."""
+    names = [folder / name for name in ("e.parquet", "f.parquet", "r.json")]
+    options = ["-q", "--overwrite", "-o", names[0], "--flags-out", names[1], "--report", names[2]]
+    assert run([str(word) for word in ("localize", source, *options, *words)]) == 0
+    tables = [pyarrow.parquet.read_table(name).replace_schema_metadata(None) for name in names[:2]]
+    return tables[0], tables[1], json.loads(names[2].read_text())
+
+
+def same_bits(one: Any, other: Any) -> bool:
+    """Return whether two tables hold the same bytes: names, types, values, nulls, signs of zero."""
+
+    def content(table: Any) -> bytes:
+        plain = pa.table([column.combine_chunks() for column in table.columns], names=table.column_names)
+        sink = io.BytesIO()
+        rows = plain.take(pa.array(np.arange(plain.num_rows)))
+        with pa.ipc.new_stream(sink, rows.schema) as writer:
+            writer.write_table(rows)
+        return sink.getvalue()
+
+    return content(one.replace_schema_metadata(None)) == content(other)
+
+
+CASES: list[tuple[dict[str, Any], list[str]]] = [
+    ({}, []),
+    ({"method": "stansfield"}, ["-m", "stansfield"]),
+    ({"method": ["ls", "ml", "stansfield"]}, ["-m", "ls", "-m", "ml", "-m", "stansfield"]),
+    ({"max_iterations": 1, "min_range_m": 0.5}, ["-p", "max_iterations=1", "-p", "min_range_m=0.5"]),
+    ({"method": "ls", "jobs": 3, "block_size": 3}, ["-m", "ls", "--jobs", "2", "--block-size", "50"]),
+    ({"carry": ["truth_los"], "seed": 4}, ["--carry", "truth_los", "--seed", "4"]),
+]
+
+
+@pytest.mark.parametrize(("keywords", "words"), CASES, ids=lambda value: str(value))
+def test_the_same_tables_to_the_bit(tmp_path: Path, keywords: dict[str, Any], words: list[str]) -> None:
+    """Estimates, flags and report are those that ``nlosctl localize`` writes."""
+    estimates, flags, report = by_program(tmp_path, *words)
+    result = nlosctl.localize(good(), scene=SCENE, **keywords)
+    assert same_bits(result.estimates, estimates)
+    assert same_bits(result.flags, flags)
+    told = result.report.as_dict()
+    assert {key: told[key] for key in told if key not in ("inputs", "notes")} == {
+        key: report[key] for key in report if key not in ("inputs", "notes")
+    }
+
+
+def test_columns_constants_and_rows_left_out(tmp_path: Path) -> None:
+    """Renamed columns, a constant std and rows flagged before mean what the flags of the command line mean."""
+    table = good().drop_columns(["bearing_std_rad", "reflector", "path"])
+    table = table.filter(pa.compute.is_null(good().column("reflector")))
+    table = table.rename_columns(["AZ" if name == "bearing_rad" else name for name in table.column_names])
+    table = table.append_column("los", pa.array([place % 6 != 0 for place in range(table.num_rows)]))
+    pyarrow.parquet.write_table(table, tmp_path / "m.parquet")
+    words = ["--column", "bearing_rad=AZ", "--bearing-std-deg", "2"]
+    keywords: dict[str, Any] = {
+        "columns": {"bearing_rad": "AZ"},
+        "constants": {"bearing_std_rad": float(np.radians(2.0))},
+    }
+    for more, given in ((["--all-rows"], {"all_rows": True}), ([], {})):
+        estimates, flags, _ = by_program(tmp_path, *words, *more, source=tmp_path / "m.parquet")
+        result = nlosctl.localize(table, **keywords, **given)
+        assert same_bits(result.estimates, estimates)
+        assert same_bits(result.flags, flags)
+
+
+def test_a_drawing_is_the_same_and_carries_its_scene(tmp_path: Path) -> None:
+    """``simulate`` gives the table of the command line, with its metadata; ``localize`` finds the scene there."""
+    path = tmp_path / "m.parquet"
+    assert run(["simulate", "song-flat", "-n", "70", "--seed", "3", "-q", "-o", str(path)]) == 0
+    written = pyarrow.parquet.read_table(path)
+    drawn = nlosctl.simulate("song-flat", trials=70, seed=3)
+    assert same_bits(drawn, written.replace_schema_metadata(None))
+    assert drawn.schema.metadata[b"nlosctl.scene"] == written.schema.metadata[b"nlosctl.scene"]
+    assert drawn.schema.metadata[b"nlosctl"] == written.schema.metadata[b"nlosctl"]
+    estimates, _, _ = by_program(tmp_path, source=path)
+    assert same_bits(nlosctl.localize(drawn).estimates, estimates)
+
+
+def test_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``evaluate`` gives the figures of ``nlosctl evaluate --json``."""
+    result = nlosctl.localize(good(), scene=SCENE, method=["ml", "ls"])
+    pyarrow.parquet.write_table(result.estimates, tmp_path / "e.parquet")
+    assert run(["evaluate", str(tmp_path / "e.parquet"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    evaluation = nlosctl.evaluate(result.estimates)
+    assert (evaluation.of, evaluation.groups, evaluation.overall) == (told["of"], told["groups"], told["overall"])
+
+
+def test_a_scene_can_be_an_object_a_path_or_text() -> None:
+    """A Scene, a path and its text name the same scene."""
+    scene = scene_from_toml(SCENE.read_text(), "scene")
+    results = [nlosctl.localize(good(), scene=given).estimates for given in (scene, SCENE, str(SCENE))]
+    assert results[0].equals(results[1])
+    assert results[0].equals(results[2])
+
+
+@pytest.mark.parametrize("form", ["sliced", "chunked", "dictionary", "plain", "batch"])
+def test_the_form_of_a_table_changes_nothing(form: str) -> None:
+    """Slices, chunks, dictionary-encoded text, plain Python columns and record batches give the same bits."""
+    table = good()
+    forms = {
+        "sliced": pa.concat_tables([table.slice(200), table, table.slice(0, 9)]).slice(40, 240),
+        "chunked": pa.concat_tables([table.slice(start, 7) for start in range(0, 240, 7)]),
+        "dictionary": table.set_column(1, "sensor", table.column("sensor").dictionary_encode()),
+        "plain": table.to_pydict(),
+        "batch": table.combine_chunks().to_batches()[0],
+    }
+    result, expected = nlosctl.localize(forms[form], scene=SCENE), nlosctl.localize(table, scene=SCENE)
+    assert same_bits(result.estimates, expected.estimates)
+    assert same_bits(result.flags.select(["used", "residual_rad"]), expected.flags.select(["used", "residual_rad"]))
+
+
+def test_the_input_is_left_alone() -> None:
+    """Solving changes no bit of the caller's table."""
+    table, before = good(), good()
+    nlosctl.localize(table, scene=SCENE)
+    assert table.equals(before, check_metadata=True)
+
+
+def test_an_empty_choice_of_rows() -> None:
+    """A table without rows is a fault of the data, in one line."""
+    with pytest.raises(DataError, match="no rows"):
+        nlosctl.localize(good().slice(0, 0), scene=SCENE)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "told"),
+    [
+        ({"method": "mll"}, UsageError, "did you mean 'ml'"),
+        ({"max_iteration": 3}, UsageError, "did you mean 'max_iterations'"),
+        ({"max_iterations": "many"}, UsageError, "must be an int in the range"),
+        ({"max_iterations": 2.5}, UsageError, "must be an int in the range"),
+        ({"min_range_m": -1.0}, UsageError, r"must be a float in the range \[0, inf\)"),
+        ({"kind": "bearing"}, UsageError, "did you mean 'bearings'"),
+        ({"scene": "absent.toml"}, DataError, "absent.toml"),
+        ({"carry": ["truth"]}, DataError, "truth"),
+    ],
+)
+def test_faults_are_told_as_on_the_command_line(keywords: dict[str, Any], error: type, told: str) -> None:
+    """Unknown names, values that don't fit and absent files raise what the command line says."""
+    with pytest.raises(error, match=told) as caught:
+        nlosctl.localize(good(), **{"scene": SCENE, **keywords})
+    assert "\n" not in str(caught.value)
+
+
+def test_faults_of_the_data_raise_data_error() -> None:
+    """A bad row raises DataError with row and column."""
+    table = good()
+    std = pa.array([0.0 if place == 4 else 0.1 for place in range(240)])
+    table = table.set_column(table.column_names.index("bearing_std_rad"), "bearing_std_rad", std)
+    with pytest.raises(DataError, match=r"row 5.*'bearing_std_rad'"):
+        nlosctl.localize(table, scene=SCENE)
+
+
+def test_all_names_are_there() -> None:
+    """Every public name can be had, and an unknown one is an AttributeError."""
+    assert all(getattr(nlosctl, name) is not None for name in nlosctl.__all__)
+    with pytest.raises(AttributeError, match="nope"):
+        _ = nlosctl.nope

@@ -1,0 +1,78 @@
+"""Imports point one way, and the light modules stay light."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MODULES = sorted((ROOT / "nlosctl").rglob("*.py"))
+
+
+def test_the_import_contract_is_kept() -> None:
+    """The contracts of pyproject.toml hold: layers, methods that don't know each other, who may touch pyarrow."""
+    program = Path(sys.executable).with_name("lint-imports")
+    done = subprocess.run([program, "--no-cache"], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "0 broken" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["errors", "version", "contract.tables", "contract.statuses", "registry", "scenarios.catalogue", "cli.main"],
+)
+def test_light_modules_import_no_arrays(module: str) -> None:
+    """What help, completion and lists need imports neither numpy nor pyarrow nor scipy."""
+    program = f"import sys, nlosctl.{module}; print(*{{name.partition('.')[0] for name in sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) & {"numpy", "scipy", "pyarrow", "msgspec"} == set()
+
+
+def imported(path: Path) -> set[str]:
+    """Return the top-level modules that a file imports anywhere."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+def importers(name: str) -> set[str]:
+    """Return the rooms of the package with a file that imports ``name``."""
+    return {path.relative_to(ROOT / "nlosctl").parts[0] for path in MODULES if name in imported(path)}
+
+
+def test_each_library_has_its_room() -> None:
+    """pyarrow is for io and formats, typer for the command line, matplotlib for plotting."""
+    assert importers("pyarrow") <= {"io", "formats"}
+    assert importers("typer") == {"cli"}
+    assert importers("rich") <= {"cli"}
+    assert importers("matplotlib") <= {"plotting"}
+
+
+def test_the_package_imports_nothing_undeclared() -> None:
+    """Every library that is imported is a dependency of pyproject.toml."""
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {requirement.partition(">")[0].strip() for requirement in project["dependencies"]}
+    extras = {
+        requirement.partition(">")[0].strip()
+        for name, requirements in project["optional-dependencies"].items()
+        for requirement in requirements
+        if name != "dev"
+    }
+    used = set().union(*(imported(path) for path in MODULES)) - set(sys.stdlib_module_names) - {"nlosctl"}
+    assert used <= declared | extras
+    assert declared <= used
+
+
+def test_errors_import_nothing() -> None:
+    """The errors are at the bottom: the standard library alone."""
+    assert imported(ROOT / "nlosctl" / "errors.py") <= set(sys.stdlib_module_names)
