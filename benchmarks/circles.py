@@ -103,7 +103,8 @@ def report() -> list[str]:
         "## Circle rows (set A of Song et al., 1 degree): a loop of `least_squares` with the same gradient",
         "",
         f"Answers within 10 m of each other in {np.mean(apart < 10.0):.1%} of the snapshots "
-        f"(worst {apart.max():.2g} m; a standard deviation is 36 km). The loop starts where `ml` does; its root finding is plain Python floats.",
+        f"(worst {apart.max():.2g} m; a standard deviation is 36 km). The loop starts where `ml` does and finds its "
+        "roots in plain Python floats.",
         "",
         "| program | microseconds per snapshot | times the loop's throughput |",
         "|---|---|---|",

@@ -22,10 +22,11 @@ from nlosctl.cli.options import (
     Output,
     Overwrite,
     Quiet,
+    Report,
     SceneFile,
 )
 from nlosctl.cli.reading import ReadWords, open_measurements, open_output
-from nlosctl.cli.terminal import Preview, Terminal
+from nlosctl.cli.terminal import Preview, Terminal, write_report
 
 __all__ = ["bound"]
 
@@ -57,6 +58,7 @@ def bound(
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
     max_snapshot_rows: MaxSnapshotRows = 1_000_000,
+    report: Report = None,
     quiet: Quiet = False,
     debug: Debug = False,
     config: ConfigFile = None,
@@ -83,7 +85,8 @@ def bound(
         max_snapshot_rows=max_snapshot_rows,
         bad_rows=bad_rows,
         overwrite=overwrite,
-        outputs=(output,),
+        config=config,
+        outputs=(output, None if report == "-" else report),
     )
     settings = BoundSettings(noise=noise, use_ranges=use_ranges)
     positions = bounded = 0
@@ -116,3 +119,5 @@ def bound(
             preview.show()
     what = "snapshots" if grid is None else "positions"
     terminal.note(f"bound of {reader.kind}: {bounded} of {positions} {what} have one")
+    if report is not None:
+        write_report(report, {"kind": reader.kind, "map": map, what: positions, "bounded": bounded})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -98,6 +99,14 @@ def test_without_truth_there_is_no_bound(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "no column 'truth_x_m'; a bound needs the truth, or --map" in done.stderr.decode()
     assert not (tmp_path / "bound.csv").exists()
+
+
+def test_the_report_counts(tmp_path: Path) -> None:
+    """``--report`` tells how many positions there are and how many have a bound."""
+    report = tmp_path / "report.json"
+    rows(run(MEASUREMENTS, "--map", "0,1e5,6.3e6,6.4e6,1e5", "--report", str(report)))
+    told = json.loads(report.read_text(encoding="utf-8"))
+    assert told == {"kind": "bearings", "map": "0,1e5,6.3e6,6.4e6,1e5", "positions": 4, "bounded": 2}
 
 
 def test_it_reads_standard_input() -> None:
