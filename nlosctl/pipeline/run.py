@@ -223,6 +223,7 @@ class MeasurementRun:
             *self._unused_ranges(),
             *self._hopeless(),
             *self._edge_remarks(),
+            *self._hopeless(),
             *self._advice(),
         ]
 
