@@ -100,6 +100,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     )
     with ExitStack() as stack:
         reader = MeasurementReader(inputs, options)
+        stack.callback(reader.close)
         others = [Path(name) for name in (words.scene, words.config) if name is not None]
         opened = Opened(reader=reader, inputs=inputs, others=others)
         check_targets([*words.outputs, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths)
