@@ -180,7 +180,10 @@ Carry = Annotated[
     typer.Option("--carry", metavar="COLUMN", help="Carry an input column over to the estimates. Repeatable."),
 ]
 Seed = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of everything random; each snapshot draws its own from it.")
+    int,
+    typer.Option(
+        "--seed", min=0, max=2**63 - 1, help="Seed of everything random; each snapshot draws its own from it."
+    ),
 ]
 Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
 BlockSize = Annotated[
