@@ -17,6 +17,7 @@ from nlosctl.cli.options import (
     Details,
     DoaStdDeg,
     DodStdDeg,
+    EstimatesOut,
     Format,
     Hash,
     InputFormat,
@@ -47,10 +48,7 @@ def detect_ip(
     ] = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
     output: Output = "-",
-    estimates_out: Annotated[
-        str | None,
-        typer.Option("--estimates-out", metavar="FILE", help="Write the estimates of methods that make any."),
-    ] = None,
+    estimates_out: EstimatesOut = None,
     details: Details = False,
     column: Columns = [],  # noqa: B006
     dod_std_deg: DodStdDeg = None,

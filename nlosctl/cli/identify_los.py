@@ -14,6 +14,7 @@ from nlosctl.cli.options import (
     Columns,
     ConfigFile,
     Debug,
+    EstimatesOut,
     Format,
     Hash,
     InputFormat,
@@ -49,9 +50,7 @@ def identify_los(
     ] = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
     output: Output = "-",
-    estimates_out: Annotated[
-        str | None, typer.Option("--estimates-out", metavar="FILE", help="Write the estimates: a row per target.")
-    ] = None,
+    estimates_out: EstimatesOut = None,
     alternatives: Annotated[
         int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
     ] = 1,
@@ -63,7 +62,7 @@ def identify_los(
     all_rows: AllRows = False,
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no target.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,

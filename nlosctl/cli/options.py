@@ -22,6 +22,7 @@ __all__ = [
     "Details",
     "DoaStdDeg",
     "DodStdDeg",
+    "EstimatesOut",
     "Format",
     "Hash",
     "InputFormat",
@@ -160,6 +161,10 @@ PathLengthStdM = Annotated[
 Details = Annotated[
     bool, typer.Option("--details", help="Show in the flags what they were decided by (see 'nlosctl methods show').")
 ]
+EstimatesOut = Annotated[
+    str | None,
+    typer.Option("--estimates-out", metavar="FILE", help="Write the estimates too: a row per target, or per path."),
+]
 SearchField = Annotated[
     str,
     typer.Option(
@@ -197,7 +202,10 @@ Carry = Annotated[
     typer.Option("--carry", metavar="COLUMN", help="Carry an input column over to the estimates. Repeatable."),
 ]
 Seed = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of everything random; each snapshot draws its own from it.")
+    int,
+    typer.Option(
+        "--seed", min=0, max=2**63 - 1, help="Seed of everything random; each snapshot draws its own from it."
+    ),
 ]
 Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
 BlockSize = Annotated[

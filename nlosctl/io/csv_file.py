@@ -100,7 +100,10 @@ class CsvSource:
                 records = RecordBlocks(stream, self._part.name)
                 records.header()
                 for block in records.blocks():
-                    _widen(found, self._parse(block, list(found)).table)
+                    open_yet = [name for name, kind in found.items() if kind != "text"]
+                    if not open_yet:
+                        break
+                    _widen(found, self._parse(block, open_yet).table)
         return {name: kind or "text" for name, kind in found.items()}
 
     def _parse(self, block: CsvBlock, columns: list[str]) -> _Parsed:
@@ -195,9 +198,10 @@ class CsvSource:
 
 
 def _widen(found: dict[str, ColumnType | None], table: Any) -> None:
-    for name, held in found.items():
-        cells, _ = decode_utf8(_one_chunk(table.column(name)), name)
-        found[name] = wider_type(held, infer_type(cells))
+    for name in table.column_names:
+        if name in found:
+            cells, _ = decode_utf8(_one_chunk(table.column(name)), name)
+            found[name] = wider_type(found[name], infer_type(cells))
 
 
 def _one_chunk(column: Any) -> Any:

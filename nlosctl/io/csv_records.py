@@ -16,6 +16,7 @@ from nlosctl.errors import DataError
 __all__ = ["CsvBlock", "RecordBlocks"]
 
 _BLOCK_BYTES = 4 << 20
+_LOOKED_AT = 4096
 
 _QUOTE, _LINE_FEED, _RETURN = ord('"'), ord("\n"), ord("\r")
 _AT_EDGE = np.isin(np.arange(256), list(b',\r\n"'))
@@ -62,6 +63,8 @@ class RecordBlocks:
         """Return the first record without its line end; empty where there is none."""
         if not self._fill():
             return b""
+        if b"\0" in self._held[:_LOOKED_AT] and not self._held.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise DataError(f"{self._name}: holds zero bytes: this is no CSV file")
         layout = self._layout()
         return self._take(layout, int(layout.stops[0])).rstrip(b"\r\n")
 

@@ -46,13 +46,19 @@ def _kept_open(sink: Any) -> Any:
 
 
 class _Unclosed:
-    """A file whose owner closes it."""
+    """A file whose owner closes it; what a library writes to it later, when it is given up, goes nowhere."""
 
     closed = False
 
     def __init__(self, sink: Any) -> None:
-        self.write = sink.write
-        self.flush = sink.flush
+        self._sink = sink
+
+    def write(self, data: Any) -> int:
+        return len(data) if self._sink.closed else self._sink.write(data)
+
+    def flush(self) -> None:
+        if not self._sink.closed:
+            self._sink.flush()
 
     def close(self) -> None:
         self.flush()

@@ -22,6 +22,11 @@ class FileFormat(Enum):
     JSON_LINES_GZ = "jsonl.gz"
 
     @property
+    def title(self) -> str:
+        """The name in a sentence."""
+        return _TITLES[self]
+
+    @property
     def compressed(self) -> bool:
         """Whether the text is gzipped."""
         return self in (FileFormat.CSV_GZ, FileFormat.JSON_LINES_GZ)
@@ -36,6 +41,16 @@ class FileFormat(Enum):
         """Whether the file has room for a scene and provenance."""
         return self in (FileFormat.PARQUET, FileFormat.ARROW, FileFormat.ARROW_STREAM)
 
+
+_TITLES = {
+    FileFormat.PARQUET: "Parquet",
+    FileFormat.CSV: "CSV",
+    FileFormat.CSV_GZ: "gzipped CSV",
+    FileFormat.ARROW: "an Arrow file",
+    FileFormat.ARROW_STREAM: "an Arrow stream",
+    FileFormat.JSON_LINES: "JSON Lines",
+    FileFormat.JSON_LINES_GZ: "gzipped JSON Lines",
+}
 
 _EXTENSIONS = {
     ".parquet": FileFormat.PARQUET,

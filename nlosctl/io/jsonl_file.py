@@ -54,11 +54,11 @@ class JsonLinesSource:
         self._types: dict[str, ColumnType] = {}
 
     def _refuse_other_text(self, first: JsonBlock) -> None:
-        if first.numbers and (not first.faults or first.faults[0].line > first.numbers[0]):
+        if not first.faults or (first.numbers and first.faults[0].line > first.numbers[0]):
             return
         fault = first.faults[0]
         begun = fault.text.lstrip("\ufeff \t")
-        if begun.startswith("[") and (begun.rstrip() == "[" or begun.lstrip("[ ").startswith("{")):
+        if begun.startswith("[") and (begun.rstrip() in ("[", "[]") or begun.lstrip("[ ").startswith("{")):
             raise DataError(
                 f"{self._part.name}: holds a JSON array, expected JSON Lines: an object on each line; "
                 f"convert it: jq -c '.[]' FILE"

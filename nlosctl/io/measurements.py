@@ -159,9 +159,12 @@ class MeasurementReader:
         self.report.snapshots_lost += lost.count
 
     def _check_size(self, pending: Sequence[Piece], group: Input) -> None:
-        rows = sum(len(piece.ids) for piece in pending)
+        if sum(piece.starts.shape[0] for piece in pending) <= 1:
+            self._refuse_huge(sum(len(piece.ids) for piece in pending), group)
+
+    def _refuse_huge(self, rows: int, group: Input) -> None:
         limit = self._options.max_snapshot_rows
-        if rows > limit and sum(piece.starts.shape[0] for piece in pending) <= 1:
+        if rows > limit:
             reason = "" if SNAPSHOT in self.schema.names else " (there is no 'snapshot' column)"
             raise DataError(
                 f"{group.name}: a snapshot has more than {limit} rows{reason}, expected at most max_snapshot_rows; "
@@ -170,6 +173,7 @@ class MeasurementReader:
 
     def _chunk(self, pieces: Sequence[Piece], group: Input) -> Chunk:
         whole = drop_duplicates(pieces, join_pieces(pieces), self._found.table.row_key, self._log, self.report)
+        self._refuse_huge(int(np.diff(whole.starts, append=len(whole.ids)).max()), group)
         return Chunk(
             table=whole.table,
             snapshot=whole.ids.take(pa.array(whole.starts)),

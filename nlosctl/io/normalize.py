@@ -131,13 +131,20 @@ class Normalizer:
         limit = column.largest_magnitude
         if found.converted:
             return values * found.scale + found.offset
-        if limit is not None:
-            beyond = (np.abs(values) > limit * (1.0 + _SLACK)) & np.isfinite(values)
-            if beyond.any():
-                self.too_large[column.name] = self.too_large.get(column.name, 0) + int(beyond.sum())
-                expected = f"{-limit:.4g} to {limit:.4g} {column.unit}"
-                faults.append(Fault(mask=beyond, column=found.name, describe=_got(values, expected)))
+        if limit is not None and values.shape[0]:
+            self._check_size(found, values, limit, faults)
         return values
+
+    def _check_size(self, found: FoundColumn, values: FloatArray, limit: float, faults: list[Fault]) -> None:
+        largest = limit * (1.0 + _SLACK)
+        if values.max() <= largest and values.min() >= -largest:  # neither where there is a NaN
+            return
+        beyond = (np.abs(values) > largest) & np.isfinite(values)
+        if beyond.any():
+            name, unit = found.column.name, found.column.unit
+            self.too_large[name] = self.too_large.get(name, 0) + int(beyond.sum())
+            expected = f"{-limit:.4g} to {limit:.4g} {unit}"
+            faults.append(Fault(mask=beyond, column=found.name, describe=_got(values, expected)))
 
     def _check_finite(
         self, found: FoundColumn, values: FloatArray, missing: BoolArray | None, faults: list[Fault]

@@ -49,9 +49,9 @@ def _checked(part: Part, head: bytes) -> Part:
         return replace(part, format=told)
     if told is part.format or (told is FileFormat.CSV and not _is_told_by_bytes(part.format, head)):
         return part
-    what = "text, perhaps CSV" if told is FileFormat.CSV else told.value
+    what = "text, perhaps CSV" if told is FileFormat.CSV else told.title
     raise DataError(
-        f"{part.name}: taken for {part.format.value}, but its bytes are {what}; rename the file, or say "
+        f"{part.name}: taken for {part.format.title}, but its bytes are {what}; give it the right extension, or say "
         f"--input-format {told.value}"
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -59,7 +59,7 @@ def shown(value: object) -> str:
 def identifier_type(cells: Any) -> ColumnType:
     """Return integer where all ``cells`` are integers written plainly (no leading zero or plus), else identifier."""
     filled = cells.drop_null()
-    return "integer" if len(filled) and _are_plain_integers(filled) else "identifier"
+    return "integer" if len(filled) and _integers(filled) == "plain" else "identifier"
 
 
 def infer_type(cells: Any) -> ColumnType | None:
@@ -67,13 +67,20 @@ def infer_type(cells: Any) -> ColumnType | None:
 
     Numbers with leading zeros and integers that a float can't hold are text.
     """
-    filled = pc.utf8_trim_whitespace(cells.drop_null())
+    filled = cells.drop_null()
     if len(filled) == 0:
         return None
-    if _are_plain_integers(filled):
-        return "integer"
+    found = _infer(filled)
+    return found if found != "text" else _infer(pc.utf8_trim_whitespace(filled))
+
+
+def _infer(filled: Any) -> ColumnType:
+    integers = _integers(filled)
+    if integers is not None:
+        return "integer" if integers == "plain" else "text"
     if _cast(filled, pa.float64()) is not None:
-        changed = pc.any(pc.match_substring_regex(filled, r"^[+-]?(0[0-9]|[0-9]{16})")).as_py()
+        whole = filled.filter(pc.invert(pc.match_substring(filled, ".")))
+        changed = pc.any(pc.match_substring_regex(whole, r"^[+-]?(0[0-9]|[0-9]{16})")).as_py()
         return "text" if changed else "number"
     words = pc.is_in(pc.utf8_lower(filled), value_set=pa.array(["true", "false"]))
     return "boolean" if pc.all(words).as_py() else "text"
@@ -147,9 +154,12 @@ def decode_utf8(cells: Any, column: str) -> tuple[Any, list[CellFault]]:
     return pa.array(decoded, type=pa.string()), faults
 
 
-def _are_plain_integers(filled: Any) -> bool:
-    plain = pc.all(pc.match_substring_regex(filled, r"^(0|-?[1-9][0-9]*)$")).as_py()
-    return bool(plain) and _cast(filled, pa.int64()) is not None
+def _integers(filled: Any) -> Literal["plain", "odd"] | None:
+    """Return whether all are 64-bit integers, and written as such: plain is what the integer is as text again."""
+    integers = _cast(filled, pa.int64())
+    if integers is None:
+        return None
+    return "plain" if integers.cast(pa.string()).equals(filled) else "odd"
 
 
 def _cast(cells: Any, target: Any) -> Any:

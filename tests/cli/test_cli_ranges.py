@@ -228,3 +228,10 @@ def test_echoes_of_several_targets_have_no_one_bound(cli: Cli) -> None:
     outcome = cli("bound", ECHOES)
     assert outcome.code == 1
     assert "truth_target" in outcome.err
+
+
+@pytest.mark.parametrize(("path", "rows", "snapshots"), [(ANCHORS, 48, 12), (ECHOES, 225, 8)])
+def test_the_fixtures_are_valid(cli: Cli, path: Path, rows: int, snapshots: int) -> None:
+    """The bundled files of ranges pass, with their rows counted."""
+    told = cli("validate", path, "--json").json
+    assert (told["kind"], told["rows"], told["snapshots"], told["bad_rows"]) == ("ranges", rows, snapshots, 0)

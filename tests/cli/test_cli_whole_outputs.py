@@ -75,6 +75,8 @@ def test_a_failure_after_rows_are_written_is_quiet(
     """An output that is given up half written says nothing of its own: no ``Exception ignored in ...`` on stderr."""
     noise: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", noise.append)
+    gc.collect()
+    noise.clear()  # what other tests have left behind
     monkeypatch.setitem(TableWriter.__init__.__kwdefaults__, "group_rows", 5)
     fail_in_chunk(monkeypatch, 4, KeyboardInterrupt())
     assert cli("localize", GOOD, "-o", f"e.{extension}", "--flags-out", f"f.{extension}", "--jobs", 1).code == 130

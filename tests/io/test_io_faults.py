@@ -41,7 +41,7 @@ BAD = {
     "bad_triplets_degrees_as_radians.csv": ["'dod_rad'", "17 of 18", "dod_deg"],
     "bad_triplets_negative_length.csv": ["(line 6)", "'path_length_m'", "got -3", "larger than 0"],
     "bad_triplets_zero_std.csv": ["row 8", "'doa_std_rad'", "got 0", "larger than 0"],
-    "bad_triplets_duplicate_path.csv": ["row 6", "duplicate", "row 5"],
+    "bad_triplets_duplicate_path.csv": ["(line 7)", "duplicate"],
     "bad_triplets_missing_doa.csv": ["'doa_rad'", "doa_deg"],
 }
 ROW_FAULTS = [name for name, words in BAD.items() if any(word.startswith("row 5") for word in words)]

@@ -120,6 +120,21 @@ def test_an_empty_pipe_is_told() -> None:
         MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(b"")), ReadOptions())
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz", "a.jsonl", "a.jsonl.gz", "a.parquet", "a.arrow", "a.arrows"])
+@pytest.mark.parametrize(
+    "data", [b"\n\n", b'\0\x99"\n' * 5000, b"[]\n", b"{}\n", b"\xff\xfea\0", b"\r", b'"', b"\xff" * 64]
+)
+def test_what_is_no_table_is_one_line(tmp_path: Path, name: str, data: bytes) -> None:
+    """Blank, binary and meaningless files are told in one line that names the file, in every format."""
+    path = tmp_path / name
+    for content in (data, gzip.compress(data)):
+        path.write_bytes(content)
+        with pytest.raises(DataError) as caught:
+            read([path])
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
 def test_a_table_in_memory_is_left_unread(tmp_path: Path) -> None:
     """Looking at the first bytes takes nothing from a stream that can't be looked at."""
     from nlosctl.io.in_memory import input_of_table
