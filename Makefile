@@ -34,7 +34,9 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py
+	$(BIN)/python fixtures/builders/build_ranges.py
 	$(BIN)/python fixtures/builders/build_over_the_horizon.py
+	$(BIN)/python fixtures/builders/build_triplets.py
 
 benchmark: .venv/dev
 	$(BIN)/python benchmarks/run.py

@@ -23,6 +23,7 @@ import kernels
 import numpy
 import pyarrow
 import scipy
+import triplets
 
 import nlosctl
 
@@ -45,7 +46,9 @@ def main() -> None:
     lines += kernels.report()
     lines += circles.report()
     with tempfile.TemporaryDirectory() as scratch:
-        lines += end_to_end.report(arguments.keep or Path(scratch), arguments.snapshots)
+        folder = arguments.keep or Path(scratch)
+        lines += end_to_end.report(folder, arguments.snapshots)
+        lines += triplets.report(folder, arguments.snapshots)
     text = "\n".join(lines) + "\n"
     (Path(__file__).parent / "results.md").write_text(text, encoding="utf-8")
     print(text)

@@ -7,14 +7,33 @@ from typing import TYPE_CHECKING, Any
 from nlosctl.version import __version__
 
 if TYPE_CHECKING:
-    from nlosctl.api import Localization, bound, evaluate, localize, simulate
+    from nlosctl.api import (
+        Detection,
+        Localization,
+        bound,
+        detect_ip,
+        evaluate,
+        identify_los,
+        localize,
+        simulate,
+    )
 
-__all__ = ["Localization", "__version__", "bound", "evaluate", "localize", "simulate"]
+__all__ = [
+    "Detection",
+    "Localization",
+    "__version__",
+    "bound",
+    "detect_ip",
+    "evaluate",
+    "identify_los",
+    "localize",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> Any:
     """Import the functions when they are asked for: the command line must start without numpy and pyarrow."""
-    if name in ("Localization", "bound", "evaluate", "localize", "simulate"):
+    if name in __all__:
         from nlosctl import api
 
         return getattr(api, name)

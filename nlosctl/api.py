@@ -7,18 +7,20 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Any
 
+from nlosctl.contract.fields import parse_field
 from nlosctl.contract.scene import Scene
 from nlosctl.io.in_memory import gather, input_of_table
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.pipeline.bounding import bounds_at_truth, bounds_on_map, parse_map, result_schema
+from nlosctl.pipeline.bounding import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
 from nlosctl.pipeline.evaluating import Evaluation, evaluate_inputs
+from nlosctl.pipeline.evaluating_targets import evaluate_targets
 from nlosctl.pipeline.parameters import method_runs
 from nlosctl.pipeline.report import RunReport
 from nlosctl.pipeline.run import MeasurementRun, RunSettings
 from nlosctl.pipeline.simulation import Simulation
 from nlosctl.pipeline.workers import usable_jobs
 
-__all__ = ["Localization", "bound", "evaluate", "localize", "simulate"]
+__all__ = ["Detection", "Localization", "bound", "detect_ip", "evaluate", "identify_los", "localize", "simulate"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +38,8 @@ def localize(
     method: str | Sequence[str] = "ml",
     scene: Scene | str | PathLike[str] | None = None,
     kind: str | None = None,
+    field: str = "sensors:1",
+    target_z_m: float | None = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
@@ -50,7 +54,9 @@ def localize(
 
     ``table`` is a pyarrow Table (or anything that `pyarrow.table` takes). ``scene`` is a Scene or the path of a scene
     file; else the one in the table's metadata. ``columns`` reads a column under another name (the contract's name ->
-    the table's), ``constants`` gives missing std columns, in radians or metres. ``parameters`` are the method's.
+    the table's), ``constants`` gives missing std columns, in radians or metres; ``field`` is in the
+    words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``parameters`` are the
+    method's.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
@@ -70,15 +76,11 @@ def localize(
         block_size=block_size,
         alternatives=alternatives,
         carry=tuple(carry),
+        field=parse_field(field),
+        target_z_m=target_z_m,
         want_flags=True,
     )
-    run = MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters), settings)
-    chunks = list(run.tables())
-    return Localization(
-        estimates=gather([chunk.estimates for chunk in chunks], run.estimates_schema),
-        flags=gather([chunk.flags for chunk in chunks], run.flags_schema),
-        report=run.report,
-    )
+    return _localization(MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters), settings))
 
 
 def bound(
@@ -90,11 +92,14 @@ def bound(
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
+    noise: str = "gaussian",
+    use_ranges: bool = True,
 ) -> Any:
     """Return the Cramer-Rao bound of each snapshot at its truth as a table; see ``nlosctl bound``.
 
     With ``map`` (least x, largest x, least y, largest y, step, in metres) over a grid of positions instead, for the
-    sensors, paths and stds of the first snapshot. The other arguments are those of `localize`.
+    sensors, paths and stds of the first snapshot. ``noise`` is the errors' distribution, gaussian or
+    laplace; without ``use_ranges`` the ranges beside bearings don't count. The other arguments are those of `localize`.
 
     Raises DataError for faults of the data, UsageError for a map that is none.
     """
@@ -108,8 +113,119 @@ def bound(
     )
     reader = MeasurementReader([input_of_table(table)], options)
     grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
-    tables = bounds_at_truth(reader) if grid is None else bounds_on_map(reader, grid)
+    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
+    tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
     return gather(list(tables), result_schema(reader, grid))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Flags as an Arrow table, as the command line writes them, estimates or None, and the report of the run."""
+
+    flags: Any
+    estimates: Any | None
+    report: RunReport
+
+
+def detect_ip(
+    table: Any,
+    *,
+    method: str | Sequence[str] = "chi2",
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    all_rows: bool = False,
+    details: bool = False,
+    carry: Sequence[str] = (),
+    seed: int = 0,
+    jobs: int = 1,
+    block_size: int = 4096,
+    **parameters: Any,
+) -> Detection:
+    """Flag indirect paths in a table of triplets; the same results to the bit as ``nlosctl detect-ip``.
+
+    ``details`` adds what the flags were decided by; the estimates are None where no method makes any. The rest as in
+    `localize`.
+
+    Raises DataError for faults of the data, UsageError for an unknown method or parameter.
+    """
+    options = ReadOptions(
+        kind="triplets", renames=dict(columns or {}), constants=dict(constants or {}), all_rows=all_rows
+    )
+    reader = MeasurementReader([input_of_table(table)], options)
+    names = [method] if isinstance(method, str) else list(method)
+    runs = method_runs(names, reader.kind, "detect-ip", parameters)
+    settings = RunSettings(
+        seed=seed,
+        jobs=usable_jobs(jobs),
+        block_size=block_size,
+        carry=tuple(carry),
+        want_estimates=any(run.spec.estimates for run in runs),
+        want_flags=True,
+        want_details=details,
+    )
+    run = MeasurementRun(reader, runs, settings)
+    chunks = list(run.tables())
+    estimates = None
+    if settings.want_estimates:
+        estimates = gather([chunk.estimates for chunk in chunks], run.estimates_schema)
+    flags = gather([chunk.flags for chunk in chunks], run.flags_schema)
+    return Detection(flags=flags, estimates=estimates, report=run.report)
+
+
+def identify_los(
+    table: Any,
+    *,
+    method: str | Sequence[str] = "assignment",
+    field: str = "sensors:1",
+    target_z_m: float | None = None,
+    scene: Scene | str | PathLike[str] | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    all_rows: bool = False,
+    alternatives: int = 1,
+    carry: Sequence[str] = (),
+    seed: int = 0,
+    jobs: int = 1,
+    block_size: int = 4096,
+    **parameters: Any,
+) -> Localization:
+    """Tell the direct echoes of several targets from all others; the same to the bit as ``nlosctl identify-los``.
+
+    The table holds ranges, any number of each sensor, in any order. ``field`` says where targets may be, in the words
+    of ``--field``. The rest as in `localize`.
+
+    Raises DataError for faults of the data, UsageError for an unknown method or parameter.
+    """
+    options = ReadOptions(
+        kind="ranges",
+        renames=dict(columns or {}),
+        constants=dict(constants or {}),
+        scene=scene if isinstance(scene, Scene) else None,
+        scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
+        all_rows=all_rows,
+    )
+    reader = MeasurementReader([input_of_table(table)], options)
+    names = [method] if isinstance(method, str) else list(method)
+    settings = RunSettings(
+        seed=seed,
+        jobs=usable_jobs(jobs),
+        block_size=block_size,
+        alternatives=alternatives,
+        carry=tuple(carry),
+        field=parse_field(field),
+        target_z_m=target_z_m,
+        want_flags=True,
+    )
+    return _localization(MeasurementRun(reader, method_runs(names, reader.kind, "identify-los", parameters), settings))
+
+
+def _localization(run: MeasurementRun) -> Localization:
+    chunks = list(run.tables())
+    return Localization(
+        estimates=gather([chunk.estimates for chunk in chunks], run.estimates_schema),
+        flags=gather([chunk.flags for chunk in chunks], run.flags_schema),
+        report=run.report,
+    )
 
 
 def simulate(scenario: str, *, trials: int = 1000, seed: int = 0, **parameters: Any) -> Any:
@@ -121,9 +237,20 @@ def simulate(scenario: str, *, trials: int = 1000, seed: int = 0, **parameters: 
     return gather(list(simulation.tables()), simulation.schema, simulation.metadata)
 
 
-def evaluate(table: Any, *, best_alternative: bool = False) -> Evaluation:
+def evaluate(
+    table: Any,
+    *,
+    best_alternative: bool = False,
+    estimates: Any | None = None,
+    ospa_order: float = 2.0,
+    ospa_cutoff_m: float = 20.0,
+) -> Evaluation:
     """Hold a table of estimates (or flags) against the truth in it, by method; see ``nlosctl evaluate``.
 
-    Raises DataError where the table is neither, or has no truth.
+    With ``estimates`` the table is the flags of `identify_los` that belong to them. Raises DataError where the table
+    is neither, or has no truth.
     """
+    if estimates is not None:
+        given = input_of_table(estimates)
+        return evaluate_targets(input_of_table(table), given, order=ospa_order, cutoff_m=ospa_cutoff_m)
     return evaluate_inputs([input_of_table(table)], truth=None, best_alternative=best_alternative)

@@ -41,6 +41,12 @@ def bound(
             help="Positions on a grid, in metres, for the sensors, paths and stds of the first snapshot.",
         ),
     ] = None,
+    noise: Annotated[
+        str, typer.Option("--noise", metavar="NAME", help="Distribution of the errors: gaussian or laplace.")
+    ] = "gaussian",
+    use_ranges: Annotated[
+        bool, typer.Option("--use-ranges/--no-ranges", help="Count the ranges that a file of bearings has too.")
+    ] = True,
     output: Output = "-",
     scene: SceneFile = None,
     kind: Kind = None,
@@ -60,9 +66,10 @@ def bound(
     """Tell the Cramer-Rao bound: the least covariance an unbiased estimate can have, with its ellipse and CEP50.
 
     For each snapshot at its truth (truth_x_m, truth_y_m), or with --map over a grid of positions. Errors are Gaussian
-    with the stated stds. Only rows that can see the position as the scene is take part; null where they give no bound.
+    (or Laplacian) with the stated stds; ranges beside bearings join in. Only rows that can see the position as the
+    scene is take part; null where they give no bound.
     """
-    from nlosctl.pipeline.bounding import bounds_at_truth, bounds_on_map, parse_map, result_schema
+    from nlosctl.pipeline.bounding import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
     from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 
     terminal = Terminal(quiet=quiet)
@@ -81,12 +88,15 @@ def bound(
         config=config,
         outputs=(output, None if report == "-" else report),
     )
+    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
     positions = bounded = 0
     with open_measurements(words) as opened:
         reader = opened.reader
-        tables = bounds_at_truth(reader) if grid is None else bounds_on_map(reader, grid)
+        tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
         described = describe_inputs(opened.inputs, {}, with_hash=False)
-        metadata = file_metadata("bound", {"map": map, "inputs": described}, reader.scene)
+        metadata = file_metadata(
+            "bound", {"map": map, "noise": noise, "use_ranges": use_ranges, "inputs": described}, reader.scene
+        )
         preview = Preview.wanted(output, format)
         with ExitStack() as stack:
             writer = preview or stack.enter_context(

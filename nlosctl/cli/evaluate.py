@@ -10,6 +10,7 @@ import typer
 
 from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Overwrite, Quiet, Report
 from nlosctl.cli.terminal import print_json, print_table, write_report
+from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
     from nlosctl.pipeline.evaluating import Evaluation
@@ -27,6 +28,14 @@ def evaluate(
         str | None,
         typer.Option("--truth", metavar="FILE", help="True positions (snapshot, truth_x_m, truth_y_m) by snapshot."),
     ] = None,
+    estimates: Annotated[
+        str | None,
+        typer.Option("--estimates", metavar="FILE", help="Estimates that belong to flags of identify-los."),
+    ] = None,
+    ospa_order: Annotated[float, typer.Option("--ospa-order", min=1.0, help="Order p of OSPA and GOSPA.")] = 2.0,
+    ospa_cutoff_m: Annotated[
+        float, typer.Option("--ospa-cutoff-m", metavar="M", help="Cutoff c of OSPA and GOSPA.")
+    ] = 20.0,
     alternatives: Annotated[
         Literal["first", "best"],
         typer.Option("--alternatives", help="Which alternative counts: the first, or the one nearest to the truth."),
@@ -45,8 +54,10 @@ def evaluate(
 ) -> int:
     """Hold estimates (or flags) against the truth: RMSE, bias, percentiles, NEES, ellipse coverage, by method.
 
-    A row without a fix counts in the fix rate and is infinite in the percentiles; RMSE, bias and NEES are of the rows
-    with one. Exit codes: 0 done, 1 bad data or files, 2 the words of the command line, 4 a --fail-if condition is met.
+    Flags of identify-los with --estimates: number of targets right, exact identification, precision and recall, OSPA
+    and GOSPA, matched RMSE, cases (i) to (vi). A row without a fix counts in the fix rate and is infinite in the
+    percentiles; RMSE, bias and NEES are of the rows with one. Exit codes: 0 done, 1 bad data or files, 2 the words of
+    the command line, 4 a --fail-if condition is met.
     """
     from nlosctl.io.evaluation_rows import TruthTable
     from nlosctl.io.file_format import format_named
@@ -54,13 +65,21 @@ def evaluate(
     from nlosctl.io.write import check_targets
     from nlosctl.pipeline.conditions import parse_condition
     from nlosctl.pipeline.evaluating import evaluate_inputs
+    from nlosctl.pipeline.evaluating_targets import evaluate_targets
 
     conditions = [parse_condition(words) for words in fail_if]
     given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
     paths = [part.path for table in given for part in table.parts if part.path is not None]
     check_targets([None if report == "-" else report], overwrite=overwrite, inputs=paths)
-    truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
-    evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
+    if estimates is not None:
+        if len(given) > 1:
+            raise UsageError("--estimates goes with one file of flags; evaluate several one by one")
+        if not ospa_cutoff_m > 0.0:
+            raise UsageError(f"--ospa-cutoff-m must be larger than 0. Got {ospa_cutoff_m:g} instead.")
+        evaluation = evaluate_targets(given[0], expand_inputs([estimates])[0], order=ospa_order, cutoff_m=ospa_cutoff_m)
+    else:
+        truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
+        evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
     content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall}
     reasons = list(filter(None, (condition.met(evaluation.groups) for condition in conditions)))
     if json:

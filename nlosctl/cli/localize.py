@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,6 +15,8 @@ from nlosctl.cli.options import (
     Columns,
     ConfigFile,
     Debug,
+    DoaStdDeg,
+    DodStdDeg,
     Format,
     Hash,
     InputFormat,
@@ -27,20 +27,20 @@ from nlosctl.cli.options import (
     Output,
     Overwrite,
     Params,
+    PathLengthStdM,
     Quiet,
     RangeStdM,
     Report,
     SceneFile,
+    SearchField,
     Seed,
+    TargetZM,
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import Opened, ReadWords, open_measurements, open_output
-from nlosctl.cli.terminal import Preview, Terminal, write_report
-
-if TYPE_CHECKING:
-    from nlosctl.io.write import TableWriter
-    from nlosctl.pipeline.run import MeasurementRun
+from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.solving import Outputs, solve_and_write
+from nlosctl.cli.terminal import Terminal
 
 __all__ = ["localize"]
 
@@ -57,6 +57,10 @@ def localize(
     flags_out: Annotated[
         str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
     ] = None,
+    trace_out: Annotated[
+        str | None,
+        typer.Option("--trace-out", metavar="FILE", help="Write the state after each sensor (sequential methods)."),
+    ] = None,
     alternatives: Annotated[
         int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
     ] = 1,
@@ -65,6 +69,11 @@ def localize(
     column: Columns = [],  # noqa: B006
     bearing_std_deg: BearingStdDeg = None,
     range_std_m: RangeStdM = None,
+    dod_std_deg: DodStdDeg = None,
+    doa_std_deg: DoaStdDeg = None,
+    path_length_std_m: PathLengthStdM = None,
+    field: SearchField = "sensors:1",
+    target_z_m: TargetZM = None,
     all_rows: AllRows = False,
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
@@ -83,12 +92,13 @@ def localize(
     debug: Debug = False,
     config: ConfigFile = None,
 ) -> int:
-    """Estimate positions from bearings, with covariances and a status for every snapshot.
+    """Estimate positions from measurements, with covariances and a status for every snapshot.
 
     The columns that a file needs: 'nlosctl schema bearings'. Without -o a terminal shows a preview, a pipe gets CSV.
     Exit codes: 0 done, 1 bad data or files, 2 the words of the command line, 3 under --strict when some snapshot got
     no estimate, 130 interrupted.
     """
+    from nlosctl.contract.fields import parse_field
     from nlosctl.io.result_tables import carried_names
     from nlosctl.pipeline.parameters import method_runs
     from nlosctl.pipeline.run import MeasurementRun, RunSettings
@@ -104,6 +114,9 @@ def localize(
         columns=column,
         bearing_std_deg=bearing_std_deg,
         range_std_m=range_std_m,
+        dod_std_deg=dod_std_deg,
+        doa_std_deg=doa_std_deg,
+        path_length_std_m=path_length_std_m,
         all_rows=all_rows,
         max_snapshot_rows=max_snapshot_rows,
         bad_rows=bad_rows,
@@ -111,7 +124,7 @@ def localize(
         one_thread=jobs == 1,
         config=config,
         extra_columns=None if flags_out is not None else carried_names(carry),
-        outputs=(output, flags_out, None if report == "-" else report),
+        outputs=(output, flags_out, trace_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
         runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
@@ -121,60 +134,23 @@ def localize(
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            field=parse_field(field),
+            target_z_m=target_z_m,
             want_flags=flags_out is not None,
+            want_trace=trace_out is not None,
         )
         run = MeasurementRun(opened.reader, runs, settings)
         for line in run.plan():
             terminal.detail(line)
-        _write(run, opened, Outputs(output, flags_out, format, overwrite, hash), terminal)
-    for line in run.report.lines():
-        terminal.note(line)
-    if report is not None:
-        write_report(report, run.report.as_dict())
+        outputs = Outputs(
+            main=output,
+            other=flags_out,
+            estimates_first=True,
+            format=format,
+            overwrite=overwrite,
+            with_hash=hash,
+            report=report,
+            trace=trace_out,
+        )
+        solve_and_write(run, opened, outputs, "localize", terminal)
     return _UNANSWERED if strict and run.report.unanswered else 0
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Where the tables go."""
-
-    estimates: str
-    flags: str | None
-    format: str | None
-    overwrite: bool
-    with_hash: bool
-
-
-def _write(run: MeasurementRun, opened: Opened, outputs: Outputs, terminal: Terminal) -> None:
-    preview = Preview.wanted(outputs.estimates, outputs.format)
-    metadata = run.metadata("localize", opened.inputs, with_hash=outputs.with_hash)
-    with ExitStack() as stack:
-
-        def open_sink(target: str, schema: Any, format: str | None) -> TableWriter:
-            return stack.enter_context(
-                open_output(
-                    target,
-                    schema,
-                    format_name=format,
-                    overwrite=outputs.overwrite,
-                    inputs=opened.paths,
-                    metadata=metadata,
-                )
-            )
-
-        estimates = preview or open_sink(outputs.estimates, run.estimates_schema, outputs.format)
-        flags = None if outputs.flags is None else open_sink(outputs.flags, run.flags_schema, outputs.format)
-        progress = stack.enter_context(terminal.progress("localize"))
-        rows = 0
-        for tables in run.tables():
-            estimates.write(tables.estimates)
-            if flags is not None:
-                flags.write(tables.flags)
-            rows += tables.rows
-            progress(rows, None)
-        closing = run.metadata("localize", opened.inputs, with_hash=outputs.with_hash)
-        for sink in (estimates, flags):
-            if sink is not None:
-                sink.set_metadata(closing)
-    if preview is not None:
-        preview.show()

@@ -14,7 +14,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from nlosctl.cli.bound import bound
+from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
+from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
 from nlosctl.cli.schema import schema
@@ -83,9 +85,9 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, bound, simulate, evaluate, validate, schema):
-    _name = _command.__name__
-    app.command(_name, context_settings={"auto_envvar_prefix": f"NLOSCTL_{_name.upper()}"})(_guarded(_command))
+for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, validate, schema):
+    _settings = {"auto_envvar_prefix": f"NLOSCTL_{_command.__name__.upper()}"}
+    app.command(_command.__name__.replace("_", "-"), context_settings=_settings)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 
 

@@ -91,6 +91,7 @@ def _describe(entry: Any) -> dict[str, Any]:
         "minimum_measurements": spec.minimum_measurements,
         "cost": spec.cost,
         "flags": ["used", *spec.flags],
+        "details": list(spec.details),
         "covariance_kinds": list(spec.covariance_kinds),
         "randomized": spec.randomized,
         "parameters": describe_options(spec.options),

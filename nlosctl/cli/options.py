@@ -19,6 +19,10 @@ __all__ = [
     "Columns",
     "ConfigFile",
     "Debug",
+    "Details",
+    "DoaStdDeg",
+    "DodStdDeg",
+    "EstimatesOut",
     "Format",
     "Hash",
     "InputFormat",
@@ -30,17 +34,20 @@ __all__ = [
     "Output",
     "Overwrite",
     "Params",
+    "PathLengthStdM",
     "Quiet",
     "RangeStdM",
     "Report",
     "SceneFile",
+    "SearchField",
     "Seed",
+    "TargetZM",
     "Verbose",
     "key_values",
 ]
 
 
-_COMMANDS = ("localize", "simulate", "evaluate", "validate", "schema", "methods")
+_COMMANDS = ("localize", "detect-ip", "simulate", "evaluate", "validate", "schema", "methods")
 
 
 def _load_config(context: typer.Context, value: str | None) -> str | None:
@@ -138,6 +145,40 @@ BearingStdDeg = Annotated[
 RangeStdM = Annotated[
     float | None,
     typer.Option("--range-std-m", metavar="M", help="Std of every range, where the file has no such column."),
+]
+DodStdDeg = Annotated[
+    float | None,
+    typer.Option("--dod-std-deg", metavar="DEG", help="Std of every direction of departure, where the file has none."),
+]
+DoaStdDeg = Annotated[
+    float | None,
+    typer.Option("--doa-std-deg", metavar="DEG", help="Std of every direction of arrival, where the file has none."),
+]
+PathLengthStdM = Annotated[
+    float | None,
+    typer.Option("--path-length-std-m", metavar="M", help="Std of every path length, where the file has none."),
+]
+Details = Annotated[
+    bool, typer.Option("--details", help="Show in the flags what they were decided by (see 'nlosctl methods show').")
+]
+EstimatesOut = Annotated[
+    str | None,
+    typer.Option("--estimates-out", metavar="FILE", help="Write the estimates too: a row per target, or per path."),
+]
+SearchField = Annotated[
+    str,
+    typer.Option(
+        "--field",
+        metavar="FIELD",
+        help="Where to search: xmin,xmax,ymin,ymax or circle:x,y,r or polygon:FILE (metres), or sensors:FACTOR, the "
+        "box of the sensors grown by FACTOR times its larger side.",
+    ),
+]
+TargetZM = Annotated[
+    float | None,
+    typer.Option(
+        "--target-z-m", metavar="M", help="Height of the targets: ranges are slant, from sensors at sensor_z_m."
+    ),
 ]
 BadRows = Annotated[
     str | None,

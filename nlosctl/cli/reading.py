@@ -34,6 +34,9 @@ class ReadWords:
     columns: Sequence[str] = ()
     bearing_std_deg: float | None = None
     range_std_m: float | None = None
+    dod_std_deg: float | None = None
+    doa_std_deg: float | None = None
+    path_length_std_m: float | None = None
     all_rows: bool = False
     max_snapshot_rows: int = 1_000_000
     bad_rows: str | None = None
@@ -50,6 +53,9 @@ class ReadWords:
         for option, value, name, scale in (
             ("--bearing-std-deg", self.bearing_std_deg, "bearing_std_rad", math.radians(1.0)),
             ("--range-std-m", self.range_std_m, "range_std_m", 1.0),
+            ("--dod-std-deg", self.dod_std_deg, "dod_std_rad", math.radians(1.0)),
+            ("--doa-std-deg", self.doa_std_deg, "doa_std_rad", math.radians(1.0)),
+            ("--path-length-std-m", self.path_length_std_m, "path_length_std_m", 1.0),
         ):
             if value is None:
                 continue

@@ -7,16 +7,18 @@ measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "batch_class"]
+__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch", "TripletBatch", "batch_class"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -28,15 +30,22 @@ class Batch:
     """What batches of every kind of measurement have.
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
-    when nobody will read the flags: a method may then leave them out. ``SOURCES`` says of which columns of the
-    file each array is made.
+    when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
+    look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``want_details`` is true when the
+    flags are to show what they were decided by, ``want_trace`` when a sequential method is to tell its steps.
+    ``SOURCES`` says of which columns of the file each array is made, ``ABSENT`` what fills an array where the file
+    lacks its columns; an array without it is None then.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    ABSENT: ClassVar[Mapping[str, float]] = {}
 
-    scene: Scene = field(default_factory=Scene)
+    scene: Scene = dataclasses.field(default_factory=Scene)
+    field: Field = dataclasses.field(default_factory=SensorsField)
     seed: npt.NDArray[np.uint64]
     want_flags: bool = True
+    want_trace: bool = False
+    want_details: bool = False
 
     @property
     def size(self) -> int:
@@ -51,6 +60,9 @@ class BearingBatch(Batch):
     ``sensor`` numbers the sensors (equal numbers: the same sensor), ``path`` numbers the measurements of one
     sensor, ``reflector`` is a place in ``scene.reflectors`` or -1 for the direct path. ``sensor_xy_m`` is in
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
+    ``range_m`` and ``range_std_m`` are None where no row has a range, and NaN in rows that have none. ``prior_xy_m``
+    and ``prior_std_m`` are where the source was expected before: None or NaN where nothing was known, else alike in
+    all rows of a snapshot.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -60,6 +72,10 @@ class BearingBatch(Batch):
         "bearing_std_rad": ("bearing_std_rad",),
         "path": ("path",),
         "reflector": ("reflector",),
+        "range_m": ("range_m",),
+        "range_std_m": ("range_std_m",),
+        "prior_xy_m": ("prior_x_m", "prior_y_m"),
+        "prior_std_m": ("prior_std_m",),
     }
 
     sensor: IntArray
@@ -68,6 +84,10 @@ class BearingBatch(Batch):
     bearing_std_rad: FloatArray
     path: IntArray
     reflector: IntArray
+    range_m: FloatArray | None = None
+    range_std_m: FloatArray | None = None
+    prior_xy_m: FloatArray | None = None
+    prior_std_m: FloatArray | None = None
 
     @property
     def measurements(self) -> int:
@@ -75,7 +95,74 @@ class BearingBatch(Batch):
         return int(self.bearing_rad.shape[1])
 
 
-_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch}
+@dataclass(frozen=True, kw_only=True)
+class RangeBatch(Batch):
+    """B snapshots of K ranges each; a sensor may have any number of them (unlabelled echoes).
+
+    ``sensor`` numbers the sensors, ``path`` the measurements of one sensor (-1: not numbered). ``sensor_xy_m``,
+    ``range_m`` and ``range_std_m`` are in metres; all are finite, ranges and stds positive. ``sensor_height_m`` is
+    the sensor's height over the plane of the targets: 0 where ranges are measured in the plane, else they are slant.
+    """
+
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "sensor": ("sensor",),
+        "sensor_xy_m": ("sensor_x_m", "sensor_y_m"),
+        "range_m": ("range_m",),
+        "range_std_m": ("range_std_m",),
+        "path": ("path",),
+        "sensor_height_m": ("sensor_height_m",),
+    }
+    ABSENT: ClassVar[Mapping[str, float]] = {"sensor_height_m": 0.0}
+
+    sensor: IntArray
+    sensor_xy_m: FloatArray
+    range_m: FloatArray
+    range_std_m: FloatArray
+    path: IntArray
+    sensor_height_m: FloatArray
+
+    @property
+    def measurements(self) -> int:
+        """The number of measurements of each snapshot, K."""
+        return int(self.range_m.shape[1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripletBatch(Batch):
+    """B snapshots of K paths each, every path from a transmitter over a target to a receiver.
+
+    ``tx_xy_m`` and ``rx_xy_m`` (B, K, 2) and ``path_length_m`` are in metres; ``dod_rad`` is the direction in which
+    the path leaves the transmitter, ``doa_rad`` that from the receiver to where the wave comes from, radians; all
+    are finite and the standard deviations positive.
+    """
+
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "tx_xy_m": ("tx_x_m", "tx_y_m"),
+        "rx_xy_m": ("rx_x_m", "rx_y_m"),
+        "dod_rad": ("dod_rad",),
+        "doa_rad": ("doa_rad",),
+        "path_length_m": ("path_length_m",),
+        "dod_std_rad": ("dod_std_rad",),
+        "doa_std_rad": ("doa_std_rad",),
+        "path_length_std_m": ("path_length_std_m",),
+    }
+
+    tx_xy_m: FloatArray
+    rx_xy_m: FloatArray
+    dod_rad: FloatArray
+    doa_rad: FloatArray
+    path_length_m: FloatArray
+    dod_std_rad: FloatArray
+    doa_std_rad: FloatArray
+    path_length_std_m: FloatArray
+
+    @property
+    def measurements(self) -> int:
+        """The number of measurements of each snapshot, K."""
+        return int(self.dod_rad.shape[1])
+
+
+_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch, "ranges": RangeBatch, "triplets": TripletBatch}
 
 
 def batch_class(kind: str) -> type[Any]:

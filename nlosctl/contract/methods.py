@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from nlosctl.contract.results import Solution
@@ -35,7 +35,11 @@ class MethodSpec:
     `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the flags
     besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with which it can
     answer, ``covariance_kinds`` what its covariance may account for where that is not simply the noise,
-    ``randomized`` whether it draws random numbers, ``reads`` the optional columns that it uses.
+    ``randomized`` whether it draws random numbers, ``traces`` whether it can tell its steps, ``searches`` whether it
+    keeps to the search field, ``reads`` the optional columns that it uses. ``details`` are the flags' further columns
+    when the batch wants details, ``flags_with(options)`` those that an option asks for; ``flags_needing`` names, for
+    some of them, the column without which the input leaves nothing to say.
+    ``estimates`` is false for a detector that estimates nothing.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
@@ -49,21 +53,36 @@ class MethodSpec:
     cost: str
     minimum_measurements: int
     flags: tuple[str, ...] = ()
+    flags_needing: Mapping[str, str] = field(default_factory=dict)
+    details: tuple[str, ...] = ()
+    flags_with: Callable[[Any], tuple[str, ...]] | None = None
+    estimates: bool = True
     covariance_kinds: tuple[str, ...] = ()
     randomized: bool = False
+    traces: bool = False
+    searches: bool = False
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int = CONTRACT_VERSION
-
-    def flags_in(self, scene: Scene) -> tuple[str, ...]:
-        """Return the columns that it adds to the flags in a scene: some are said only where there are circles."""
-        of_circles = {column.name for column in FLAGS.columns if column.of_circles}
-        return tuple(name for name in self.flags if scene.has_circles or name not in of_circles)
 
     @property
     def cost_tells_fit(self) -> bool:
         """Whether the cost can be held against the chi-square distribution of a good fit."""
         return self.cost == LEAST_HALF_CHI_SQUARE
+
+    def flag_columns(self, options: Any, scene: Scene, given: Container[str], *, details: bool) -> tuple[str, ...]:
+        """Return the columns that it adds to the flags under ``options``, with or without the details.
+
+        Some are said only where the scene has circles, or where the input has another column (``given``).
+        """
+        asked_for = () if self.flags_with is None else self.flags_with(options)
+        of_circles = {column.name for column in FLAGS.columns if column.of_circles}
+        needs = self.flags_needing
+        return tuple(
+            name
+            for name in (*self.flags, *asked_for, *(self.details if details else ()))
+            if (scene.has_circles or name not in of_circles) and (name not in needs or needs[name] in given)
+        )
 
     @property
     def full_name(self) -> str:

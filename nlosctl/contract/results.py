@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
-__all__ = ["Estimates", "Flags", "Solution", "single_estimates"]
+__all__ = ["Estimates", "Flags", "Solution", "Trace", "Words", "no_estimates", "single_estimates"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,8 @@ class Estimates:
     ``row`` (E,) is the snapshot's place in the batch; every snapshot has at least one estimate, if only to carry
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
     NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
-    says what the covariance accounts for, where the method has more than one kind.
+    says what the covariance accounts for, where the method has more than one kind. ``measurement`` (E,) is given
+    where every measurement is solved by itself, for a target of its own: its place in the snapshot.
     """
 
     row: IntArray
@@ -33,6 +35,31 @@ class Estimates:
     n_used: IntArray
     status: npt.NDArray[np.uint8]
     covariance_kind: str | None = None
+    measurement: IntArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``.
+
+    It reads like an array of text. A word may be None: nothing is said.
+    """
+
+    code: npt.NDArray[np.uint8]
+    words: tuple[str | None, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array."""
+        return self.code.shape
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return the words at places of the array."""
+        return np.array(self.words, dtype=object)[self.code[key]]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[np.object_]:
+        """Return the words (B, K) as an array of text."""
+        return np.array(self.words, dtype=object)[self.code]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,15 +70,50 @@ class Flags:
     """
 
     used: BoolArray
-    columns: Mapping[str, npt.NDArray[np.generic]] = field(default_factory=dict)
+    columns: Mapping[str, npt.NDArray[np.generic] | Words] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """The T states that a sequential method went through, ordered by snapshot, then step.
+
+    ``row`` (T,) is the snapshot's place in the batch, ``measurement`` (T,) that of the row just used (-1: none yet),
+    ``step`` (T,) the number of rows used so far. ``position_m`` (T, 2) and ``covariance_m2`` (T, 3) as in estimates.
+    """
+
+    row: IntArray
+    step: IntArray
+    measurement: IntArray
+    position_m: FloatArray
+    covariance_m2: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """The result of one batch. ``flags`` may be None when the batch did not want them."""
+    """The result of one batch. ``flags`` may be None when the batch did not want them.
+
+    ``trace`` is left out unless the method has one and the batch wanted it.
+    """
 
     estimates: Estimates
     flags: Flags | None = None
+    trace: Trace | None = None
+
+
+def no_estimates(size: int) -> Estimates:
+    """Return the estimates of B snapshots by a detector that makes none: rows without a position, read by nobody."""
+    zeros = np.zeros(size, dtype=np.int64)
+    nothing = np.broadcast_to(np.nan, (size, 3))
+    return Estimates(
+        row=np.arange(size, dtype=np.int64),
+        target=zeros,
+        alternative=zeros,
+        position_m=nothing[:, :2],
+        covariance_m2=nothing,
+        cost=nothing[:, 0],
+        n_used=zeros,
+        status=np.broadcast_to(np.uint8(Status.NO_TARGET), size),
+    )
 
 
 def single_estimates(

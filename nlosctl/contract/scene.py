@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["CircleReflector", "LineReflector", "Reflector", "Scene", "Sensor"]
+__all__ = ["CircleReflector", "LineReflector", "Reflector", "Scene", "SegmentReflector", "Sensor"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +26,25 @@ class LineReflector:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SegmentReflector:
+    """A finite wall from ``start`` to ``end`` (metres, not equal): mirrors within it, blocks what would pass it."""
+
+    name: str
+    start: tuple[float, float]
+    end: tuple[float, float]
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """A point of its line."""
+        return self.start
+
+    @property
+    def direction(self) -> tuple[float, float]:
+        """The direction of its line."""
+        return self.end[0] - self.start[0], self.end[1] - self.start[1]
+
+
+@dataclass(frozen=True, kw_only=True)
 class CircleReflector:
     """The inner side of a circle about ``center`` (metres) mirrors; sensors and sources are inside it.
 
@@ -41,7 +60,7 @@ class CircleReflector:
     min_elevation_deg: float | None = None
 
 
-Reflector = LineReflector | CircleReflector
+Reflector = LineReflector | SegmentReflector | CircleReflector
 """Any kind of reflector."""
 
 

@@ -12,7 +12,10 @@ __all__ = [
     "ESTIMATES",
     "FLAGS",
     "KINDS",
+    "RANGES",
     "TABLES",
+    "TRACE",
+    "TRIPLETS",
     "TRUTH",
     "Column",
     "ColumnType",
@@ -67,6 +70,7 @@ class Table:
     """A table: its name, title and columns in order.
 
     ``row_key`` names the columns that, besides ``snapshot``, no two measurements may have all equal.
+    ``measurement_name`` names the column that estimates of single measurements carry.
     """
 
     name: str
@@ -74,6 +78,7 @@ class Table:
     columns: tuple[Column, ...]
     primary_kind: bool = field(default=False)
     row_key: tuple[str, ...] = ()
+    measurement_name: str = ""
 
     def column(self, name: str) -> Column:
         """Return the column called ``name``; raise KeyError where there is none."""
@@ -158,6 +163,19 @@ _RANGE = (
     ),
 )
 
+_PRIOR = (
+    Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(
+        name="prior_std_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        positive=True,
+        meaning="standard deviation of the prior position in x and in y",
+    ),
+)
+
 BEARINGS = Table(
     name="bearings",
     title="Bearings: directions from sensors to where a wave comes from",
@@ -204,7 +222,136 @@ BEARINGS = Table(
             meaning="reflector of the scene by which the wave came; empty or absent: the direct path",
         ),
         *_RANGE,
+        *_PRIOR,
         *_TRUTH,
+        *_EARLIER_FLAGS,
+    ),
+)
+
+RANGES = Table(
+    name="ranges",
+    title="Ranges: path lengths from targets to sensors, any number for a sensor",
+    primary_kind=True,
+    columns=(
+        _SNAPSHOT,
+        *_SENSOR,
+        *(dataclasses.replace(column, required=True, nullable=False) for column in _RANGE),
+        Column(
+            name="sensor_z_m",
+            type="number",
+            unit="m",
+            meaning="sensor height; with --target-z-m the ranges are slant and are reduced to the targets' plane",
+        ),
+        Column(
+            name="path",
+            type="integer",
+            nullable=True,
+            meaning="numbers several measurements of one sensor in one snapshot (resolved multipath)",
+        ),
+        *_TRUTH,
+        Column(
+            name="truth_target",
+            type="integer",
+            nullable=True,
+            carried=True,
+            meaning="number of the target that the echo is of, from 0; null for a false echo",
+        ),
+        *_EARLIER_FLAGS,
+    ),
+)
+
+_SPEED_OF_LIGHT_M_S = 299_792_458.0
+
+
+def _node(name: str, meaning: str) -> tuple[Column, Column]:
+    return (
+        Column(
+            name=f"{name}_x_m", type="number", unit="m", required=True, meaning=f"{meaning} position, x to the east"
+        ),
+        Column(
+            name=f"{name}_y_m", type="number", unit="m", required=True, meaning=f"{meaning} position, y to the north"
+        ),
+    )
+
+
+def _direction(name: str, meaning: str) -> tuple[Column, Column]:
+    return (
+        Column(
+            name=f"{name}_rad",
+            type="number",
+            unit="rad",
+            required=True,
+            largest_magnitude=2.0 * math.pi,
+            too_large_means=f"plainly degrees: name the column {name}_deg",
+            meaning=f"{meaning}, counter-clockwise from +x",
+            spellings=(Spelling(name=f"{name}_deg", scale=_DEGREE),),
+        ),
+        Column(
+            name=f"{name}_std_rad",
+            type="number",
+            unit="rad",
+            required=True,
+            positive=True,
+            constant_allowed=True,
+            constant_option=f"--{name}-std-deg",
+            meaning="standard deviation of its error",
+            spellings=(Spelling(name=f"{name}_std_deg", scale=_DEGREE),),
+        ),
+    )
+
+
+_DOD = _direction("dod", "direction of departure: from the transmitter to where the path goes first")
+_DOA = _direction("doa", "direction of arrival: from the receiver to where the wave comes from")
+
+TRIPLETS = Table(
+    name="triplets",
+    title="Triplets: direction of departure, direction of arrival and length of paths over a target",
+    primary_kind=True,
+    row_key=("path",),
+    measurement_name="path",
+    columns=(
+        _SNAPSHOT,
+        Column(name="path", type="integer", required=True, meaning="numbers the paths of a snapshot"),
+        *_node("tx", "transmitter"),
+        *_node("rx", "receiver"),
+        _DOD[0],
+        _DOA[0],
+        Column(
+            name="path_length_m",
+            type="number",
+            unit="m",
+            required=True,
+            positive=True,
+            meaning="length of the path from transmitter to receiver",
+            spellings=(
+                Spelling(name="toa_s", scale=_SPEED_OF_LIGHT_M_S),
+                Spelling(name="toa_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
+            ),
+        ),
+        _DOD[1],
+        _DOA[1],
+        Column(
+            name="path_length_std_m",
+            type="number",
+            unit="m",
+            required=True,
+            positive=True,
+            constant_allowed=True,
+            constant_option="--path-length-std-m",
+            meaning="standard deviation of its error",
+            spellings=(
+                Spelling(name="toa_std_s", scale=_SPEED_OF_LIGHT_M_S),
+                Spelling(name="toa_std_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
+            ),
+        ),
+        *_TRUTH[:2],
+        Column(
+            name="truth_ip",
+            type="boolean",
+            nullable=True,
+            carried=True,
+            meaning="whether the path is indirect: over more than the target",
+        ),
         *_EARLIER_FLAGS,
     ),
 )
@@ -283,6 +430,19 @@ FLAGS = Table(
             meaning="bearing, measured minus predicted at the estimate",
         ),
         Column(
+            name="residual_m",
+            type="number",
+            unit="m",
+            nullable=True,
+            meaning="range, measured minus predicted at the estimate",
+        ),
+        Column(
+            name="target",
+            type="integer",
+            nullable=True,
+            meaning="number of the target that the row is given to, from 0",
+        ),
+        Column(
             name="under_horizon",
             type="boolean",
             nullable=True,
@@ -295,6 +455,81 @@ FLAGS = Table(
             nullable=True,
             meaning="whether the row agrees with its stated path, direct or by its reflector",
         ),
+        Column(
+            name="los_probability",
+            type="number",
+            nullable=True,
+            meaning="probability that the row agrees with its stated path",
+        ),
+        Column(
+            name="ip",
+            type="boolean",
+            nullable=True,
+            meaning="whether the path is indirect (triplets)",
+        ),
+        Column(name="p_value", type="number", nullable=True, meaning="how often a direct path looks so indirect"),
+        Column(name="reason", type="text", nullable=True, meaning="why it is flagged, or what could not be judged"),
+        Column(name="blind", type="boolean", nullable=True, meaning="whether the rule is blind or degenerate here"),
+        Column(
+            name="outside_safe_region",
+            type="boolean",
+            nullable=True,
+            meaning="whether the difference is significantly larger than eta_m",
+        ),
+        Column(
+            name="direct_probability",
+            type="number",
+            nullable=True,
+            meaning="posterior probability that the path is direct to a common target",
+        ),
+        *(
+            Column(
+                name=f"residual_{name}_rad",
+                type="number",
+                unit="rad",
+                nullable=True,
+                meaning=f"{name.upper()}, measured minus predicted at the estimate",
+            )
+            for name in ("dod", "doa")
+        ),
+        *(
+            Column(
+                name=f"{points}_{axis}_m",
+                type="number",
+                unit="m",
+                nullable=True,
+                meaning=f"where {points.replace('_', ' and ').upper().replace('AND', 'and')} meet",
+            )
+            for points in ("dod_doa", "dod_toa", "doa_toa")
+            for axis in ("x", "y")
+        ),
+        *(
+            Column(
+                name=f"{word}{number}_m",
+                type="number",
+                unit="m",
+                nullable=True,
+                meaning=f"{meaning} {number}, in the frame of the baseline",
+            )
+            for word, meaning in (("lambda", "difference of intersections"), ("threshold", "threshold of difference"))
+            for number in range(1, 7)
+        ),
+    ),
+)
+
+TRACE = Table(
+    name="trace",
+    title="Trace: a row per snapshot and step of a sequential method, what one sensor hands to the next",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        Column(name="method", type="text", required=True, meaning="name of the method"),
+        Column(name="step", type="integer", required=True, meaning="number of measurements used so far"),
+        Column(name="sensor", type="identifier", required=True, meaning="sensor of the measurement just used"),
+        Column(name="x_m", type="number", unit="m", required=True, meaning="position so far"),
+        Column(name="y_m", type="number", unit="m", required=True, meaning="position so far"),
+        Column(name="cov_xx_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="cov_xy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="cov_yy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
     ),
 )
 
@@ -331,8 +566,8 @@ TRUTH = Table(
     ),
 )
 
-KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS,)}
+KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
 """The kinds of measurement, by name."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (BOUND, ESTIMATES, FLAGS, TRUTH)}}
+TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""

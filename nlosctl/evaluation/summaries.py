@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["EstimateSummary", "FlagSummary"]
+__all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,3 +68,68 @@ class FlagSummary:
     recall: float
     false_alarm: float
     accuracy: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectionSummary:
+    """Indirect-path flags against truth: a confusion table where an indirect path is the positive.
+
+    ``rows`` have both a flag and a truth, ``without_flag`` a truth alone, ``without_truth`` the rest. ``p_fa``: of the
+    direct paths, the share called indirect; ``p_d``: of the indirect ones, the share called so. ``auc`` is the area
+    under the curve of P_d over P_fa as the p-value's threshold moves, ``p_d_at_5`` and ``p_d_at_1`` the P_d on it where
+    5 and 1 % of the direct paths are called indirect. ``ks`` is the Kolmogorov-Smirnov distance of the direct paths'
+    p-values from the uniform law, ``ks_p_value`` how often chance explains so large a one. NaN where there is no such
+    row, or no p-values.
+    """
+
+    rows: int
+    without_flag: int
+    without_truth: int
+    direct_called_direct: int
+    direct_called_indirect: int
+    indirect_called_direct: int
+    indirect_called_indirect: int
+    p_fa: float
+    p_d: float
+    accuracy: float
+    auc: float
+    p_d_at_5: float
+    p_d_at_1: float
+    ks: float
+    ks_p_value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetSummary:
+    """Targets found among unlabelled echoes against truth. Lengths in metres.
+
+    ``number_right`` is the share of the snapshots whose number of targets is right, ``exact`` that in which besides
+    every target has exactly its direct echoes; ``los_precision`` and ``los_recall`` are over all echoes. OSPA and
+    GOSPA (alpha = 2) are means over the snapshots, with their parts; ``matched_rmse_m`` is over the
+    ``matched_targets``, found within the cutoff. ``case_i`` to ``case_vi`` count the found targets by the cases of
+    Liang, Zeng, Li: (i) true ones; (ii), (iii) with two direct echoes of one target, the others direct or not;
+    (iv), (v), (vi) without, of direct echoes alone, some, none. NaN where there is nothing to say.
+    """
+
+    snapshots: int
+    true_targets: int
+    found_targets: int
+    number_right: float
+    exact: float
+    los_precision: float
+    los_recall: float
+    ospa_m: float
+    ospa_location_m: float
+    ospa_number_m: float
+    gospa_m: float
+    gospa_location_m: float
+    gospa_missed_m: float
+    gospa_false_m: float
+    matched_targets: int
+    matched_rmse_m: float
+    case_i: int
+    case_ii: int
+    case_iii: int
+    case_iv: int
+    case_v: int
+    case_vi: int

@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["gather_rows", "max_measurements", "sum_measurements"]
+__all__ = ["gather_rows", "max_measurements", "sum_measurements", "take_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -39,3 +39,8 @@ def max_measurements(values: FloatArray) -> FloatArray:
     for k in range(values.shape[1]):
         np.maximum(largest, values[:, k], out=largest)
     return largest
+
+
+def take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
+    """Return some rows of a block (B, K) in Fortran order; ``rows`` rise, so that B of them are the block itself."""
+    return array if rows.shape[0] == array.shape[0] else gather_rows(array, rows)

@@ -20,11 +20,12 @@ _SHIFT = np.uint64(29)
 def find_duplicates(offsets: IntArray, columns: Sequence[npt.NDArray[Any]]) -> tuple[IntArray, IntArray]:
     """Return the rows that repeat an earlier one of their snapshot, and those earlier rows, both (D,) and rising.
 
-    ``offsets`` (S+1,) delimits the snapshots, ``columns`` are (N,) arrays of 8-byte values. Where the first column
+    ``offsets`` (S+1,) delimits the snapshots, ``columns`` are (N,) arrays of 8-byte values; of none of
+    them nothing repeats. Where the first column
     (integers, not negative) tells all rows of every snapshot apart nothing repeats, and nothing else is looked at.
     """
     none = np.empty(0, dtype=np.int64)
-    if _rises_within_snapshots(offsets, columns[0]):
+    if not columns or _rises_within_snapshots(offsets, columns[0]):
         return none, none
     snapshot = np.repeat(np.arange(offsets.shape[0] - 1, dtype=np.uint64), np.diff(offsets))
     if _differ(snapshot * np.uint64(columns[0].max() + 1) + columns[0].astype(np.uint64)):

@@ -17,7 +17,15 @@ from nlosctl.errors import DataError
 from nlosctl.io.inputs import Input
 from nlosctl.io.plain_tables import PlainReader
 
-__all__ = ["EstimateArrays", "TruthTable", "boolean_codes", "estimate_arrays", "group_codes", "whole_snapshots"]
+__all__ = [
+    "EstimateArrays",
+    "TruthTable",
+    "boolean_codes",
+    "estimate_arrays",
+    "group_codes",
+    "numbers",
+    "whole_snapshots",
+]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -81,6 +89,11 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
 def boolean_codes(column: Any) -> npt.NDArray[np.int8]:
     """Return a boolean column (N,) as 1 true, 0 false, -1 null."""
     return np.asarray(pc.fill_null(column.cast(pa.int8()), -1))
+
+
+def numbers(column: Any) -> FloatArray:
+    """Return a column of numbers (N,); NaN is null."""
+    return np.asarray(column.cast(pa.float64()), dtype=np.float64)
 
 
 def group_codes(table: Any, columns: Sequence[str]) -> tuple[IntArray, list[tuple[Any, ...]]]:

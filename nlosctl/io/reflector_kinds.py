@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector
+from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, SegmentReflector
 from nlosctl.io.toml_structs import Decoder, Finite, Point
 
 __all__ = ["REFLECTOR_KINDS", "ReflectorKind", "kind_of_reflector"]
@@ -54,6 +54,24 @@ def _write_line(reflector: LineReflector) -> dict[str, Any]:
     return {"name": reflector.name, "point": reflector.point, "direction": reflector.direction}
 
 
+class _SegmentEntry(msgspec.Struct, forbid_unknown_fields=True, rename={"start": "from", "end": "to"}):
+    name: str
+    kind: str
+    start: Point
+    end: Point
+
+
+def _read_segment(decoder: Decoder, entry: Mapping[str, Any], where: str) -> SegmentReflector:
+    read = decoder.decode(entry, _SegmentEntry, where)
+    if read.start == read.end:
+        decoder.refuse(f"{where}.to", "got the same point as 'from', expected another: a wall has a length")
+    return SegmentReflector(name=read.name, start=read.start, end=read.end)
+
+
+def _write_segment(reflector: SegmentReflector) -> dict[str, Any]:
+    return {"name": reflector.name, "from": reflector.start, "to": reflector.end}
+
+
 class _CircleEntry(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     kind: str
@@ -92,6 +110,7 @@ def _write_circle(reflector: CircleReflector) -> dict[str, Any]:
 
 REFLECTOR_KINDS: dict[str, ReflectorKind] = {
     "line": ReflectorKind(reflector=LineReflector, read=_read_line, write=_write_line),
+    "segment": ReflectorKind(reflector=SegmentReflector, read=_read_segment, write=_write_segment),
     "circle": ReflectorKind(reflector=CircleReflector, read=_read_circle, write=_write_circle),
 }
 """By the word in ``kind``."""

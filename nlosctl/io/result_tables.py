@@ -11,17 +11,20 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, FLAGS, Column
+from nlosctl.contract.tables import ESTIMATES, FLAGS, TRACE, Column
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
-__all__ = ["EstimatesLayout", "FlagsLayout", "carried_columns", "carried_names"]
+__all__ = ["EstimatesLayout", "FlagsLayout", "TraceLayout", "carried_columns", "carried_names"]
 
 IntArray = npt.NDArray[np.int64]
 Arrays = Mapping[str, npt.NDArray[Any]]
+Said = Mapping[str, npt.NDArray[Any] | Words]
 
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
-_ALWAYS_CARRIED = ("truth_x_m", "truth_y_m", "scene")
+_TRUTH = ("truth_x_m", "truth_y_m")
+_ALWAYS_CARRIED = (*_TRUTH, "scene")
 _CARRIED_PREFIX = "sweep_"
 _KEPT_FLAGS = ("los", "ip")
 _STATUS_WORDS = pa.array([status.word for status in Status])
@@ -35,7 +38,8 @@ def carried_names(wanted: Sequence[str]) -> tuple[str, ...]:
 def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
     """Return the input's columns that estimates carry over: truth, scene, ``sweep_*``, and the ``wanted`` ones.
 
-    Raises DataError where a wanted column is not there, UsageError where estimates have one of that name.
+    Rows of several targets (``truth_target``) have no one truth to carry. Raises DataError where a wanted column is
+    not there, UsageError where estimates have one of that name.
     """
     own = {column.name for column in ESTIMATES.columns if column.name not in _ALWAYS_CARRIED} | {"source"}
     for name in wanted:
@@ -43,7 +47,8 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
             raise UsageError(f"--carry {name}: estimates have a column {name!r} of their own")
         if name not in input_names:
             raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
-    chosen = {*_ALWAYS_CARRIED, *wanted}
+    truth = () if "truth_target" in input_names else _TRUTH
+    chosen = {"scene", *truth, *wanted}
     return tuple(
         name for name in input_names if (name in chosen or name.startswith(_CARRIED_PREFIX)) and name not in own
     )
@@ -51,13 +56,17 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatesLayout:
-    """How the estimates table of a run looks: same columns in every chunk."""
+    """How the estimates table of a run looks: same columns in every chunk.
+
+    ``measurement_name`` is the input's column that an estimate of a single measurement carries, if there is one.
+    """
 
     methods: tuple[str, ...]
     input_schema: pa.Schema
     carried: tuple[str, ...]
     with_covariance_kind: bool
     with_source: bool
+    measurement_name: str = ""
 
     @property
     def schema(self) -> pa.Schema:
@@ -67,6 +76,8 @@ class EstimatesLayout:
             if column.name in _ALWAYS_CARRIED or (column.name == "covariance_kind" and not self.with_covariance_kind):
                 continue
             fields.append(pa.field(column.name, _TYPES[column.type]))
+        if self.measurement_name:
+            fields.append(self.input_schema.field(self.measurement_name).with_metadata(None).with_nullable(True))
         fields += [self.input_schema.field(name).with_metadata(None) for name in self.carried]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
@@ -94,9 +105,12 @@ class EstimatesLayout:
             values[name] = pa.array(arrays[name])
         if self.with_covariance_kind:
             values["covariance_kind"] = pa.array(arrays["covariance_kind"], pa.string())
-        places = pa.array(first_row[snapshot])
+        single = arrays["row"]
+        places = pa.array(np.where(single >= 0, single, first_row[snapshot]))
         for name in self.carried:
             values[name] = rows.column(name).take(places)
+        if self.measurement_name:
+            values[self.measurement_name] = rows.column(self.measurement_name).take(pa.array(single, mask=single < 0))
         if self.with_source:
             values["source"] = _repeated(source, snapshot.shape[0])
         schema = self.schema
@@ -132,7 +146,7 @@ class FlagsLayout:
         return pa.schema([_plain(field) for field in fields])
 
     def table(
-        self, flags: Sequence[tuple[Any, Arrays]], *, rows: pa.Table, snapshot_of_row: IntArray, source: str
+        self, flags: Sequence[tuple[Any, Said]], *, rows: pa.Table, snapshot_of_row: IntArray, source: str
     ) -> pa.Table:
         """Return the table of a chunk's flags: for each snapshot, the rows by the first method, then the next.
 
@@ -147,7 +161,7 @@ class FlagsLayout:
         order = np.lexsort((method, np.tile(snapshot_of_row, len(tables))))
         return pa.concat_tables(tables).take(pa.array(order))
 
-    def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Arrays, rows: pa.Table) -> pa.Table:
+    def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Said, rows: pa.Table) -> pa.Table:
         columns: list[Any] = []
         for field in self.schema:
             if field.name == "method" and len(self.methods) > 1:
@@ -164,6 +178,47 @@ class FlagsLayout:
         return pa.table(columns, schema=self.schema)
 
 
+@dataclass(frozen=True, kw_only=True)
+class TraceLayout:
+    """How the trace of a run looks: the states of its sequential methods."""
+
+    methods: tuple[str, ...]
+    input_schema: pa.Schema
+    with_source: bool
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema."""
+        own = {
+            "snapshot": _snapshot_field(self.input_schema),
+            "sensor": self.input_schema.field("sensor").with_metadata(None),
+        }
+        fields = [
+            own[column.name] if column.name in own else pa.field(column.name, _TYPES[column.type])
+            for column in TRACE.columns
+        ]
+        if self.with_source:
+            fields.append(pa.field("source", pa.string()))
+        return pa.schema([_plain(field) for field in fields])
+
+    def table(self, arrays: Arrays, *, ids: pa.Array, rows: pa.Table, source: str) -> pa.Table:
+        """Return the table of a chunk's states; ``arrays`` holds the fields of a flat trace (T,)."""
+        values: dict[str, Any] = {
+            "snapshot": ids.take(pa.array(arrays["snapshot"])),
+            "method": pa.array(self.methods).take(pa.array(arrays["method"])),
+            "step": pa.array(arrays["step"]),
+            "sensor": rows.column("sensor").take(pa.array(arrays["measurement"])),
+            "x_m": pa.array(arrays["position_m"][:, 0]),
+            "y_m": pa.array(arrays["position_m"][:, 1]),
+        }
+        for place, name in enumerate(("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")):
+            values[name] = pa.array(arrays["covariance_m2"][:, place])
+        if self.with_source:
+            values["source"] = _repeated(source, arrays["snapshot"].shape[0])
+        schema = self.schema
+        return pa.table([_cast(values[field.name], field.type) for field in schema], schema=schema)
+
+
 def _snapshot_field(schema: pa.Schema) -> pa.Field:
     return schema.field("snapshot") if "snapshot" in schema.names else pa.field("snapshot", pa.int64())
 
@@ -177,9 +232,11 @@ def _repeated(text: str, size: int) -> pa.Array:
     return pa.array([text]).take(pa.array(np.zeros(size, dtype=np.int64)))
 
 
-def _said(values: npt.NDArray[Any] | None, kind: pa.DataType, rows: pa.Table, name: str) -> Any:
+def _said(values: npt.NDArray[Any] | Words | None, kind: pa.DataType, rows: pa.Table, name: str) -> Any:
     if values is None:
         new = pa.nulls(rows.num_rows, kind)
+    elif isinstance(values, Words):
+        new = pa.array(values.words, kind).take(pa.array(values.code))
     elif values.dtype.kind == "f":
         new = _nullable(values)
     else:

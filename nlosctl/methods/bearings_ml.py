@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
@@ -13,6 +14,7 @@ from nlosctl.solvers.alternatives import finish_alternatives
 from nlosctl.solvers.feasible_bearings import hold_within_scene
 from nlosctl.solvers.fixes import finish_bearings_fix
 from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.ranged_bearings import fit_ranged_bearings, range_columns
 from nlosctl.solvers.several_optima import find_ends
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
@@ -32,6 +34,8 @@ class MaximumLikelihoodOptions:
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="an estimate is ambiguous when another optimum is not worse by more"
     )
+    use_ranges: bool = option(True, meaning="whether ranges join the likelihood where rows have them")
+    range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
 
 
 def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
@@ -40,11 +44,24 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     Levenberg-Marquardt from Stansfield's fix (with the focus of circles in its weights), residuals wrapped. The
     covariance is the inverse Fisher information at the estimate, equations (27)-(29), with the closed-form gradient of
     reflected bearings on circles. On a circle without a blocker each row takes the path that fits best, the search
-    starts from the crossings of all pairs of rays too, and up to 10 distinct optima are given, best first.
+    starts from the crossings of all pairs of rays too, and up to 10 distinct optima are given, best first. Where rows
+    have ranges they join the likelihood; a mirrored row's range is the unfolded length.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
+    ranges = range_columns(batch, options.use_ranges)
+    if ranges is not None:
+        return fit_ranged_bearings(
+            batch,
+            lines,
+            start.x,
+            start.y,
+            ranges,
+            lognormal=options.range_noise == "lognormal",
+            min_range_m=options.min_range_m,
+            max_iterations=options.max_iterations,
+        )
     ends = find_ends(lines, start.x, start.y, options.max_iterations)
     held = None
     if options.feasible:
@@ -82,5 +99,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
-    flags=("residual_rad", "under_horizon"),
+    flags=("residual_rad", "residual_m", "under_horizon"),
+    flags_needing={"residual_m": "range_m"},
+    reads=frozenset({"range_m", "range_std_m"}),
 )

@@ -49,5 +49,6 @@ METHOD = MethodSpec(
     solve=solve,
     cost="half the chi-square of the bearing residuals",
     minimum_measurements=2,
-    flags=("residual_rad", "under_horizon"),
+    flags=("residual_rad", "residual_m", "under_horizon"),
+    flags_needing={"residual_m": "range_m"},
 )

@@ -23,6 +23,7 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
 from nlosctl.models.direct_rows import DirectRows, locate_direct_rows
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
+from nlosctl.models.wall_rows import WallRows, locate_walls
 
 __all__ = ["SightLines", "Survey", "predict_bearings", "sight_lines"]
 
@@ -62,6 +63,7 @@ class SightLines:
     focusing: Focusing | None = None
     circles: CircleRows | None = None
     direct: tuple[DirectRows, ...] = ()
+    walls: WallRows | None = None
 
     def take(self, rows: IntArray) -> SightLines:
         """Return the rays of some snapshots, in any order and as often as named."""
@@ -79,6 +81,7 @@ class SightLines:
             focusing=None if focusing is None else focusing.take(rows),
             circles=None if circles is None else circles.take(rows, *self.origin_x.shape),
             direct=tuple(direct.take(rows, *self.origin_x.shape) for direct in self.direct),
+            walls=None if self.walls is None else self.walls.take(rows),
         )
 
     def range_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -187,10 +190,10 @@ class SightLines:
     def outside_scene(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> BoolArray:
         """Return which points (B,) the scene does not allow.
 
-        On another side of a row's mirror than its sensor, or on the mirror; or not where a row by a circle or a direct
-        row can come from (regions A2 and A3).
+        On another side of a row's mirror than its sensor, or on the mirror; behind a wall, or off the end of the one
+        that mirrors; or not where a row by a circle or a direct row can come from (regions A2 and A3).
         """
-        if self.mirrors is None and not self.direct:
+        if self.mirrors is None and self.walls is None and not self.direct:
             return np.zeros(x.shape[0], dtype=bool)
         return np.asarray(self.unseen(x, y, paths).any(axis=1))
 
@@ -204,6 +207,8 @@ class SightLines:
         if self.circles is not None:
             paths = self.circles.paths_from(x, y) if paths is None else paths
             self.circles.place_in(unseen, self.circles.outside(x, y, paths))
+        if self.walls is not None:
+            unseen |= self.walls.unseen(self.origin_x, self.origin_y, x, y)
         return unseen
 
 
@@ -244,6 +249,7 @@ def sight_lines(batch: BearingBatch) -> SightLines:
         focusing=focusing,
         circles=None if circles is None else circles.about(center_x, center_y),
         direct=tuple(rows.about(center_x, center_y) for rows in direct),
+        walls=locate_walls(batch.scene, batch.reflector, center_x, center_y),
     )
 
 

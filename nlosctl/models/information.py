@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.batches import BearingBatch, RangeBatch
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.bearings import SightLines, predict_bearings, sight_lines
+from nlosctl.models.ranges import predict_ranges, range_circles
 
 __all__ = ["INFORMATION", "Information", "InformationModel"]
 
@@ -48,7 +50,24 @@ def _bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> I
     local_x, local_y = x - lines.center_x, y - lines.center_y
     seen = ~lines.unseen(local_x, local_y)
     telling = replace(lines, std_rad=np.where(seen, lines.std_rad, np.inf))
-    return Information(telling.information(local_x, local_y), np.count_nonzero(seen, axis=1))
+    matrix = telling.information(local_x, local_y)
+    if batch.range_m is not None and batch.range_std_m is not None:
+        matrix = _with_ranges(matrix, telling, np.where(seen, batch.range_std_m, np.nan), local_x, local_y)
+    return Information(matrix, np.count_nonzero(seen, axis=1))
+
+
+def _with_ranges(
+    matrix: Symmetric2x2, lines: SightLines, std_m: FloatArray, x: FloatArray, y: FloatArray
+) -> Symmetric2x2:
+    """Return the joint information of bearings and ranges; rows whose std (B, K) is NaN have no range to add."""
+    dx, dy = x[:, None] - lines.origin_x, y[:, None] - lines.origin_y
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.where(np.isnan(std_m), 0.0, 1.0 / (std_m * std_m * (dx * dx + dy * dy)))
+        return Symmetric2x2(
+            matrix.xx + sum_measurements(weight * dx * dx),
+            matrix.xy + sum_measurements(weight * dx * dy),
+            matrix.yy + sum_measurements(weight * dy * dy),
+        )
 
 
 def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> BearingBatch:
@@ -66,10 +85,33 @@ def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Be
         bearing_std_rad=np.asfortranarray(np.broadcast_to(batch.bearing_std_rad, shape)),
         path=np.broadcast_to(batch.path, shape),
         reflector=np.asfortranarray(reflector),
+        range_m=None if batch.range_m is None else np.asfortranarray(np.broadcast_to(batch.range_m, shape)),
+        range_std_m=None if batch.range_std_m is None else np.asfortranarray(np.broadcast_to(batch.range_std_m, shape)),
+        prior_xy_m=None,
+        prior_std_m=None,
     )
+
+
+def _range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Information:
+    circles = range_circles(batch)
+    matrix = circles.information(x - circles.center_x, y - circles.center_y)
+    return Information(matrix, np.full(x.shape, batch.measurements, dtype=np.int64))
+
+
+def _ranges_seen_from(batch: RangeBatch, x: FloatArray, y: FloatArray) -> RangeBatch:
+    shape = (x.shape[0], batch.measurements)
+    names = ("sensor", "sensor_xy_m", "range_std_m", "path", "sensor_height_m")
+    seen: dict[str, Any] = {
+        name: np.asfortranarray(np.broadcast_to(array, (*shape, *array.shape[2:])))
+        for name, array in ((name, getattr(batch, name)) for name in names)
+    }
+    source_xy = np.broadcast_to(np.stack([x, y], axis=1)[:, None, :], (*shape, 2))
+    range_m = np.asfortranarray(predict_ranges(seen["sensor_xy_m"], seen["sensor_height_m"], source_xy))
+    return RangeBatch(scene=batch.scene, seed=np.zeros(x.shape, dtype=np.uint64), range_m=range_m, **seen)
 
 
 INFORMATION: dict[str, InformationModel] = {
     "bearings": InformationModel(at=_bearing_information, seen_from=_bearings_seen_from),
+    "ranges": InformationModel(at=_range_information, seen_from=_ranges_seen_from),
 }
 """By kind of measurement."""

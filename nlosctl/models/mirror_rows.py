@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.scene import LineReflector, Scene
+from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.mirrors import side_of_line
@@ -69,7 +69,7 @@ def gather_mirrors(scene: Scene, reflector: IntArray) -> tuple[FloatArray, Float
     table = np.array(
         [
             [*mirror.point, np.arctan2(mirror.direction[1], mirror.direction[0])]
-            if isinstance(mirror, LineReflector)
+            if isinstance(mirror, LineReflector | SegmentReflector)
             else [np.nan] * 3
             for mirror in scene.reflectors
         ]

@@ -10,18 +10,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.batches import BearingBatch
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
+from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.bound_tables import bound_schema, bound_table, truth_positions
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.dense import dense_blocks
 
-__all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
+__all__ = ["BoundSettings", "MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
 
 FloatArray = npt.NDArray[np.float64]
 
 _POSITIONS_AT_ONCE = 4096
+_INFORMATION_PER_VARIANCE = {"gaussian": 1.0, "laplace": 2.0}
+"""Fisher information of a location, times the variance: 1 for Gaussian errors, 2 for Laplacian ones."""
 _MOST_VERTICES = 100_000_000
 
 
@@ -53,6 +57,30 @@ class MapGrid:
         return int(np.floor((high - low) / self.step_m + 1e-9)) + 1
 
 
+@dataclass(frozen=True, kw_only=True)
+class BoundSettings:
+    """What the bound is of: the errors' distribution of the stated stds, and whether ranges beside bearings count."""
+
+    noise: str = "gaussian"
+    use_ranges: bool = True
+
+    def __post_init__(self) -> None:
+        if self.noise not in _INFORMATION_PER_VARIANCE:
+            known = ", ".join(_INFORMATION_PER_VARIANCE)
+            raise UsageError(f"--noise must be one of {known}. Got {self.noise!r} instead.")
+
+    def apply(self, batch: Any) -> Any:
+        """Return the batch without the ranges of bearings where they don't count."""
+        if self.use_ranges or not isinstance(batch, BearingBatch):
+            return batch
+        return dataclasses.replace(batch, range_m=None, range_std_m=None)
+
+    def scaled(self, matrix: Symmetric2x2) -> Symmetric2x2:
+        """Return the information of the errors' distribution from that of Gaussian errors."""
+        scale = _INFORMATION_PER_VARIANCE[self.noise]
+        return Symmetric2x2(scale * matrix.xx, scale * matrix.xy, scale * matrix.yy)
+
+
 def parse_map(text: str) -> MapGrid:
     """Return the grid of ``xmin,xmax,ymin,ymax,step`` in metres; raises UsageError."""
     wanted = f"--map takes xmin,xmax,ymin,ymax,step in metres, rising and step above 0. Got {text!r} instead."
@@ -76,7 +104,7 @@ def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
     return bound_schema(reader.schema if grid is None else None)
 
 
-def bounds_at_truth(reader: MeasurementReader) -> Iterator[Any]:
+def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Iterator[Any]:
     """Yield tables with the bound of each snapshot at its truth, in input order.
 
     Null where the truth is, or where too few rows can see it. Raises DataError where the input has no truth.
@@ -92,11 +120,12 @@ def bounds_at_truth(reader: MeasurementReader) -> Iterator[Any]:
             seed = np.zeros(x.shape, dtype=np.uint64)
             batch = block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
             places = block.snapshot
-            _write_bounds(arrays, places, model.at(batch, x[places], y[places]))
+            batch = settings.apply(batch)
+            _write_bounds(arrays, places, model.at(batch, x[places], y[places]), settings)
         yield bound_table(arrays, schema, chunk.snapshot)
 
 
-def bounds_on_map(reader: MeasurementReader, grid: MapGrid) -> Iterator[Any]:
+def bounds_on_map(reader: MeasurementReader, grid: MapGrid, settings: BoundSettings) -> Iterator[Any]:
     """Yield tables with the bound at each vertex, of the sensors, paths and stds of the first snapshot.
 
     Raises DataError where the input has no row.
@@ -106,14 +135,16 @@ def bounds_on_map(reader: MeasurementReader, grid: MapGrid) -> Iterator[Any]:
     chunk = next(iter(reader.chunks()), None)
     if chunk is None:
         raise DataError("no snapshot to take sensors and paths from")
-    single = _first_snapshot(reader, chunk)
+    single = settings.apply(_first_snapshot(reader, chunk))
     for x, y in grid.pieces():
         arrays = _no_bounds(x, y)
-        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y))
+        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y), settings)
         yield bound_table(arrays, schema)
 
 
 def _supported(reader: MeasurementReader) -> str:
+    if "truth_target" in reader.schema.names:
+        raise DataError("the rows are of several targets (truth_target); a bound is of one source")
     if reader.kind not in INFORMATION:
         raise UsageError(f"bound is there for {', '.join(INFORMATION)}, not for {reader.kind}")
     return reader.kind
@@ -135,7 +166,9 @@ def _no_bounds(x: FloatArray, y: FloatArray) -> dict[str, npt.NDArray[Any]]:
     return arrays | {field.name: np.full(x.shape, np.nan) for field in dataclasses.fields(Bounds)}
 
 
-def _write_bounds(arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information) -> None:
-    for name, values in vars(bounds_of(information.matrix)).items():
+def _write_bounds(
+    arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information, settings: BoundSettings
+) -> None:
+    for name, values in vars(bounds_of(settings.scaled(information.matrix))).items():
         arrays[name][places] = values
     arrays["n_used"][places] = information.n_used

@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import Batch, batch_class
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
 __all__ = ["Block", "dense_blocks"]
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+_WHOLE_FIELD = SensorsField()
 Columns = Mapping[str, npt.NDArray[Any]]
 
 
@@ -26,14 +28,40 @@ class Block:
     snapshot: IntArray
     row: IntArray
 
-    def batch(self, kind: str, columns: Columns, scene: Scene, seed: npt.NDArray[np.uint64], *, flags: bool) -> Batch:
+    def batch(
+        self,
+        kind: str,
+        columns: Columns,
+        scene: Scene,
+        seed: npt.NDArray[np.uint64],
+        *,
+        field: Field = _WHOLE_FIELD,
+        flags: bool,
+        details: bool = False,
+        trace: bool = False,
+    ) -> Batch:
         """Return the dense batch of this block, its arrays read-only and in Fortran order.
 
-        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat.
+        ``seed`` (S,) is of all snapshots of the chunk, ``columns`` are flat. ``flags``, ``details`` and ``trace`` say
+        what the batch wants.
         """
         cls = batch_class(kind)
-        arrays = {name: _dense(self.row, [columns[part] for part in parts]) for name, parts in cls.SOURCES.items()}
-        batch: Batch = cls(scene=scene, seed=seed[self.snapshot], want_flags=flags, **arrays)
+        arrays = {
+            name: _dense(self.row, [columns[part] for part in parts])
+            if columns.keys() >= set(parts)
+            else _constant(self.row.shape, cls.ABSENT[name])
+            for name, parts in cls.SOURCES.items()
+            if columns.keys() >= set(parts) or name in cls.ABSENT
+        }
+        batch: Batch = cls(
+            scene=scene,
+            field=field,
+            seed=seed[self.snapshot],
+            want_flags=flags,
+            want_details=flags and details,
+            want_trace=trace,
+            **arrays,
+        )
         return batch
 
 
@@ -46,13 +74,19 @@ def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterato
     kept_before = np.concatenate([[0], np.cumsum(kept)])
     first = kept_before[offsets[:-1]]
     counts = kept_before[offsets[1:]] - first
-    for count in np.unique(counts):
+    for count in np.flatnonzero(np.bincount(counts)):
         members = np.flatnonzero(counts == count)
         within = np.arange(count, dtype=np.int64)
         for start in range(0, members.shape[0], block_size):
             snapshot = members[start : start + block_size]
             places = first[snapshot][:, None] + within
             yield Block(snapshot=snapshot, row=kept_rows[places] if count else places)
+
+
+def _constant(shape: tuple[int, ...], value: float) -> npt.NDArray[np.float64]:
+    constant = np.full(shape, value, order="F")
+    constant.flags.writeable = False
+    return constant
 
 
 def _dense(row: IntArray, parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:

@@ -11,19 +11,22 @@ import numpy as np
 
 from nlosctl.contract.tables import ESTIMATES, FLAGS
 from nlosctl.errors import DataError
+from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
 from nlosctl.evaluation.flags import FlagScores
+from nlosctl.evaluation.targets import TargetScores
 from nlosctl.io.evaluation_rows import (
     TruthTable,
     boolean_codes,
     estimate_arrays,
     group_codes,
+    numbers,
     whole_snapshots,
 )
 from nlosctl.io.inputs import Input
 from nlosctl.io.plain_tables import PlainReader
 
-__all__ = ["Evaluation", "evaluate_inputs"]
+__all__ = ["Evaluation", "evaluate_inputs", "grouping_columns", "present"]
 
 Readers = Sequence[tuple[Input, PlainReader]]
 
@@ -59,7 +62,7 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
     scores = EstimateScores()
     grouping: list[str] = []
     for given, reader in readers:
-        grouping = _grouping(reader.schema.names)
+        grouping = grouping_columns(reader.schema.names)
         for table in whole_snapshots(reader.batches()):
             arrays = estimate_arrays(table, truth, given.name)
             rows = EstimateRows(
@@ -75,25 +78,50 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
             else:
                 counted = np.flatnonzero(arrays.alternative == 0)
             scores.add(rows.take(counted), group[counted], [_named(readers, given, key) for key in keys])
-    return _evaluation("estimates", scores, readers, grouping)
+    return present("estimates", scores, readers, grouping)
 
 
 def _evaluate_flags(readers: Readers) -> Evaluation:
+    """Evaluate indirect-path flags where the first file has them with their truth, else line-of-sight flags."""
+    if {"ip", "truth_ip"} <= set(readers[0][1].schema.names):
+        return _evaluate_detection(readers)
     scores = FlagScores()
     grouping: list[str] = []
     for given, reader in readers:
-        for name in ("los", "truth_los"):
-            if name not in reader.schema.names:
-                raise DataError(f"{given.name}: no column {name!r}: flags are evaluated by 'los' against 'truth_los'")
-        grouping = _grouping(reader.schema.names)
+        _require_columns(given, reader, "los", "truth_los")
+        grouping = grouping_columns(reader.schema.names)
         for table in reader.batches():
             group, keys = group_codes(table, grouping)
             los, truth_los = boolean_codes(table.column("los")), boolean_codes(table.column("truth_los"))
             scores.add(los, truth_los, group, [_named(readers, given, key) for key in keys])
-    return _evaluation("flags", scores, readers, grouping)
+    return present("flags", scores, readers, grouping)
 
 
-def _grouping(names: Sequence[str]) -> list[str]:
+def _evaluate_detection(readers: Readers) -> Evaluation:
+    scores = DetectionScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        _require_columns(given, reader, "ip", "truth_ip")
+        grouping = grouping_columns(reader.schema.names)
+        for table in reader.batches():
+            group, keys = group_codes(table, grouping)
+            ip, truth_ip = boolean_codes(table.column("ip")), boolean_codes(table.column("truth_ip"))
+            p_value = numbers(table.column("p_value")) if "p_value" in table.column_names else None
+            scores.add(ip, truth_ip, p_value, group, [_named(readers, given, key) for key in keys])
+    return present("flags", scores, readers, grouping)
+
+
+def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
+    for name in names:
+        if name not in reader.schema.names:
+            raise DataError(
+                f"{given.name}: no column {name!r}: flags are evaluated by 'ip' against 'truth_ip', "
+                "or by 'los' against 'truth_los'"
+            )
+
+
+def grouping_columns(names: Sequence[str]) -> list[str]:
+    """Return the columns by whose values results are told apart: source, method, ``sweep_*``."""
     return [name for name in names if name in ("source", "method") or name.startswith("sweep_")]
 
 
@@ -101,7 +129,13 @@ def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, .
     return (given.name, *key) if len(readers) > 1 else key
 
 
-def _evaluation(of: str, scores: EstimateScores | FlagScores, readers: Readers, grouping: Sequence[str]) -> Evaluation:
+def present(
+    of: str,
+    scores: EstimateScores | FlagScores | DetectionScores | TargetScores,
+    readers: Sequence[Any],
+    grouping: Sequence[str],
+) -> Evaluation:
+    """Return the scores as plain values; their keys are the file, where there are several, and the grouping columns."""
     names = (["file"] if len(readers) > 1 else []) + list(grouping)
     groups: list[dict[str, Any]] = []
     for key, summary in scores.result().items():

@@ -12,7 +12,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.pipeline.solving import MethodRun
 
-__all__ = ["method_runs"]
+__all__ = ["method_runs", "require_estimates"]
 
 
 def method_runs(names: Sequence[str], kind: str, job: Job, parameters: Mapping[str, Any]) -> list[MethodRun]:
@@ -31,6 +31,13 @@ def method_runs(names: Sequence[str], kind: str, job: Job, parameters: Mapping[s
         MethodRun(spec=spec, options=parse_options(spec.options, given[spec.name], f"method {spec.name!r}"))
         for spec in specs
     ]
+
+
+def require_estimates(runs: Sequence[MethodRun]) -> None:
+    """Raise UsageError where none of the methods makes estimates."""
+    if not any(run.spec.estimates for run in runs):
+        names = ", ".join(run.spec.name for run in runs)
+        raise UsageError(f"--estimates-out: {names} makes no estimates; chi2 and joint do")
 
 
 def _by_method(specs: Sequence[MethodSpec], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

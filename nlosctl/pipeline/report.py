@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ __all__ = ["MethodTally", "RunReport"]
 _BAD_FIT_P_VALUE = 1e-3
 _BAD_FIT_SHARE = 0.05
 _UNKNOWNS = 2
+_VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
 
 
 @dataclass
@@ -26,6 +28,16 @@ class MethodTally:
     statuses: Counter[str] = field(default_factory=Counter)
     tested: int = 0
     badly_fitted: int = 0
+    on_edge: int = 0
+    verdicts: Counter[str] = field(default_factory=Counter)
+
+    def add_verdicts(self, columns: Mapping[str, Any]) -> None:
+        """Count what a detector's flag columns (N,) say."""
+        for name, (false_word, true_word) in _VERDICTS.items():
+            if name in columns:
+                said = np.ma.MaskedArray(columns[name]).compressed().astype(bool)
+                true = int(np.count_nonzero(said))
+                self.verdicts.update({false_word: said.size - true, true_word: true})
 
     def add(self, status: npt.NDArray[np.uint8], cost: npt.NDArray[np.float64], n_used: npt.NDArray[np.int64]) -> None:
         """Count estimates (E,), best alternatives only; ``cost`` is half a chi-square, or NaN where it is not."""
@@ -80,8 +92,8 @@ class RunReport:
         snapshots = "1 snapshot" if self.snapshots == 1 else f"{self.snapshots} snapshots"
         lines = [f"{names}{more}: {snapshots} of {self.kind}, {rows}"]
         for name, tally in self.methods.items():
-            counts = ", ".join(f"{count} {word}" for word, count in sorted(tally.statuses.items(), key=_by_status))
-            lines.append(f"{name}: {counts or 'nothing to solve'}")
+            told = [*tally.verdicts.items(), *sorted(tally.statuses.items(), key=_by_status)]
+            lines.append(f"{name}: {', '.join(f'{count} {word}' for word, count in told) or 'nothing to solve'}")
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
     def as_dict(self) -> dict[str, Any]:
@@ -95,7 +107,12 @@ class RunReport:
             "snapshots": self.snapshots,
             "snapshots_lost": self.snapshots_lost,
             "methods": {
-                name: {"statuses": dict(tally.statuses), "answered": tally.answered, "fits_badly": tally.fits_badly}
+                name: {
+                    "statuses": dict(tally.statuses),
+                    "answered": tally.answered,
+                    "fits_badly": tally.fits_badly,
+                    "verdicts": dict(tally.verdicts),
+                }
                 for name, tally in self.methods.items()
             },
             "notes": self.notes,

@@ -11,15 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl import registry
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
-from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, carried_columns
+from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
+from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
-from nlosctl.pipeline.solving import FlatEstimates, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
 from nlosctl.pipeline.workers import map_in_order
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
@@ -34,7 +36,12 @@ class RunSettings:
     block_size: int = 4096
     alternatives: int = 1
     carry: tuple[str, ...] = ()
+    field: Field = dataclasses.field(default_factory=SensorsField)
+    target_z_m: float | None = None
+    want_estimates: bool = True
     want_flags: bool = False
+    want_details: bool = False
+    want_trace: bool = False
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
@@ -44,11 +51,12 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
-    """The Arrow tables of one chunk; ``rows`` is how many input rows they answer."""
+    """The Arrow tables of one chunk, None if not wanted; ``rows`` is how many input rows they answer."""
 
-    estimates: Any
+    estimates: Any | None
     flags: Any | None
     rows: int
+    trace: Any | None = None
 
 
 class MeasurementRun:
@@ -64,16 +72,22 @@ class MeasurementRun:
             methods=methods,
             input_schema=reader.schema,
             carried=carried_columns(reader.column_names, settings.carry),
+            measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
         )
         self._flags_layout = FlagsLayout(
             methods=methods,
             input_schema=reader.schema,
-            said=tuple(dict.fromkeys(name for run in self._runs for name in run.spec.flags_in(reader.scene))),
+            said=self._said(),
             constants=reader.constants,
             with_source=reader.has_several_sources,
         )
+        self._trace_layout = TraceLayout(
+            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources
+        )
+        if settings.want_trace and not any(run.spec.traces for run in self._runs):
+            raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
 
     @property
@@ -85,6 +99,11 @@ class MeasurementRun:
     def flags_schema(self) -> Any:
         """The Arrow schema of the flags."""
         return self._flags_layout.schema
+
+    @property
+    def trace_schema(self) -> Any:
+        """The Arrow schema of the trace."""
+        return self._trace_layout.schema
 
     def plan(self) -> list[str]:
         """Return what the run is about to do, a line for the data and one for each method."""
@@ -100,40 +119,51 @@ class MeasurementRun:
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
+        settings = self._settings
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
         described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
-        content = {"methods": methods, "seed": self._settings.seed, "inputs": described}
+        content = {"methods": methods, "seed": self._settings.seed, "inputs": described, "field": str(settings.field)}
+        if settings.target_z_m is not None:
+            content["target_z_m"] = settings.target_z_m
         return file_metadata(command, content, self._reader.scene)
 
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
         solved = map_in_order(self._solve, self._reader.chunks(), self._settings.jobs)
-        for estimates, tables in solved:
-            self._count(estimates, tables.rows)
+        for estimates, flags, tables in solved:
+            self.report.rows += tables.rows
+            if estimates is not None:
+                self._count(estimates)
+            self._count_flags(flags)
             yield tables
         self._finish()
 
-    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates, ChunkTables]:
+    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates | None, list[FlatFlags], ChunkTables]:
         settings = self._settings
         problem = Problem(
             kind=self._reader.kind,
             scene=self._reader.scene,
-            columns=chunk.columns,
+            field=settings.field,
+            columns=with_sensor_heights(chunk.columns, settings.target_z_m),
             offsets=chunk.offsets,
             kept=~chunk.left_out,
             seed=self._seeds(chunk),
         )
-        estimates, flags = solve_flat(
+        estimates, flags, trace = solve_flat(
             problem,
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
             want_flags=settings.want_flags,
+            want_details=settings.want_details,
+            want_trace=settings.want_trace,
         )
-        arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
-        estimates_table = self._estimates_layout.table(
-            arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
-        )
+        estimates_table = None
+        if settings.want_estimates and estimates is not None:
+            arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+            estimates_table = self._estimates_layout.table(
+                arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
+            )
         flags_table = None
         if settings.want_flags:
             counts = np.diff(chunk.offsets)
@@ -143,21 +173,43 @@ class MeasurementRun:
                 snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
                 source=chunk.source,
             )
-        return estimates, ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows)
+        trace_table = None
+        if trace is not None:
+            steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
+            trace_table = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
+        tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows, trace=trace_table)
+        return estimates, flags, tables
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
             return np.zeros(len(chunk.snapshot), dtype=np.uint64)
         return snapshot_seeds(self._settings.seed, chunk.snapshot_ids())
 
-    def _count(self, estimates: FlatEstimates, rows: int) -> None:
-        self.report.rows += rows
+    def _said(self) -> tuple[str, ...]:
+        details = self._settings.want_details
+        columns = (
+            run.spec.flag_columns(run.options, self._reader.scene, self._reader.schema.names, details=details)
+            for run in self._runs
+        )
+        return tuple(dict.fromkeys(name for names in columns for name in names))
+
+    def _measurement_name(self) -> str:
+        name = KINDS[self._reader.kind].measurement_name
+        return name if name in self._reader.schema.names else ""
+
+    def _count_flags(self, flags: Sequence[FlatFlags]) -> None:
+        for run, said in zip(self._runs, flags, strict=False):
+            if run.spec.job != "localize":
+                self.report.methods[run.spec.name].add_verdicts(said.columns)
+
+    def _count(self, estimates: FlatEstimates) -> None:
         best = estimates.alternative == 0
         for number, run in enumerate(self._runs):
             mine = best & (estimates.method == number)
             cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
             tally = self.report.methods[run.spec.name]
             tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+            tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
 
     def _finish(self) -> None:
         read = self._reader.report
@@ -166,7 +218,21 @@ class MeasurementRun:
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        self.report.notes += [*read.remarks, *self._unused_ranges(), *self._hopeless(), *self._advice()]
+        self.report.notes += [
+            *read.remarks,
+            *heights_remark(self._reader.column_names, self._settings.target_z_m),
+            *self._unused_ranges(),
+            *self._edge_remarks(),
+            *self._hopeless(),
+            *self._advice(),
+        ]
+
+    def _edge_remarks(self) -> list[str]:
+        tallies = [(run.spec.name, self.report.methods[run.spec.name]) for run in self._runs if run.spec.searches]
+        return [
+            f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
+            for name, tally in tallies
+        ]
 
     def _unused_ranges(self) -> list[str]:
         takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,18 +10,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.methods import MethodSpec
-from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
+from nlosctl.contract.results import Estimates, Solution, Trace, Words, single_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.pipeline.dense import Block, dense_blocks
+from nlosctl.pipeline.flag_columns import FlagColumn
+from nlosctl.solvers.search_regions import search_region
 
-__all__ = ["FlatEstimates", "FlatFlags", "MethodRun", "Problem", "solve_flat"]
+__all__ = ["FlatEstimates", "FlatFlags", "FlatTrace", "MethodRun", "Problem", "solve_flat"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+
+_EDGE_SHARE = 0.01
+"""A fix this near to the edge of the search field, in units of its larger side, touches it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +45,7 @@ class Problem:
 
     kind: str
     scene: Scene
+    field: Field = dataclasses.field(default_factory=SensorsField)
     columns: Mapping[str, npt.NDArray[Any]]
     offsets: IntArray
     kept: BoolArray
@@ -45,9 +54,14 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True)
 class FlatEstimates:
-    """Estimates (E,) of a chunk, by snapshot, then method, target and alternative."""
+    """Estimates (E,) of a chunk, by snapshot, then method, target and alternative.
+
+    ``row`` is the measurement that an estimate is of, where each is solved by itself, else -1; ``on_edge`` tells which
+    touch the edge of the search field, of methods that search.
+    """
 
     snapshot: IntArray
+    row: IntArray
     method: IntArray
     target: IntArray
     alternative: IntArray
@@ -58,6 +72,19 @@ class FlatEstimates:
     cost: FloatArray
     status: npt.NDArray[np.uint8]
     covariance_kind: npt.NDArray[np.object_]
+    on_edge: BoolArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatTrace:
+    """The states (T,) that methods went through, by snapshot, method, step; ``measurement`` is a row of the chunk."""
+
+    snapshot: IntArray
+    method: IntArray
+    step: IntArray
+    measurement: IntArray
+    position_m: FloatArray
+    covariance_m2: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,28 +92,59 @@ class FlatFlags:
     """Flags (N,) of a chunk by one method; rows that took no part are not used and say nothing."""
 
     used: BoolArray
-    columns: Mapping[str, npt.NDArray[Any]]
+    columns: Mapping[str, npt.NDArray[Any] | Words]
 
 
 def solve_flat(
-    problem: Problem, runs: Sequence[MethodRun], *, block_size: int, alternatives: int, want_flags: bool
-) -> tuple[FlatEstimates, list[FlatFlags]]:
-    """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted."""
+    problem: Problem,
+    runs: Sequence[MethodRun],
+    *,
+    block_size: int,
+    alternatives: int,
+    want_flags: bool,
+    want_details: bool = False,
+    want_trace: bool = False,
+) -> tuple[FlatEstimates | None, list[FlatFlags], FlatTrace | None]:
+    """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted.
+
+    The estimates are None where no method makes any, the trace where it is not wanted.
+    """
     parts: list[FlatEstimates] = []
+    traces = [_no_trace()]
     flags: list[FlatFlags] = []
     blocks = list(dense_blocks(problem.offsets, problem.kept, block_size))
     for number, run in enumerate(runs):
-        solutions = [(block, _solve_block(problem, block, run, want_flags)) for block in blocks]
-        parts += [_flatten(problem, block, solution.estimates, number) for block, solution in solutions]
+        solutions = [
+            (block, _solve_block(problem, block, run, want_flags, want_details, want_trace)) for block in blocks
+        ]
+        parts += [
+            _flatten(problem, block, solution.estimates, number, run.spec.searches)
+            for block, solution in solutions
+            if run.spec.estimates
+        ]
         if want_flags:
-            flags.append(_scatter_flags(problem.kept.shape[0], run.spec, solutions))
-    return _in_order(_concatenate(parts), alternatives), flags
+            flags.append(_scatter_flags(problem, run, solutions, details=want_details))
+        if want_trace:
+            traces += [_flatten_trace(block, solution.trace, number) for block, solution in solutions if solution.trace]
+    estimates = _in_order(_concatenate(parts), alternatives) if parts else None
+    return estimates, flags, _trace_in_order(traces) if want_trace else None
 
 
-def _solve_block(problem: Problem, block: Block, run: MethodRun, want_flags: bool) -> Solution:
+def _solve_block(
+    problem: Problem, block: Block, run: MethodRun, want_flags: bool, want_details: bool, want_trace: bool
+) -> Solution:
     if block.row.shape[1] < run.spec.minimum_measurements:
         return _too_few(block.row.shape[0])
-    batch = block.batch(problem.kind, problem.columns, problem.scene, problem.seed, flags=want_flags)
+    batch = block.batch(
+        problem.kind,
+        problem.columns,
+        problem.scene,
+        problem.seed,
+        field=problem.field,
+        flags=want_flags,
+        details=want_details,
+        trace=want_trace and run.spec.traces,
+    )
     try:
         solution = run.spec.solve(batch, run.options)
     except NlosctlError:
@@ -111,11 +169,13 @@ def _too_few(size: int) -> Solution:
     )
 
 
-def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) -> FlatEstimates:
+def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int, searches: bool) -> FlatEstimates:
     snapshot = block.snapshot[estimates.row]
     size = snapshot.shape[0]
+    single = estimates.measurement
     return FlatEstimates(
         snapshot=snapshot,
+        row=np.full(size, -1, dtype=np.int64) if single is None else block.row[estimates.row, single],
         method=np.full(size, method, dtype=np.int64),
         target=estimates.target,
         alternative=estimates.alternative,
@@ -126,7 +186,50 @@ def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int) 
         cost=estimates.cost,
         status=estimates.status,
         covariance_kind=np.full(size, estimates.covariance_kind, dtype=object),
+        on_edge=_on_edge(problem, block, estimates) if searches else np.zeros(size, dtype=bool),
     )
+
+
+def _on_edge(problem: Problem, block: Block, estimates: Estimates) -> BoolArray:
+    """Return which estimates (E,) are within a hundredth of the search field's larger side of its edge."""
+    row = block.row[estimates.row]
+    if not row.size:
+        return np.zeros(row.shape[0], dtype=bool)
+    x, y = estimates.position_m[:, 0], estimates.position_m[:, 1]
+    sensor_x, sensor_y = problem.columns["sensor_x_m"][row], problem.columns["sensor_y_m"][row]
+    center_x, center_y = sensor_x[:, 0], sensor_y[:, 0]
+    region = search_region(problem.field, sensor_x, sensor_y, center_x, center_y)
+    xmin, xmax, ymin, ymax = region.bounds_m
+    return region.on_edge(x - center_x, y - center_y, _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin))
+
+
+def _no_trace() -> FlatTrace:
+    nothing = np.empty(0, dtype=np.int64)
+    return FlatTrace(
+        snapshot=nothing,
+        method=nothing,
+        step=nothing,
+        measurement=nothing,
+        position_m=np.empty((0, 2)),
+        covariance_m2=np.empty((0, 3)),
+    )
+
+
+def _flatten_trace(block: Block, trace: Trace, method: int) -> FlatTrace:
+    return FlatTrace(
+        snapshot=block.snapshot[trace.row],
+        method=np.full(trace.row.shape, method, dtype=np.int64),
+        step=trace.step,
+        measurement=block.row[trace.row, trace.measurement],
+        position_m=trace.position_m,
+        covariance_m2=trace.covariance_m2,
+    )
+
+
+def _trace_in_order(parts: list[FlatTrace]) -> FlatTrace:
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FlatTrace.__annotations__}
+    order = np.lexsort((arrays["step"], arrays["method"], arrays["snapshot"]))
+    return FlatTrace(**{name: array[order] for name, array in arrays.items()})
 
 
 def _concatenate(parts: list[FlatEstimates]) -> FlatEstimates:
@@ -145,22 +248,18 @@ def _in_order(estimates: FlatEstimates, alternatives: int) -> FlatEstimates:
     return FlatEstimates(**{name: getattr(estimates, name)[order] for name in FlatEstimates.__annotations__})
 
 
-def _scatter_flags(rows: int, spec: MethodSpec, solutions: list[tuple[Block, Solution]]) -> FlatFlags:
+def _scatter_flags(
+    problem: Problem, run: MethodRun, solutions: list[tuple[Block, Solution]], *, details: bool
+) -> FlatFlags:
+    rows = problem.kept.shape[0]
     used = np.zeros(rows, dtype=bool)
-    columns: dict[str, npt.NDArray[Any]] = {}
+    columns: dict[str, FlagColumn] = {}
     for block, solution in solutions:
         flags = solution.flags
         if flags is None:
             continue
         used[block.row] = flags.used
-        for name in spec.flags:
+        for name in run.spec.flag_columns(run.options, problem.scene, problem.columns, details=details):
             if name in flags.columns:
-                _scatter(columns, name, flags, block.row, rows)
-    return FlatFlags(used=used, columns=columns)
-
-
-def _scatter(columns: dict[str, npt.NDArray[Any]], name: str, flags: Flags, row: IntArray, rows: int) -> None:
-    values = flags.columns[name]
-    if name not in columns:
-        columns[name] = np.full(rows, np.nan) if values.dtype.kind == "f" else np.full(rows, None, dtype=object)
-    columns[name][row] = values
+                columns.setdefault(name, FlagColumn(rows)).set(block.row, flags.columns[name])
+    return FlatFlags(used=used, columns={name: column.values() for name, column in columns.items()})

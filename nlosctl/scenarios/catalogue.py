@@ -17,10 +17,16 @@ if TYPE_CHECKING:
 __all__ = ["find_scenario", "scenarios"]
 
 _MODULES = {
+    "echo-field": "nlosctl.scenarios.echo_field",
+    "liang": "nlosctl.scenarios.liang",
+    "madhow-ring": "nlosctl.scenarios.madhow_ring",
+    "madhow-walls": "nlosctl.scenarios.madhow_walls",
     "mixed": "nlosctl.scenarios.mixed_paths",
     "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",
+    "room": "nlosctl.scenarios.room",
+    "shen": "nlosctl.scenarios.shen",
     "song-circle": "nlosctl.scenarios.song_circle",
     "song-flat": "nlosctl.scenarios.song_flat",
 }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.blocks import sum_measurements, take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.levenberg_marquardt import Evaluation
@@ -45,7 +45,7 @@ class BearingProblem:
         """Return the problems of some rows, in Fortran order."""
         return BearingProblem(
             *(
-                _take_rows(array, rows)
+                take_rows(array, rows)
                 for array in (self.origin_x, self.origin_y, self.cosine, self.sine, self.inverse_std)
             )
         )
@@ -100,12 +100,3 @@ def _positive_hessian(
     if positive.all():
         return exact
     return Symmetric2x2(*(np.where(positive, a, b) for a, b in ((exact.xx, xx), (exact.xy, xy), (exact.yy, yy))))
-
-
-def _take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
-    if rows.shape[0] == array.shape[0]:
-        return array
-    taken = np.empty((rows.shape[0], array.shape[1]), order="F")
-    for k in range(array.shape[1]):
-        np.take(array[:, k], rows, out=taken[:, k])
-    return taken

@@ -144,6 +144,8 @@ def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x
     residual = lines.bearing_residual_rad(x, y)
     used = np.broadcast_to(answered, residual.shape).copy()
     columns: dict[str, npt.NDArray[np.generic]] = {"residual_rad": np.where(answered, residual, np.nan)}
+    if batch.range_m is not None:
+        columns["residual_m"] = np.where(answered, batch.range_m - lines.range_m(x, y), np.nan)
     if batch.scene.has_circles:
         under = np.zeros(residual.shape, dtype=bool)
         if lines.circles is not None:

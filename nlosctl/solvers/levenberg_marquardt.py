@@ -27,9 +27,6 @@ _ROUNDING_STEP = 1e-13
 _NEARLY_FULL = 0.1
 """Up to this damping a step counts as a full one."""
 
-_STALLED = 8
-"""A row is given up after so many refused steps: the cost has a jump where it would go, as at a sensor."""
-
 _WORTH_DROPPING = 0.75
 """Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
 
@@ -99,13 +96,15 @@ def minimize(
     *,
     tolerance: float = 1e-8,
     max_iterations: int = 30,
+    patience: int = 8,
 ) -> Minimum:
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
     A row has settled when its next full step is shorter than ``tolerance`` standard deviations (the step in the
     metric of the second derivatives); cost and matrix are those before that last step. Rows whose start is not
     finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations`` steps are
-    marked not converged and keep their last point.
+    marked not converged and keep their last point. A row is given up after ``patience`` refused steps: the cost has
+    a jump where it would go, as at a sensor.
     """
     minimum = _unsettled(start_x, start_y)
     rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
@@ -124,7 +123,7 @@ def minimize(
     for _ in range(max_iterations):
         step_x, step_y, length = _step(state)
         arrived = (length <= tolerance) & ~state.settled
-        stalled = (state.refused >= _STALLED) & ~state.settled
+        stalled = (state.refused >= patience) & ~state.settled
         if arrived.any() or stalled.any():
             _record(minimum, state, state.x, state.y, stalled)
             _record(minimum, state, state.x + step_x, state.y + step_y, arrived)

@@ -11,7 +11,7 @@ from nlosctl.contract.batches import IntArray
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.testing.bench import Bench
-from nlosctl.testing.compare import close_solutions, estimates_of, same_bits
+from nlosctl.testing.compare import NUMBER_FIELDS, close_solutions, estimates_of, same_bits
 from nlosctl.testing.moves import Motion, move_batch, permute_measurements, replace_rows, take_rows
 
 __all__ = ["answers", "any_number", "batches", "degenerate", "deterministic", "empty", "frame", "order", "seeds"]
@@ -67,12 +67,12 @@ def frame(bench: Bench) -> Iterator[str]:
 
 
 def order(bench: Bench) -> Iterator[str]:
-    """Permuting the measurements changes only the order of the flags; exempt: order."""
+    """Permuting the measurements changes only the order of flags, and of estimates of single ones; exempt: order."""
     for measurements in (bench.plenty, bench.usual_measurements[1]):
         trial = bench.ordinary(_SNAPSHOTS, measurements)
         for places in (np.arange(measurements)[::-1], bench.generator.permutation(measurements)):
             permuted = bench.solve(permute_measurements(trial.batch, places))
-            expected = _permute_flags(bench.solve(trial.batch), places)
+            expected = _permute_single_estimates(_permute_flags(bench.solve(trial.batch), places), places)
             for difference in close_solutions(expected, permuted, trial.size_m):
                 yield f"with the measurements in the order {places.tolist()}, {difference}"
 
@@ -113,6 +113,8 @@ def seeds(bench: Bench) -> Iterator[str]:
 
 def answers(bench: Bench) -> Iterator[str]:
     """With plenty of measurements some ordinary snapshot gets a position."""
+    if not bench.spec.estimates:
+        return
     status = bench.solve(bench.ordinary(4 * _SNAPSHOTS, bench.plenty).batch).estimates.status
     if not any(Status(word).has_position for word in np.unique(status)):
         yield f"of {4 * _SNAPSHOTS} snapshots none, but {', '.join(Status(word).word for word in np.unique(status))}"
@@ -125,6 +127,18 @@ def _move_solution(solution: Solution, motion: Motion) -> Solution:
         covariance_m2=motion.covariances(solution.estimates.covariance_m2),
     )
     return dataclasses.replace(solution, estimates=estimates)
+
+
+def _permute_single_estimates(solution: Solution, places: IntArray) -> Solution:
+    """Return the solution with estimates that are each of one measurement in the measurements' new order."""
+    estimates = solution.estimates
+    if estimates.measurement is None:
+        return solution
+    where = np.argsort(places)[estimates.measurement]
+    order = np.lexsort((estimates.alternative, where, estimates.row))
+    permuted = {name: getattr(estimates, name)[order] for name in NUMBER_FIELDS}
+    permuted |= {"target": where[order], "measurement": where[order]}
+    return dataclasses.replace(solution, estimates=dataclasses.replace(estimates, **permuted))
 
 
 def _permute_flags(solution: Solution, places: IntArray) -> Solution:

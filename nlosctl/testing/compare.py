@@ -21,6 +21,9 @@ _RELATIVE = 1e-9
 _OF_STD = 1e-7
 """What rounding, and the stop of an iteration, may move a fix: of the scene's size, and of its own std."""
 
+_ROUNDED = 1e-12
+"""What rounding may leave of a number that is nought, as a residual where two rays cross."""
+
 
 def estimates_of(solution: Solution, snapshots: IntArray) -> dict[str, Any]:
     """Return all arrays that tell of some snapshots, flags included, with rows numbered by place in ``snapshots``."""
@@ -84,7 +87,7 @@ def _close_flags(one: Flags, other: Flags) -> Iterator[str]:
         if left.dtype.kind != "f":
             differs = not np.array_equal(left, right)
         else:
-            allowed = 1e-5 * np.nan_to_num(np.abs(left)).max(initial=0.0)
+            allowed = _ROUNDED + 1e-5 * np.nan_to_num(np.abs(left)).max(initial=0.0)
             differs = not np.allclose(left, right, rtol=1e-5, atol=allowed, equal_nan=True)
         if differs:
             yield f"flags.{name} differs: {_first_difference(left, right)}"

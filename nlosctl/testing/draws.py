@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+import dataclasses
 
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch, FloatArray, IntArray
+from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
+from nlosctl.testing.range_draws import RANGE_DRAWS
+from nlosctl.testing.trials import Draw, Trial
+from nlosctl.testing.triplet_draws import TRIPLET_DRAWS
 
 __all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings"]
 
@@ -20,30 +22,8 @@ _SCALES_M = (1e-2, 1.0, 1e3, 1e6)
 _WRAPS = 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """A drawn batch, with the size of its scene in metres: what rounding is measured against."""
-
-    batch: Any
-    size_m: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Draw:
-    """How batches of a kind are drawn and turned.
-
-    ``trial(generator, snapshots, measurements, fault)`` draws a batch; ``fault`` is None for ordinary snapshots, or
-    one of ``faults``, words for what is degenerate in every snapshot of it. ``directions`` names the batch's arrays
-    that turn with the frame; those that end in ``_xy_m`` are known to be positions.
-    """
-
-    trial: Callable[[np.random.Generator, int, int, str | None], Trial]
-    faults: tuple[str, ...]
-    directions: tuple[str, ...]
-
-
 def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
-    """Draw bearings of one source per snapshot, direct or by one of three mirrors (one vertical, one in the field).
+    """Draw bearings of one source per snapshot in a round field, direct or by one of three mirrors (one in the field).
 
     A third of the snapshots has direct rows alone. Unequal stds of 0.1 to 3 degrees, sensors that hear several paths,
     bearings up to a turn off.
@@ -73,7 +53,9 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     wrapped = wrap_angle(bearing)
     turned = wrapped + generator.choice(_WRAPS, size=shape)
     bearing = np.where(np.abs(turned) <= 2.0 * np.pi, turned, wrapped)
-    return Trial(batch=bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector), size_m=3.0 * scale)
+    batch = bearing_batch(generator, scene, sensor, sensor_xy, bearing, std, reflector)
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=2.0 * scale)
+    return Trial(batch=dataclasses.replace(batch, field=field), size_m=3.0 * scale)
 
 
 def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
@@ -128,5 +110,7 @@ DRAWS: dict[tuple[str, str], Draw] = {
         faults=("parallel", "one place", "on a sensor", "behind"),
         directions=("bearing_rad",),
     ),
+    **RANGE_DRAWS,
+    **TRIPLET_DRAWS,
 }
 """How batches are drawn, by kind of measurement and job."""

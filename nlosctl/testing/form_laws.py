@@ -132,7 +132,7 @@ def flags(bench: Bench) -> Iterator[str]:
         if solution.flags is None:
             yield "there are none where the batch wants them"
             return
-        declared = bench.spec.flags_in(batch.scene)
+        declared = bench.spec.flag_columns(bench.options, batch.scene, _columns_of(batch), details=False)
         if set(solution.flags.columns) != set(declared):
             yield f"columns {sorted(solution.flags.columns)}, declared are {sorted(declared)}"
         if solution.flags.used.dtype != np.bool_:
@@ -185,3 +185,9 @@ def quiet(bench: Bench) -> Iterator[str]:
             yield f"it warns: {warning.category.__name__}: {warning.message}"
         if said.getvalue():
             yield f"it prints {said.getvalue()[:60]!r}"
+
+
+def _columns_of(batch: Any) -> frozenset[str]:
+    """Return the input columns that the batch was made of."""
+    made = ((name, parts) for name, parts in batch.SOURCES.items() if getattr(batch, name) is not None)
+    return frozenset(part for _, parts in made for part in parts)

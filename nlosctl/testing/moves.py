@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from nlosctl.contract.batches import FloatArray, IntArray
-from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, Sensor
+from nlosctl.contract.fields import CircleField, Field
+from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector, Sensor
 from nlosctl.geometry.angles import wrap_angle
 
 __all__ = ["Motion", "copy_batch", "move_batch", "permute_measurements", "replace_rows", "take_rows"]
@@ -94,14 +95,24 @@ def permute_measurements(batch: Any, order: IntArray) -> Any:
 
 
 def move_batch(batch: Any, motion: Motion, directions: tuple[str, ...]) -> Any:
-    """Return the batch as it looks in a moved frame: positions, the arrays named ``directions``, and the scene."""
+    """Return the batch as it looks in a moved frame: positions, the arrays named ``directions``, scene, round field."""
 
     def move(name: str, array: Any) -> Any:
         if name.endswith("_xy_m"):
             return motion.points(array)
         return wrap_angle(array + motion.angle_rad) if name in directions else array.copy(order="F")
 
-    return dataclasses.replace(_with_arrays(batch, move), scene=_move_scene(batch.scene, motion))
+    return dataclasses.replace(
+        _with_arrays(batch, move), scene=_move_scene(batch.scene, motion), field=_move_field(batch.field, motion)
+    )
+
+
+def _move_field(field: Field, motion: Motion) -> Field:
+    """Return a round field moved; others stay, and a method that looks at them is not to be tried with one."""
+    if not isinstance(field, CircleField):
+        return field
+    x, y = motion.point((field.x_m, field.y_m))
+    return dataclasses.replace(field, x_m=x, y_m=y)
 
 
 def _move_scene(scene: Scene, motion: Motion) -> Scene:
@@ -122,6 +133,9 @@ def _move_reflector(reflector: Reflector, motion: Motion) -> Reflector:
         case LineReflector():
             point, direction = motion.point(reflector.point), motion.direction(reflector.direction)
             return dataclasses.replace(reflector, point=point, direction=direction)
+        case SegmentReflector():
+            start, end = motion.point(reflector.start), motion.point(reflector.end)
+            return dataclasses.replace(reflector, start=start, end=end)
         case CircleReflector():
             return dataclasses.replace(reflector, center=motion.point(reflector.center))
 

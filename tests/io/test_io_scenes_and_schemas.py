@@ -97,6 +97,10 @@ def test_schemas_are_fresh(tmp_path: Path) -> None:
     ("name", "valid"),
     [
         ("good_bearings.csv", True),
+        ("good_triplets.csv", True),
+        ("good_triplets_toa.csv", True),
+        ("bad_triplets_zero_std.csv", False),
+        ("bad_triplets_degrees_as_radians.csv", False),
         ("good_bearings.csv.gz", True),
         ("good_bearings_azimuth.csv", True),
         ("good_bearings_scene_sensors.csv", True),
@@ -109,13 +113,15 @@ def test_schemas_are_fresh(tmp_path: Path) -> None:
 def test_frictionless_validates_by_the_schema(name: str, valid: bool) -> None:
     """The public validator accepts the good fixtures by our schema, and refuses a bad one."""
     frictionless = pytest.importorskip("frictionless")
-    schema = frictionless.Schema.from_descriptor(str(ROOT / "schemas" / "bearings.json"))
+    kind = "triplets" if "triplets" in name else "bearings"
+    schema = frictionless.Schema.from_descriptor(str(ROOT / "schemas" / f"{kind}.json"))
     with frictionless.system.use_context(trusted=True):
         report = frictionless.Resource(path=str(FIXTURES / name), schema=schema).validate()
     assert report.valid is valid, report.flatten(["rowNumber", "fieldName", "message"])
 
 
-def test_fixtures_are_what_the_builder_makes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["build_bearings", "build_triplets"])
+def test_fixtures_are_what_the_builder_makes(name: str, tmp_path: Path) -> None:
     """Building the fixtures anew gives the files that are there."""
     for path in sorted((FIXTURES / "builders").glob("build_*.py")):
         spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -124,6 +130,12 @@ def test_fixtures_are_what_the_builder_makes(tmp_path: Path) -> None:
         builder = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(builder)
         builder.main(tmp_path)
+    spec = importlib.util.spec_from_file_location(name, FIXTURES / "builders" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    builder = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(builder)
+    builder.main(tmp_path)
     for path in tmp_path.iterdir():
         if path.suffix in (".csv", ".toml", ".jsonl"):
             assert path.read_bytes() == (FIXTURES / path.name).read_bytes(), path.name

@@ -77,7 +77,12 @@ def test_the_report_is_plain_json() -> None:
     """The dictionary holds every count, and JSON can hold the dictionary."""
     told = json.loads(json.dumps(report().as_dict(), allow_nan=False))
     assert (told["rows"], told["rows_left_out"], told["bad_rows"], told["snapshots"]) == (12, 2, 1, 4)
-    assert told["methods"]["ml"] == {"statuses": {"ok": 3, "too_few": 1}, "answered": 3, "fits_badly": False}
+    assert told["methods"]["ml"] == {
+        "statuses": {"ok": 3, "too_few": 1},
+        "answered": 3,
+        "fits_badly": False,
+        "verdicts": {},
+    }
     assert told["notes"] == ["mind the gap"]
 
 

@@ -1,0 +1,123 @@
+"""The search field: where a source may be. Frozen words of the command line; the arrays are in geometry/regions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from nlosctl.errors import DataError, UsageError
+
+__all__ = ["BoxField", "CircleField", "Field", "PolygonField", "SensorsField", "parse_field"]
+
+_FORMS = "xmin,xmax,ymin,ymax or circle:x,y,r or sensors:FACTOR or polygon:FILE"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxField:
+    """A box along the axes, in metres."""
+
+    xmin_m: float
+    xmax_m: float
+    ymin_m: float
+    ymax_m: float
+
+    def __str__(self) -> str:
+        return f"{self.xmin_m:g},{self.xmax_m:g},{self.ymin_m:g},{self.ymax_m:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CircleField:
+    """A disc, in metres."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+
+    def __str__(self) -> str:
+        return f"circle:{self.x_m:g},{self.y_m:g},{self.radius_m:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorsField:
+    """Each snapshot's own box of sensors, grown by ``factor`` times its larger side on every side."""
+
+    factor: float = 1.0
+
+    def __str__(self) -> str:
+        return f"sensors:{self.factor:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolygonField:
+    """A simple polygon; ``vertices_m`` are x, y in metres in order, the last one joined to the first."""
+
+    vertices_m: tuple[tuple[float, float], ...]
+
+    def __str__(self) -> str:
+        return f"polygon of {len(self.vertices_m)} vertices"
+
+
+Field = BoxField | CircleField | SensorsField | PolygonField
+"""Any kind of search field."""
+
+
+def parse_field(text: str) -> Field:
+    """Return the field that the words of ``--field`` mean.
+
+    Raises UsageError for words that mean none, DataError for a polygon file (lines ``x,y`` in metres, ``#`` and a
+    header ``x_m,y_m`` allowed) that can't be read.
+    """
+    form, colon, rest = text.partition(":")
+    if not colon:
+        xmin, xmax, ymin, ymax = _numbers(text, text, 4)
+        if not (xmin < xmax and ymin < ymax):
+            raise UsageError(f"field {text!r} is empty: it needs xmin < xmax and ymin < ymax")
+        return BoxField(xmin_m=xmin, xmax_m=xmax, ymin_m=ymin, ymax_m=ymax)
+    if form == "circle":
+        x, y, radius = _numbers(rest, text, 3)
+        if radius <= 0.0:
+            raise UsageError(f"field {text!r} is empty: it needs a radius above 0")
+        return CircleField(x_m=x, y_m=y, radius_m=radius)
+    if form == "sensors":
+        (factor,) = _numbers(rest, text, 1)
+        if factor < 0.0:
+            raise UsageError(f"field {text!r}: the factor must be 0 or more")
+        return SensorsField(factor=factor)
+    if form == "polygon":
+        return PolygonField(vertices_m=_read_vertices(rest))
+    raise UsageError(f"field {text!r} is not understood; it must be {_FORMS}")
+
+
+def _numbers(words: str, text: str, count: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(word) for word in words.split(","))
+    except ValueError:
+        raise UsageError(f"field {text!r} is not understood; it must be {_FORMS}") from None
+    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        raise UsageError(f"field {text!r} needs {count} finite numbers; a field is {_FORMS}")
+    return numbers
+
+
+def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
+    try:
+        lines = Path(name).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"polygon file {name!r} can't be read: {error}") from None
+    vertices: list[tuple[float, float]] = []
+    for number, line in enumerate(lines, start=1):
+        words = [word.strip() for word in line.partition("#")[0].split(",")]
+        if words == [""] or (not vertices and words == ["x_m", "y_m"]):
+            continue
+        try:
+            x, y = (float(word) for word in words)
+        except ValueError:
+            raise DataError(f"{name}, line {number}: expected x,y in metres, got {line.strip()!r}") from None
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise DataError(f"{name}, line {number}: a vertex must be finite, got {line.strip()!r}")
+        vertices.append((x, y))
+    if len(vertices) > 1 and vertices[0] == vertices[-1]:
+        vertices.pop()
+    if len(vertices) < 3:
+        raise DataError(f"{name}: a polygon needs at least 3 vertices, got {len(vertices)}")
+    return tuple(vertices)

@@ -1,0 +1,168 @@
+"""Scores of the targets found among unlabelled echoes: their number, their echoes, where they are."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.evaluation.point_sets import SetDistance, set_distance
+from nlosctl.evaluation.summaries import TargetSummary
+
+__all__ = ["CASES", "EchoRows", "TargetScores", "case_of"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+CASES = ("i", "ii", "iii", "iv", "v", "vi")
+"""The six cases of Liang, Zeng, Li, Fig. 2."""
+
+_NOBODY = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class EchoRows:
+    """The rows (R,) of one snapshot: found target and true target (-1: none), flagged and truly direct.
+
+    ``true_m`` (R, 2) is the position of the row's true target in metres, NaN where it has none.
+    """
+
+    target: IntArray
+    true_target: IntArray
+    los: BoolArray
+    true_los: BoolArray
+    true_m: FloatArray
+
+
+def case_of(true_target: IntArray, true_los: BoolArray) -> str:
+    """Return the case of a found target from the truth of its rows: ``i`` is a true one, the others are not.
+
+    A crossing of two direct echoes of one target is a target intersection point (TIP). (i) direct echoes of one
+    target alone; (ii), (iii) some TIP, without and with other echoes than direct ones; (iv), (v), (vi) no TIP: all
+    direct, some direct, none.
+    """
+    of_target = Counter(true_target[true_los].tolist())
+    if not of_target:
+        return "vi"
+    all_direct = bool(true_los.all())
+    if all_direct and len(of_target) == 1:
+        return "i"
+    if max(of_target.values()) >= 2:
+        return "ii" if all_direct else "iii"
+    return "iv" if all_direct else "v"
+
+
+class TargetScores:
+    """Found targets against true ones, snapshot by snapshot, by group."""
+
+    def __init__(self, *, order: float = 2.0, cutoff_m: float = 20.0) -> None:
+        self._order, self._cutoff_m = order, cutoff_m
+        self._groups: dict[Hashable, _Tally] = {}
+
+    def add(self, rows: EchoRows, found_m: FloatArray | None, key: Hashable = ("",)) -> None:
+        """Add a snapshot: its rows, and the positions (T, 2) of its found targets, None where no estimates are given.
+
+        The targets found are those of the estimates, or of the flags where there are none.
+        """
+        tally = self._groups.setdefault(key, _Tally())
+        found = _sets(rows.target, rows.los)
+        true = _sets(rows.true_target, rows.true_los)
+        numbers = np.unique(rows.true_target[rows.true_target != _NOBODY])
+        count = len(found) if found_m is None else found_m.shape[0]
+        tally.snapshots += 1
+        tally.true_targets += numbers.size
+        tally.found_targets += count
+        tally.number_right += count == numbers.size
+        tally.exact += count == numbers.size and len(true) == numbers.size and set(found) == set(true)
+        tally.confusion += np.bincount(2 * rows.true_los + rows.los, minlength=4)
+        tally.cases.update(case_of(rows.true_target[[*of]], rows.true_los[[*of]]) for of in found)
+        if found_m is not None:
+            true_m = np.array([rows.true_m[rows.true_target == number][0] for number in numbers]).reshape(-1, 2)
+            tally.add_distance(
+                set_distance(found_m, true_m, order=self._order, cutoff_m=self._cutoff_m), found_m, true_m
+            )
+
+    def result(self) -> dict[Hashable, TargetSummary]:
+        """Return the summary of each group, in order of first appearance."""
+        return {key: tally.summary() for key, tally in self._groups.items()}
+
+    def overall(self) -> TargetSummary:
+        """Return the summary of all snapshots of all groups."""
+        total = _Tally()
+        for tally in self._groups.values():
+            total.include(tally)
+        return total.summary()
+
+
+def _sets(target: IntArray, direct: BoolArray) -> list[tuple[int, ...]]:
+    """Return the direct rows of each target."""
+    numbers = np.unique(target[(target != _NOBODY) & direct])
+    return [tuple(np.flatnonzero((target == number) & direct).tolist()) for number in numbers]
+
+
+_DISTANCES = (
+    "ospa_m",
+    "ospa_location_m",
+    "ospa_number_m",
+    "gospa_m",
+    "gospa_location_m",
+    "gospa_missed_m",
+    "gospa_false_m",
+)
+
+
+@dataclass
+class _Tally:
+    """The running sums of one group."""
+
+    snapshots: int = 0
+    true_targets: int = 0
+    found_targets: int = 0
+    number_right: int = 0
+    exact: int = 0
+    matched: int = 0
+    squared_error_m2: float = 0.0
+    located: int = 0
+    confusion: IntArray = field(default_factory=lambda: np.zeros(4, dtype=np.int64))
+    cases: Counter[str] = field(default_factory=Counter)
+    distances: FloatArray = field(default_factory=lambda: np.zeros(len(_DISTANCES)))
+
+    def add_distance(self, distance: SetDistance, found_m: FloatArray, true_m: FloatArray) -> None:
+        error = found_m[distance.pairs[:, 0]] - true_m[distance.pairs[:, 1]]
+        self.located += 1
+        self.matched += distance.pairs.shape[0]
+        self.squared_error_m2 += float((error * error).sum())
+        self.distances = self.distances + [getattr(distance, name) for name in _DISTANCES]
+
+    def include(self, other: _Tally) -> None:
+        for name in self.__dataclass_fields__:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+
+    def summary(self) -> TargetSummary:
+        _, false_alarms, missed, hits = (int(number) for number in self.confusion)
+        means: dict[str, Any] = {
+            name: _ratio(total, self.located) for name, total in zip(_DISTANCES, self.distances, strict=True)
+        }
+        return TargetSummary(
+            snapshots=self.snapshots,
+            true_targets=self.true_targets,
+            found_targets=self.found_targets,
+            number_right=_ratio(self.number_right, self.snapshots),
+            exact=_ratio(self.exact, self.snapshots),
+            los_precision=_ratio(hits, hits + false_alarms),
+            los_recall=_ratio(hits, hits + missed),
+            matched_targets=self.matched,
+            matched_rmse_m=math.sqrt(_ratio(self.squared_error_m2, self.matched)),
+            **means,
+            **{f"case_{name}": self.cases[name] for name in CASES},
+        )
+
+
+def _ratio(part: float, whole: float) -> float:
+    return float(part) / whole if whole else math.nan

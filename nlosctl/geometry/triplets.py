@@ -1,0 +1,259 @@
+"""Triplets in the frame of their baseline: where the two rays and the ellipse of a path cross each other.
+
+The baseline frame has the transmitter at (-d/2, 0) and the receiver at (d/2, 0). Angles are held as cosines and
+sines, so that no direction is special. With mu1 the direction of arrival (at the receiver, towards where the wave
+comes from), mu2 that of departure and l the path length, in the notation of Shen, Molisch 2012:
+
+- point 1 is where the two lines cross, point 2 where the departing ray meets the ellipse of equal path length,
+  point 3 where the arriving one does (equations (1)-(3), solved in polar form about the foci);
+- every coordinate comes with its exact derivatives by mu1, mu2 and l, so that their differences have the rows of
+  the matrix W of equation (14), its misprints corrected, wherever the triplet comes from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+
+__all__ = ["AXES", "DIFFERENCES", "BaselineFrame", "Quantity", "TripletRays", "baseline_frames"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+Axis = Literal["x", "y"]
+AXES: tuple[Axis, Axis] = ("x", "y")
+
+DIFFERENCES: dict[int, tuple[int, int, Axis]] = {
+    1: (1, 2, "x"),
+    2: (1, 2, "y"),
+    3: (1, 3, "x"),
+    4: (1, 3, "y"),
+    5: (2, 3, "x"),
+    6: (2, 3, "y"),
+}
+"""Which two points, and which of their coordinates, lambda 1 to 6 of equation (5) compare."""
+
+
+@dataclass(frozen=True)
+class BaselineFrame:
+    """Frames about the middle of each baseline, x from transmitter to receiver. Any shape, metres.
+
+    Where transmitter and receiver are one (monostatic), ``length_m`` is 0 and the axes are the global ones.
+    """
+
+    center_x: FloatArray
+    center_y: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    length_m: FloatArray
+
+    def to_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points of the frame in global coordinates."""
+        return (
+            self.center_x + self.cosine * x - self.sine * y,
+            self.center_y + self.sine * x + self.cosine * y,
+        )
+
+    def matrix_to_global(self, matrix: Symmetric2x2) -> Symmetric2x2:
+        """Return covariances of the frame in global axes; whatever where they are not finite."""
+        cosine2, sine2, both = self.cosine * self.cosine, self.sine * self.sine, self.cosine * self.sine
+        with np.errstate(invalid="ignore", over="ignore"):
+            return Symmetric2x2(
+                cosine2 * matrix.xx - 2.0 * both * matrix.xy + sine2 * matrix.yy,
+                both * (matrix.xx - matrix.yy) + (cosine2 - sine2) * matrix.xy,
+                sine2 * matrix.xx + 2.0 * both * matrix.xy + cosine2 * matrix.yy,
+            )
+
+    def rays(self, dod_rad: FloatArray, doa_rad: FloatArray, path_length_m: FloatArray) -> TripletRays:
+        """Return triplets, their angles in the global frame, as rays in this one."""
+        departing, arriving = (np.cos(dod_rad), np.sin(dod_rad)), (np.cos(doa_rad), np.sin(doa_rad))
+        return TripletRays(
+            baseline_m=self.length_m,
+            dod_cosine=departing[0] * self.cosine + departing[1] * self.sine,
+            dod_sine=departing[1] * self.cosine - departing[0] * self.sine,
+            doa_cosine=arriving[0] * self.cosine + arriving[1] * self.sine,
+            doa_sine=arriving[1] * self.cosine - arriving[0] * self.sine,
+            path_length_m=path_length_m,
+        )
+
+
+def baseline_frames(tx_x: FloatArray, tx_y: FloatArray, rx_x: FloatArray, rx_y: FloatArray) -> BaselineFrame:
+    """Return the frames of baselines from transmitters to receivers; all shapes alike, metres."""
+    along_x, along_y = rx_x - tx_x, rx_y - tx_y
+    length = np.sqrt(along_x * along_x + along_y * along_y)
+    apart = length > 0.0
+    scale = 1.0 / np.where(apart, length, 1.0)
+    return BaselineFrame(
+        center_x=tx_x + 0.5 * along_x,
+        center_y=tx_y + 0.5 * along_y,
+        cosine=np.where(apart, along_x * scale, 1.0),
+        sine=along_y * scale,
+        length_m=length,
+    )
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A length in metres and its derivatives by the two angles (m/rad) and by the path length (m/m)."""
+
+    value_m: FloatArray
+    by_doa: FloatArray | float
+    by_dod: FloatArray | float
+    by_length: FloatArray | float
+
+    def __sub__(self, other: Quantity) -> Quantity:
+        return Quantity(
+            self.value_m - other.value_m,
+            self.by_doa - other.by_doa,
+            self.by_dod - other.by_dod,
+            self.by_length - other.by_length,
+        )
+
+    def __add__(self, other: Quantity) -> Quantity:
+        return Quantity(
+            self.value_m + other.value_m,
+            self.by_doa + other.by_doa,
+            self.by_dod + other.by_dod,
+            self.by_length + other.by_length,
+        )
+
+    def weights_m(
+        self, doa_std_rad: FloatArray, dod_std_rad: FloatArray, path_length_std_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what one standard deviation of DOA, DOD and path length moves the quantity by, in metres."""
+        return self.by_doa * doa_std_rad, self.by_dod * dod_std_rad, self.by_length * path_length_std_m
+
+
+@dataclass(frozen=True)
+class TripletRays:
+    """Triplets in their baseline frames, any one shape: cosine and sine of both directions, lengths in metres.
+
+    Points that do not exist are NaN: 2 and 3 where the path is not longer than the baseline (no ellipse), 1 where
+    the lines are exactly parallel.
+    """
+
+    baseline_m: FloatArray
+    dod_cosine: FloatArray
+    dod_sine: FloatArray
+    doa_cosine: FloatArray
+    doa_sine: FloatArray
+    path_length_m: FloatArray
+
+    @cached_property
+    def has_ellipse(self) -> BoolArray:
+        """Whether the path is longer than the baseline."""
+        return self.path_length_m > self.baseline_m
+
+    @cached_property
+    def crossing_sine(self) -> FloatArray:
+        """Return sin(mu1 - mu2): zero where the rays are parallel."""
+        return self.doa_sine * self.dod_cosine - self.doa_cosine * self.dod_sine
+
+    @cached_property
+    def crossing_cosine(self) -> FloatArray:
+        """Return cos(mu1 - mu2)."""
+        return self.doa_cosine * self.dod_cosine + self.doa_sine * self.dod_sine
+
+    @cached_property
+    def dod_range_to_crossing_m(self) -> FloatArray:
+        """Return how far along the departing ray point 1 is; negative behind the transmitter."""
+        return self._over_crossing_sine(self.baseline_m * self.doa_sine)
+
+    @cached_property
+    def doa_range_to_crossing_m(self) -> FloatArray:
+        """Return how far along the arriving ray point 1 is; negative behind the receiver."""
+        return self._over_crossing_sine(self.baseline_m * self.dod_sine)
+
+    @cached_property
+    def meets_behind(self) -> BoolArray:
+        """Whether the lines meet behind the transmitter or behind the receiver, so that the rays do not."""
+        return (self.dod_range_to_crossing_m < 0.0) | (self.doa_range_to_crossing_m < 0.0)
+
+    @cached_property
+    def _squares(self) -> FloatArray:
+        length, baseline = self.path_length_m, self.baseline_m
+        return np.where(self.has_ellipse, (length - baseline) * (length + baseline), np.nan)
+
+    @cached_property
+    def _dod_denominator(self) -> FloatArray:
+        return self.path_length_m - self.baseline_m * self.dod_cosine
+
+    @cached_property
+    def _doa_denominator(self) -> FloatArray:
+        return self.path_length_m + self.baseline_m * self.doa_cosine
+
+    @cached_property
+    def dod_range_to_ellipse_m(self) -> FloatArray:
+        """Return how far along the departing ray point 2 is: (l^2 - d^2) / (2 (l - d cos mu2))."""
+        return 0.5 * self._squares / self._dod_denominator
+
+    @cached_property
+    def doa_range_to_ellipse_m(self) -> FloatArray:
+        """Return how far along the arriving ray point 3 is: (l^2 - d^2) / (2 (l + d cos mu1))."""
+        return 0.5 * self._squares / self._doa_denominator
+
+    def coordinate(self, point: int, axis: Axis) -> Quantity:
+        """Return a coordinate of point 1, 2 or 3 in the baseline frame, with its derivatives."""
+        return (self._crossing, self._dod_on_ellipse, self._doa_on_ellipse)[point - 1](axis)
+
+    def difference(self, which: int) -> Quantity:
+        """Return lambda 1 to 6 of equation (5); its derivatives are a row of W, equation (14) corrected."""
+        first, second, axis = DIFFERENCES[which]
+        return self.coordinate(first, axis) - self.coordinate(second, axis)
+
+    def _over_crossing_sine(self, numerator: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return np.where(self.crossing_sine != 0.0, numerator / self.crossing_sine, np.nan)
+
+    def _crossing(self, axis: Axis) -> Quantity:
+        """Return point 1 = tx + r2 u(mu2) = rx + r1 u(mu1): each angle slides it along the other's line."""
+        along_dod, along_doa = self.dod_range_to_crossing_m, self.doa_range_to_crossing_m
+        dod = self.dod_cosine if axis == "x" else self.dod_sine
+        doa = self.doa_cosine if axis == "x" else self.doa_sine
+        value = along_dod * dod
+        if axis == "x":
+            value = value - 0.5 * self.baseline_m
+        return Quantity(
+            value,
+            -self._over_crossing_sine(along_doa * dod),
+            self._over_crossing_sine(along_dod * doa),
+            0.0,
+        )
+
+    def _dod_on_ellipse(self, axis: Axis) -> Quantity:
+        reach, (along, by_length) = self.dod_range_to_ellipse_m, self._dod_ellipse_slopes
+        if axis == "x":
+            value = reach * self.dod_cosine - 0.5 * self.baseline_m
+            return Quantity(value, 0.0, -along * self.path_length_m * self.dod_sine, by_length * self.dod_cosine)
+        by_dod = along * (self.path_length_m * self.dod_cosine - self.baseline_m)
+        return Quantity(reach * self.dod_sine, 0.0, by_dod, by_length * self.dod_sine)
+
+    def _doa_on_ellipse(self, axis: Axis) -> Quantity:
+        reach, (along, by_length) = self.doa_range_to_ellipse_m, self._doa_ellipse_slopes
+        if axis == "x":
+            value = reach * self.doa_cosine + 0.5 * self.baseline_m
+            return Quantity(value, -along * self.path_length_m * self.doa_sine, 0.0, by_length * self.doa_cosine)
+        by_doa = along * (self.path_length_m * self.doa_cosine + self.baseline_m)
+        return Quantity(reach * self.doa_sine, by_doa, 0.0, by_length * self.doa_sine)
+
+    @cached_property
+    def _dod_ellipse_slopes(self) -> tuple[FloatArray, FloatArray]:
+        along = self.dod_range_to_ellipse_m / self._dod_denominator
+        return along, self._range_by_length(self._dod_denominator, -self.dod_cosine)
+
+    @cached_property
+    def _doa_ellipse_slopes(self) -> tuple[FloatArray, FloatArray]:
+        along = self.doa_range_to_ellipse_m / self._doa_denominator
+        return along, self._range_by_length(self._doa_denominator, self.doa_cosine)
+
+    def _range_by_length(self, denominator: FloatArray, cosine: FloatArray) -> FloatArray:
+        """Return the derivative of a range to the ellipse by l: (l^2 + 2 l d cos + d^2) / (2 (l + d cos)^2)."""
+        length, baseline = self.path_length_m, self.baseline_m
+        numerator = length * length + 2.0 * length * baseline * cosine + baseline * baseline
+        return 0.5 * numerator / (denominator * denominator)

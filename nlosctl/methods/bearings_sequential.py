@@ -1,0 +1,191 @@
+"""Sequential estimation: what one receiver would hand to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Flags, Solution, Trace, single_estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
+from nlosctl.models.bearings import SightLines, sight_lines
+from nlosctl.solvers.bootstraps import conditioned_pairs
+from nlosctl.solvers.fixes import judge_fixes, nearly_singular
+from nlosctl.solvers.line_fits import fit_least_squares
+from nlosctl.solvers.ranged_bearings import range_columns, row_residuals
+from nlosctl.solvers.sequential import Prior, RangedLines, Run, run_all_orders
+
+__all__ = ["METHOD", "SequentialOptions", "solve"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequentialOptions:
+    """Parameters of ``sequential``."""
+
+    bootstraps: int = option(
+        1, minimum=1, maximum=1000, meaning="runs from different pairs, of which the likeliest is kept"
+    )
+    use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
+    range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
+    prior_x_m: float | None = option(
+        None, unit="m", meaning="where the source is expected, instead of a pair to start from"
+    )
+    prior_y_m: float | None = option(None, unit="m", meaning="where the source is expected")
+    prior_std_m: float | None = option(
+        None, unit="m", minimum=0.0, exclusive=True, meaning="standard deviation of the prior in x and in y"
+    )
+    min_range_m: float = option(
+        0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
+    )
+    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
+
+
+def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
+    """Solve a batch by the sequential algorithm of Ananthasubramaniam and Madhow, Section III, (6)-(17).
+
+    Starts from a pair of rays that cross well (or from a prior), combines the other rows in random order, each in its
+    own polar frame, and keeps the likeliest of ``bootstraps`` runs. The cost is half the chi-square, (17) halved and
+    negated. behind: every run started from a crossing behind a ray, or ended behind one.
+    """
+    lines = sight_lines(batch)
+    prior = _prior(batch, lines, options)
+    ranges = range_columns(batch, options.use_ranges)
+    measured_m, range_std_m = ranges or (None, None)
+    ranged = RangedLines(lines, measured_m, range_std_m, options.range_noise == "lognormal")
+    needs = 2 if prior is None else 1
+    if batch.measurements < needs:
+        return _too_few(batch)
+    if batch.measurements < 2:
+        first = second = np.zeros((batch.size, 1), dtype=np.int64)
+    else:
+        first, second = conditioned_pairs(batch.seed, lines, options.bootstraps, options.max_pairs)
+    run = run_all_orders(ranged, batch.seed, np.asfortranarray(first), np.asfortranarray(second), prior)
+    last = run.states[-1]
+    cost = np.where(last.alive, ranged.half_chi_square(last.x, last.y), np.inf)
+    best = np.argmin(cost, axis=1)
+    status = _status(batch, lines, run, best, prior, options.min_range_m)
+    return _solution(batch, ranged, run, best, cost[np.arange(batch.size), best], status)
+
+
+def _prior(batch: BearingBatch, lines: SightLines, options: SequentialOptions) -> Prior | None:
+    """Return the prior of each snapshot: that of the file, else that of the parameters."""
+    given = (options.prior_x_m, options.prior_y_m, options.prior_std_m)
+    if any(value is None for value in given) and any(value is not None for value in given):
+        raise UsageError("a prior needs all of prior_x_m, prior_y_m and prior_std_m")
+    x, y, std = (np.full(batch.size, np.nan if value is None else value) for value in given)
+    if batch.prior_xy_m is not None and batch.prior_std_m is not None and batch.measurements:
+        own = np.isfinite(batch.prior_xy_m[:, 0, 0]) & np.isfinite(batch.prior_xy_m[:, 0, 1])
+        own &= np.isfinite(batch.prior_std_m[:, 0])
+        x, y = np.where(own, batch.prior_xy_m[:, 0, 0], x), np.where(own, batch.prior_xy_m[:, 0, 1], y)
+        std = np.where(own, batch.prior_std_m[:, 0], std)
+    known = np.isfinite(std)
+    if not known.any():
+        return None
+    return Prior(x - lines.center_x, y - lines.center_y, std, known)
+
+
+def _status(
+    batch: BearingBatch, lines: SightLines, run: Run, best: IntArray, prior: Prior | None, min_range_m: float
+) -> StatusArray:
+    (last,) = run.pick(best)[0][-1:]
+    x, y = last.x[:, 0], last.y[:, 0]
+    covariance = type(last.covariance)(*(part[:, 0] for part in vars(last.covariance).values()))
+    status = judge_fixes(lines, x, y, lines.survey(x, y), covariance, min_range_m)
+    status[~last.alive[:, 0]] = Status.BEHIND
+    free = np.ones(batch.size, dtype=bool) if prior is None else ~prior.known
+    status[free & nearly_singular(fit_least_squares(lines).normal)] = Status.DEGENERATE
+    if batch.measurements < 2:
+        status[free] = Status.TOO_FEW
+    return status
+
+
+def _solution(
+    batch: BearingBatch, ranged: RangedLines, run: Run, best: IntArray, cost: FloatArray, status: StatusArray
+) -> Solution:
+    lines = ranged.lines
+    states, rows = run.pick(best)
+    last = states[-1]
+    x, y = last.x[:, 0], last.y[:, 0]
+    estimates = single_estimates(
+        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
+        covariance_m2=np.stack([part[:, 0] for part in vars(last.covariance).values()], axis=1),
+        cost=cost,
+        n_used=np.full(batch.size, batch.measurements, dtype=np.int64),
+        status=status,
+    )
+    flags = None
+    if batch.want_flags:
+        answered = (status <= Status.BOUNDARY)[:, None]
+        residuals = row_residuals(batch, lines, x, y)
+        flags = Flags(
+            used=np.broadcast_to(answered, (batch.size, batch.measurements)).copy(),
+            columns={name: np.where(answered, values, np.nan) for name, values in residuals.items()},
+        )
+    trace = None
+    if batch.want_trace:
+        answered_rows = status <= Status.BOUNDARY
+        written = np.stack([state.alive[:, 0] & answered_rows for state in states], axis=1)
+        row, step = np.nonzero(written)
+        parts = [np.concatenate([getattr(state, name) for state in states], axis=1)[row, step] for name in ("x", "y")]
+        spread = [
+            np.concatenate([getattr(state.covariance, name) for state in states], axis=1)[row, step]
+            for name in ("xx", "xy", "yy")
+        ]
+        trace = Trace(
+            row=row.astype(np.int64),
+            step=step.astype(np.int64) + 1,
+            measurement=np.stack(rows, axis=1)[row, step],
+            position_m=np.stack([parts[0] + lines.center_x[row], parts[1] + lines.center_y[row]], axis=1),
+            covariance_m2=np.stack(spread, axis=1),
+        )
+    return Solution(estimates=estimates, flags=flags, trace=trace)
+
+
+def _too_few(batch: BearingBatch) -> Solution:
+    nothing = np.full((batch.size, 3), np.nan)
+    return Solution(
+        estimates=single_estimates(
+            position_m=nothing[:, :2],
+            covariance_m2=nothing,
+            cost=nothing[:, 0],
+            n_used=np.zeros(batch.size, dtype=np.int64),
+            status=np.full(batch.size, Status.TOO_FEW, dtype=np.uint8),
+        ),
+        flags=_no_flags(batch) if batch.want_flags else None,
+    )
+
+
+def _no_flags(batch: BearingBatch) -> Flags:
+    shape = (batch.size, batch.measurements)
+    names = ("residual_rad",) if batch.range_m is None else ("residual_rad", "residual_m")
+    return Flags(used=np.zeros(shape, dtype=bool), columns={name: np.full(shape, np.nan) for name in names})
+
+
+METHOD = MethodSpec(
+    name="sequential",
+    kind="bearings",
+    job="localize",
+    summary="sequential updates, one sensor after the other, as receivers would hand them on; all rows trusted",
+    reference="Ananthasubramaniam, Madhow, Section III, equations (6)-(17)",
+    options=SequentialOptions,
+    solve=solve,
+    cost=HALF_CHI_SQUARE,
+    minimum_measurements=1,
+    flags=("residual_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m"},
+    randomized=True,
+    traces=True,
+    exempt_from=frozenset({"order"}),
+    reads=frozenset({"range_m", "range_std_m", "prior_x_m", "prior_y_m", "prior_std_m"}),
+)

@@ -1,0 +1,143 @@
+"""Sequential aggregation with outlier suppression: sets of rows that agree, grown from random pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Solution
+from nlosctl.contract.statuses import Status
+from nlosctl.solvers.bootstraps import count_bootstraps
+from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
+from nlosctl.solvers.path_groups import restore_rows
+from nlosctl.solvers.ranged_bearings import row_residuals
+from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.suppressed_fixes import suppress_outliers
+
+__all__ = ["METHOD", "SuppressOptions", "solve"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuppressOptions:
+    """Parameters of ``suppress``."""
+
+    alpha: float = option(
+        0.25,
+        minimum=0.0,
+        maximum=1.0,
+        exclusive=True,
+        meaning="fraction of rows (of sensors, if they have several paths) to expect as outliers",
+    )
+    field_of_view_deg: float = option(
+        180.0, unit="deg", minimum=1.0, maximum=360.0, meaning="angle over which an outlier's bearing is uniform"
+    )
+    failure_probability: float = option(
+        0.001,
+        minimum=0.0,
+        maximum=1.0,
+        exclusive=True,
+        meaning="largest probability, by (27), that every pair started from holds an outlier",
+    )
+    bootstraps: int | None = option(
+        None, minimum=1, meaning="pairs started from; none: as many as failure_probability needs"
+    )
+    acceptance: Literal["threshold", "likelihood"] = option(
+        "threshold",
+        meaning="a row joins a set if all residuals stay below their thresholds (as published), or if the likelihood"
+        " does not get worse (repairs masking)",
+    )
+    path_prior: Literal["uniform", "first", "falling"] = option(
+        "uniform",
+        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as the last",
+    )
+    use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
+    range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
+    min_range_m: float | None = option(
+        None,
+        unit="m",
+        minimum=0.0,
+        meaning="a row can't be direct from closer than this; none: 0.5 % of the larger side of the box of the sensors",
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nat", minimum=0.0, meaning="another estimate this near makes a fix ambiguous"
+    )
+    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
+
+
+def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
+    """Solve a batch by steps 0 to 5 of Section IV-B of Ananthasubramaniam and Madhow.
+
+    Starts from random pairs, each a different one; estimates outside the search field are pruned, and where none is
+    left further pairs are drawn until one is inside. The estimate is the one with the greatest likelihood (23), the
+    cost its negative logarithm in nats, the covariance the sequential one of the rows in the set.
+    """
+    grouped, groups = grouped_batch(batch)
+    model = outlier_model(
+        grouped,
+        groups,
+        alpha=options.alpha,
+        field_of_view_deg=options.field_of_view_deg,
+        path_prior=options.path_prior,
+        use_ranges=options.use_ranges,
+        lognormal=options.range_noise == "lognormal",
+        min_range_m=options.min_range_m,
+    )
+    lines = model.lines
+    bootstraps = options.bootstraps or count_bootstraps(batch.measurements, options.alpha, options.failure_probability)
+    found = suppress_outliers(
+        model,
+        grouped.seed,
+        bootstraps=bootstraps,
+        alpha=options.alpha,
+        field_of_view_deg=options.field_of_view_deg,
+        by_likelihood=options.acceptance == "likelihood",
+        lognormal=options.range_noise == "lognormal",
+        max_pairs=options.max_pairs,
+    )
+    status = ranked_status(found.fixes, found.candidates, model.uninformative(), options.ambiguous_within)
+    if batch.measurements < 2:
+        status[:] = Status.TOO_FEW
+    estimates = ranked_estimates(found.fixes, status, lines.center_x, lines.center_y, "inliers")
+    if not batch.want_flags:
+        return Solution(estimates=estimates)
+    x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
+    numbers = {"los_probability": _probability(model, x, y), **row_residuals(grouped, model.lines, x, y)}
+    flags = ranked_flags(
+        status,
+        restore_rows(found.used, groups),
+        {name: restore_rows(values, groups) for name, values in numbers.items()},
+    )
+    return Solution(estimates=estimates, flags=flags)
+
+
+def _probability(model: OutlierModel, x: FloatArray, y: FloatArray) -> FloatArray:
+    with np.errstate(invalid="ignore"):
+        return model.mixture.responsibilities(x, y)[0]
+
+
+METHOD = MethodSpec(
+    name="suppress",
+    kind="bearings",
+    job="localize",
+    summary="outlier suppression as published: sets of rows that agree, grown from random pairs",
+    reference="Ananthasubramaniam, Madhow, Section IV-B, equations (23), (25), (27)",
+    options=SuppressOptions,
+    solve=solve,
+    cost="negative log-likelihood of the mixture, in nats",
+    minimum_measurements=2,
+    flags=("los", "los_probability", "residual_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m"},
+    searches=True,
+    covariance_kinds=("inliers",),
+    randomized=True,
+    exempt_from=frozenset({"order"}),
+    reads=frozenset({"range_m", "range_std_m"}),
+)

@@ -1,0 +1,118 @@
+"""Maximum of the mixture likelihood of ranges: every row is direct, or an outlier, too long or too short."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Solution
+from nlosctl.contract.statuses import Status
+from nlosctl.solvers.modes import find_modes
+from nlosctl.solvers.path_groups import restore_rows
+from nlosctl.solvers.posterior_grid import posterior_covariance
+from nlosctl.solvers.range_mixture import RangeCandidates, grouped_ranges, range_outlier_model
+from nlosctl.solvers.ranked_fixes import RankedFixes, rank_modes, ranked_estimates, ranked_flags, ranked_status
+
+__all__ = ["METHOD", "RangeMixtureOptions", "solve"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeMixtureOptions:
+    """Parameters of ``mixture-ml`` on ranges."""
+
+    alpha: float = option(
+        0.25,
+        minimum=0.0,
+        maximum=1.0,
+        exclusive=True,
+        meaning="fraction of rows (of sensors, if they have several paths) to expect as outliers",
+    )
+    nlos_density_per_m: float | None = option(
+        None,
+        unit="1/m",
+        minimum=0.0,
+        exclusive=True,
+        meaning="probability density of the range of an outlier; none: one over the diagonal of the search field",
+    )
+    path_prior: Literal["uniform", "first", "falling"] = option(
+        "uniform",
+        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as before",
+    )
+    covariance: Literal["inliers", "posterior"] = option(
+        "inliers",
+        meaning="of the rows held to be direct (too small with outliers), or calibrated, from a posterior grid",
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="another mode this near makes a fix ambiguous"
+    )
+    max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
+    mode_gap: float = option(
+        3.0,
+        unit="nats per row",
+        minimum=0.0,
+        meaning="crossings less likely than the best by more than this times the number of rows are not followed",
+    )
+    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows crossed; of more, so many are drawn at random")
+
+
+def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
+    """Solve a batch by the maximum of (23) of Ananthasubramaniam and Madhow, with ranges in place of bearings.
+
+    Every crossing of two circles in the search field is scored, the best few that are apart are followed to their
+    modes. The default field, that of the sensors, also holds the longest range around them. The cost is the negative
+    log-likelihood in nats. no_candidate: no crossing in the field; too_few: all sensors at one place.
+    """
+    grouped, groups = grouped_ranges(batch)
+    model = range_outlier_model(
+        grouped,
+        groups,
+        alpha=options.alpha,
+        nlos_density_per_m=options.nlos_density_per_m,
+        path_prior=options.path_prior,
+    )
+    candidates = RangeCandidates.of(grouped, model, options.max_pairs)
+    modes = find_modes(
+        model.mixture,
+        candidates.points,
+        candidates.count,
+        candidates.allowed,
+        most=options.max_modes,
+        gap=options.mode_gap * batch.measurements,
+    )
+    fixes, probability = rank_modes(model.mixture, modes)
+    if options.covariance == "posterior":
+        covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
+        fixes = RankedFixes(fixes.x, fixes.y, fixes.cost, covariance, fixes.n_used)
+    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within, modes.held)
+    status[candidates.degenerate] = Status.TOO_FEW
+    circles = model.circles
+    estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, options.covariance)
+    if not batch.want_flags:
+        return Solution(estimates=estimates)
+    numbers = {"los_probability": probability, "residual_m": circles.residual_m(modes.x[:, 0], modes.y[:, 0])}
+    flags = ranked_flags(
+        status,
+        restore_rows(probability > 0.5, groups),
+        {name: restore_rows(values, groups) for name, values in numbers.items()},
+    )
+    return Solution(estimates=estimates, flags=flags)
+
+
+METHOD = MethodSpec(
+    name="mixture-ml",
+    kind="ranges",
+    job="localize",
+    summary="maximum of the mixture likelihood of direct rows and outliers: the robust method to start with",
+    reference="Ananthasubramaniam, Madhow, equation (23), on ranges",
+    options=RangeMixtureOptions,
+    solve=solve,
+    cost="negative log-likelihood of the mixture, in nats",
+    minimum_measurements=2,
+    flags=("los", "los_probability", "residual_m"),
+    searches=True,
+    covariance_kinds=("inliers", "posterior"),
+    randomized=True,
+)

@@ -1,0 +1,56 @@
+"""Least squares on ranges: maximum likelihood for Gaussian errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Solution
+from nlosctl.models.ranges import range_circles
+from nlosctl.solvers.range_fixes import finish_range_fix, optimize_ranges
+
+__all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeLeastSquaresOptions:
+    """Parameters of ``r-ls``."""
+
+    min_range_m: float = option(
+        0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
+    )
+    max_iterations: int = option(100, minimum=1, meaning="steps after which a snapshot counts as not converged")
+
+
+def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
+    """Solve a batch by least squares on ranges weighted by 1 / std^2; equation (8) of Liang, Zeng, Li.
+
+    Levenberg-Marquardt from the squared-range fit and from its image in the sensors' principal axis. The
+    covariance is the inverse Fisher information at the estimate.
+    """
+    circles = range_circles(batch)
+    one, other = optimize_ranges(circles, options.max_iterations)
+    return finish_range_fix(
+        batch, circles, one, other, min_range_m=options.min_range_m, ambiguous_within=options.ambiguous_within
+    )
+
+
+METHOD = MethodSpec(
+    name="r-ls",
+    kind="ranges",
+    job="localize",
+    summary="least squares on ranges: maximum likelihood for Gaussian errors, all rows trusted",
+    reference="Liang, Zeng, Li, equation (8)",
+    options=RangeLeastSquaresOptions,
+    solve=solve,
+    cost=LEAST_HALF_CHI_SQUARE,
+    minimum_measurements=2,
+    flags=("residual_m",),
+)
+
+ML = replace(METHOD, name="ml", summary="r-ls by another name: what localize does unless told")

@@ -1,0 +1,82 @@
+"""Least squares on squared ranges: the global minimum, without a start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlosctl.contract.batches import BoolArray, FloatArray, RangeBatch
+from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Solution
+from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.ranges import RangeCircles, range_circles
+from nlosctl.solvers.gtrs import fit_squared_ranges
+from nlosctl.solvers.levenberg_marquardt import minimize
+from nlosctl.solvers.range_fixes import RangeOptimum, finish_range_fix
+from nlosctl.solvers.range_problem import SquaredRangeProblem
+
+__all__ = ["METHOD", "SquaredRangeOptions", "solve"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SquaredRangeOptions:
+    """Parameters of ``sr-ls``."""
+
+    min_range_m: float = option(
+        0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
+    )
+
+
+def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
+    """Solve a batch by least squares on squared ranges weighted by 1 / std^2; equation (9) of Liang, Zeng, Li.
+
+    The answer is the global minimum; its alternative is the local minimum nearest to its image in the sensors'
+    principal axis. The covariance is the sandwich: long ranges weigh more in the fit than they are worth.
+    """
+    circles = range_circles(batch)
+    fit = fit_squared_ranges(
+        circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
+    )
+    problem = SquaredRangeProblem.of_circles(circles)
+    mirror = minimize(problem, fit.mirror_x, fit.mirror_y)
+    one = _optimum(circles, fit.x, fit.y, problem.evaluate(fit.x, fit.y).cost, np.isfinite(fit.x))
+    other = _optimum(circles, mirror.x, mirror.y, mirror.cost, mirror.converged)
+    return finish_range_fix(
+        batch, circles, one, other, min_range_m=options.min_range_m, ambiguous_within=options.ambiguous_within
+    )
+
+
+def _optimum(
+    circles: RangeCircles, x: FloatArray, y: FloatArray, cost: FloatArray, converged: BoolArray
+) -> RangeOptimum:
+    """Return the optimum with the covariance H^-1 (sum w^2 r^2 std^2 d d') H^-1, H = sum w d d', d = p - a."""
+    dx, dy = x[:, None] - circles.sensor_x, y[:, None] - circles.sensor_y
+    height = 0.0 if circles.height is None else circles.height
+    range_m = np.hypot(np.hypot(dx, dy), height)
+    hessian = _moment(dx / circles.std_m, dy / circles.std_m)
+    middle = _moment(dx * range_m / circles.std_m, dy * range_m / circles.std_m)
+    return RangeOptimum(x, y, hessian.inverse().congruence(middle), cost, converged)
+
+
+def _moment(x: FloatArray, y: FloatArray) -> Symmetric2x2:
+    return Symmetric2x2(sum_measurements(x * x), sum_measurements(x * y), sum_measurements(y * y))
+
+
+METHOD = MethodSpec(
+    name="sr-ls",
+    kind="ranges",
+    job="localize",
+    summary="least squares on squared ranges: the exact global minimum, without a start",
+    reference="Liang, Zeng, Li, equation (9); Beck, Stoica, Li 2008",
+    options=SquaredRangeOptions,
+    solve=solve,
+    cost=HALF_CHI_SQUARE,
+    minimum_measurements=2,
+    flags=("residual_m",),
+)

@@ -1,0 +1,95 @@
+"""Consistency of a path with one target: the chi-square that the maximum-likelihood fit leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import erfc, ndtr
+
+from nlosctl.contract.batches import TripletBatch
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Flags, Solution, Words
+from nlosctl.errors import UsageError
+from nlosctl.models.triplets import path_rows
+from nlosctl.solvers.path_estimates import path_estimates
+from nlosctl.solvers.path_reasons import reasons
+from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
+from nlosctl.solvers.triplet_fits import fit_paths
+from nlosctl.solvers.triplet_rules import rays_miss_by
+
+__all__ = ["METHOD", "ConsistencyOptions", "solve"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsistencyOptions:
+    """Parameters of ``chi2``."""
+
+    false_alarm: float = option(
+        0.05, minimum=0.0, maximum=1.0, exclusive=True, meaning="probability of flagging a direct path"
+    )
+    rays_miss: bool = option(
+        False, meaning="rays that miss each other significantly are indirect too (the false alarms then exceed nominal)"
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="another optimum this near makes an estimate ambiguous"
+    )
+    noise: str = option("gaussian", meaning="law of the errors: gaussian alone (tdaj knows others)")
+
+    def __post_init__(self) -> None:
+        if self.noise != "gaussian":
+            raise UsageError(
+                f"The 'noise' parameter of chi2 must be 'gaussian': its chi-square law holds for no other. "
+                f"Got {self.noise!r} instead; use --method tdaj."
+            )
+
+
+def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
+    """Flag the paths of a batch, each by itself.
+
+    The fit of two coordinates to three measurements leaves a chi-square of one degree of freedom for a direct path,
+    wherever the target is and in every frame.
+    """
+    rows = path_rows(batch)
+    fits = fit_paths(rows)
+    p_value = erfc(np.sqrt(fits.cost))
+    significant = p_value < options.false_alarm
+    miss_p_value = 2.0 * ndtr(-rays_miss_by(rows))
+    missing = miss_p_value < options.false_alarm
+    ip = significant
+    if options.rays_miss:
+        ip, p_value = significant | missing, np.minimum(p_value, miss_p_value)
+    words = reasons(
+        ip.shape,
+        ("inconsistent", significant),
+        ("rays_miss", missing),
+        ("no_ellipse", ~rows.rays.has_ellipse & (rows.rays.baseline_m > 0.0)),
+        ("monostatic", ~(rows.rays.baseline_m > 0.0)),
+    )
+    estimates = path_estimates(rows, fits, options.ambiguous_within)
+    flags = Flags(
+        used=estimates.n_used.reshape(rows.shape) > 0,
+        columns={
+            "ip": rows.dense(ip),
+            "p_value": rows.dense(p_value),
+            "reason": Words(code=rows.dense(words.code), words=words.words),
+            **(detail_columns(rows, options.false_alarm) if batch.want_details else {}),
+        },
+    )
+    return Solution(estimates=estimates, flags=flags)
+
+
+METHOD = MethodSpec(
+    name="chi2",
+    kind="triplets",
+    job="detect-ip",
+    summary="consistency of each path with a single target, calibrated path by path",
+    reference="Shen, Molisch 2012, equations (1)-(3) as the model; its likelihood-ratio test, one degree of freedom",
+    options=ConsistencyOptions,
+    solve=solve,
+    cost="half the chi-square of the triplet's residuals",
+    minimum_measurements=1,
+    flags=("ip", "p_value", "reason"),
+    details=DETAIL_COLUMNS,
+)

@@ -1,0 +1,141 @@
+"""All paths of a snapshot together: direct are those that agree on a common target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import erfc
+
+from nlosctl.contract.batches import TripletBatch
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Estimates, Flags, Solution
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.triplets import path_rows, snapshot_centers
+from nlosctl.solvers.common_target import CommonTargets, TargetModel, weigh_targets
+from nlosctl.solvers.path_estimates import judge_targets
+from nlosctl.solvers.path_reasons import reasons
+from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
+from nlosctl.solvers.triplet_fits import fit_paths
+from nlosctl.solvers.triplet_problem import TripletProblem
+
+__all__ = ["METHOD", "JointOptions", "solve"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointOptions:
+    """Parameters of ``joint``."""
+
+    false_alarm: float = option(
+        0.05, minimum=0.0, maximum=1.0, exclusive=True, meaning="probability of flagging a direct path"
+    )
+    targets: int = option(1, minimum=1, maximum=3, meaning="how many targets a snapshot may have")
+    prior_indirect: float = option(
+        0.5, minimum=0.0, maximum=1.0, exclusive=True, meaning="share of indirect paths expected before the data"
+    )
+    clutter: float = option(
+        0.002,
+        minimum=0.0,
+        maximum=1.0,
+        exclusive=True,
+        meaning="share of the indirect paths that are over something else and may be shorter than the direct path",
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="another set of targets this near makes an estimate ambiguous"
+    )
+
+
+def solve(batch: TripletBatch, options: JointOptions) -> Solution:
+    """Flag the paths of a batch, all of a snapshot together.
+
+    ``p_value`` is that of the path by itself (as in chi2) times ``direct_probability``, the posterior probability
+    that it belongs to a common target: for a direct path that is near 1 wherever enough others see the target.
+    """
+    rows = path_rows(batch)
+    fits = fit_paths(rows)
+    center_x, center_y = snapshot_centers(batch)
+    x, y = rows.frame.to_global(fits.x, fits.y)
+    problem = TripletProblem.of_snapshots(batch, center_x, center_y)
+    model = TargetModel(prior_indirect=options.prior_indirect, clutter=options.clutter, targets=options.targets)
+    proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
+    common = weigh_targets(problem, *proposed, model)
+    own_p_value = rows.dense(erfc(np.sqrt(fits.cost)))
+    p_value = own_p_value * common.direct
+    ip = p_value < options.false_alarm
+    inconsistent = own_p_value < options.false_alarm
+    estimates, used = _estimates(problem, common, center_x, center_y, options.ambiguous_within)
+    flags = Flags(
+        used=used,
+        columns={
+            "ip": ip,
+            "p_value": p_value,
+            "reason": reasons(ip.shape, ("inconsistent", inconsistent), ("off_target", ip & ~inconsistent)),
+            "direct_probability": common.direct,
+            **(detail_columns(rows, options.false_alarm) if batch.want_details else {}),
+        },
+    )
+    return Solution(estimates=estimates, flags=flags)
+
+
+def _estimates(
+    problem: TripletProblem, common: CommonTargets, center_x: FloatArray, center_y: FloatArray, ambiguous_within: float
+) -> tuple[Estimates, BoolArray]:
+    """Return the best set of targets of each snapshot, and the paths (B, K) that they rest on.
+
+    Every snapshot has at least one row, if only for its status; targets are numbered by the likelihood of each.
+    """
+    targets, size = common.x.shape
+    information = common.information
+    covariance = information.inverse()
+    status = np.empty((targets, size), dtype=np.uint8)
+    for place in range(targets):
+        here = Symmetric2x2(covariance.xx[place], covariance.xy[place], covariance.yy[place])
+        x, y = common.x[place], common.y[place]
+        status[place] = judge_targets(problem, x, y, here, np.isfinite(x + y))
+    status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
+    status[~common.supported.any(axis=2)] = Status.NO_TARGET
+    answered = status <= Status.BOUNDARY
+    supported = common.supported & answered[:, :, None]
+    present = (np.isfinite(common.x) | (np.arange(targets) == 0)[:, None]).T
+
+    def listed(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return what is present of (T, B), snapshot by snapshot."""
+        return np.asarray(values.T[present])
+
+    def known(values: FloatArray) -> FloatArray:
+        return listed(np.where(answered, values, np.nan))
+
+    row, target = np.nonzero(present)
+    estimates = Estimates(
+        row=row,
+        target=target,
+        alternative=np.zeros_like(row),
+        position_m=np.stack([known(common.x + center_x), known(common.y + center_y)], axis=1),
+        covariance_m2=np.stack([known(covariance.xx), known(covariance.xy), known(covariance.yy)], axis=1),
+        cost=known(np.broadcast_to(common.cost, (targets, size))),
+        n_used=listed(np.count_nonzero(supported, axis=2)),
+        status=listed(status),
+    )
+    return estimates, np.logical_or.reduce(supported, axis=0)
+
+
+METHOD = MethodSpec(
+    name="joint",
+    kind="triplets",
+    job="detect-ip",
+    summary="all paths of a snapshot together: direct are those that agree on a common target",
+    reference="Shen, Molisch 2012, Section IV-C (several pairs); posterior over targets, Laplace's approximation",
+    options=JointOptions,
+    solve=solve,
+    cost="negative log-evidence of the best set of targets, in nats",
+    minimum_measurements=1,
+    flags=("ip", "p_value", "reason", "direct_probability"),
+    details=DETAIL_COLUMNS,
+)

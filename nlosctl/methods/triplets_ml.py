@@ -1,0 +1,97 @@
+"""Maximum likelihood on triplets with Gaussian errors: path by path, or all paths of a snapshot together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import TripletBatch
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
+from nlosctl.solvers.path_estimates import judge_targets, mark_ambiguous, path_estimates
+from nlosctl.solvers.triplet_fits import TargetFits, fit_paths, fit_snapshots
+from nlosctl.solvers.triplet_problem import TripletProblem
+
+__all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaximumLikelihoodOptions:
+    """Parameters of ``ml``."""
+
+    joint: bool = option(False, meaning="one target for all paths of a snapshot; else one for each path by itself")
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="another optimum this near makes an estimate ambiguous"
+    )
+    max_iterations: int = option(100, minimum=1, meaning="steps after which a fit counts as not converged")
+
+
+def solve(batch: TripletBatch, options: MaximumLikelihoodOptions) -> Solution:
+    """Solve a batch by maximum likelihood, Section VI-E of Shen, Molisch 2012, all rows trusted.
+
+    Newton and Gauss-Newton steps from the three intersections and points between them. The covariance is the inverse
+    Fisher information at the estimate.
+    """
+    rows = path_rows(batch)
+    fits = fit_paths(rows, max_iterations=options.max_iterations)
+    if options.joint:
+        return _solve_snapshots(batch, rows, fits, options)
+    estimates = path_estimates(rows, fits, options.ambiguous_within)
+    answered = estimates.n_used.reshape(rows.shape) > 0
+    parts = TripletProblem.of_paths(rows).residuals(fits.x, fits.y) if batch.want_flags else ()
+    return _solution(estimates, answered, [rows.dense(part[:, 0]) for part in parts])
+
+
+def _solve_snapshots(
+    batch: TripletBatch, rows: PathRows, single: TargetFits, options: MaximumLikelihoodOptions
+) -> Solution:
+    center_x, center_y = snapshot_centers(batch)
+    x, y = rows.frame.to_global(single.x, single.y)
+    proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
+    problem = TripletProblem.of_snapshots(batch, center_x, center_y)
+    fits = fit_snapshots(problem, *proposed, max_iterations=options.max_iterations)
+    covariance = problem.information(fits.x, fits.y).inverse()
+    judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
+    status = mark_ambiguous(fits, judged, options.ambiguous_within)
+    estimates = single_estimates(
+        position_m=np.stack([fits.x + center_x, fits.y + center_y], axis=1),
+        covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
+        cost=fits.cost,
+        n_used=np.full(fits.x.shape, batch.measurements, dtype=np.int64),
+        status=status,
+    )
+    answered = np.broadcast_to((status <= Status.BOUNDARY)[:, None], rows.shape)
+    return _solution(estimates, answered, problem.residuals(fits.x, fits.y) if batch.want_flags else ())
+
+
+def _solution(estimates: Estimates, answered: BoolArray, parts: list[FloatArray] | tuple[FloatArray, ...]) -> Solution:
+    """Return the solution with the residuals of DOD, DOA and path length, if there are any."""
+    if not parts:
+        return Solution(estimates=estimates)
+    columns = {
+        name: np.where(answered, part, np.nan)
+        for name, part in zip(("residual_dod_rad", "residual_doa_rad", "residual_m"), parts, strict=True)
+    }
+    return Solution(estimates=estimates, flags=Flags(used=answered.copy(), columns=columns))
+
+
+METHOD = MethodSpec(
+    name="ml",
+    kind="triplets",
+    job="localize",
+    summary="maximum likelihood for Gaussian errors, path by path (joint=true: all paths of a snapshot together)",
+    reference="Shen, Molisch 2012, Section VI-E",
+    options=MaximumLikelihoodOptions,
+    solve=solve,
+    cost="half the chi-square of the residuals",
+    minimum_measurements=1,
+    flags=("residual_dod_rad", "residual_doa_rad", "residual_m"),
+)

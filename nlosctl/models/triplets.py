@@ -1,0 +1,107 @@
+"""Triplets as their paths: rows in their baseline frames, what a triplet should read for a target, residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import TripletBatch
+from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.ellipses import nearest_on_ellipse
+from nlosctl.geometry.triplets import BaselineFrame, Quantity, TripletRays, baseline_frames
+
+__all__ = ["PathRows", "distance_to_ellipse", "path_rows", "predict_triplets", "snapshot_centers"]
+
+FloatArray = npt.NDArray[np.float64]
+DTypeT = TypeVar("DTypeT", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class PathRows:
+    """The paths of a batch, flat (N,), each in the frame of its own baseline; N = B K, snapshot by snapshot fastest."""
+
+    frame: BaselineFrame
+    rays: TripletRays
+    dod_std_rad: FloatArray
+    doa_std_rad: FloatArray
+    path_length_std_m: FloatArray
+    shape: tuple[int, int]
+
+    def weights_m(self, quantity: Quantity) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what one standard deviation of DOA, DOD and path length moves a quantity by, in metres."""
+        return quantity.weights_m(self.doa_std_rad, self.dod_std_rad, self.path_length_std_m)
+
+    def dense(self, flat: npt.NDArray[DTypeT]) -> npt.NDArray[DTypeT]:
+        """Return an array (N,) as a block (B, K)."""
+        return flat.reshape(self.shape, order="F")
+
+
+def path_rows(batch: TripletBatch) -> PathRows:
+    """Return the paths of a batch as flat rows."""
+
+    def flat(array: FloatArray) -> FloatArray:
+        return array.reshape(-1, order="F")
+
+    tx, rx = batch.tx_xy_m, batch.rx_xy_m
+    frame = baseline_frames(flat(tx[..., 0]), flat(tx[..., 1]), flat(rx[..., 0]), flat(rx[..., 1]))
+    return PathRows(
+        frame=frame,
+        rays=frame.rays(flat(batch.dod_rad), flat(batch.doa_rad), flat(batch.path_length_m)),
+        dod_std_rad=flat(batch.dod_std_rad),
+        doa_std_rad=flat(batch.doa_std_rad),
+        path_length_std_m=flat(batch.path_length_std_m),
+        shape=(batch.size, batch.measurements),
+    )
+
+
+def predict_triplets(
+    tx_xy_m: FloatArray, rx_xy_m: FloatArray, target_xy_m: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return noise-free DOD, DOA (radians, in (-pi, pi]) and path length (m) of direct paths over targets (..., 2)."""
+    from_tx, from_rx = target_xy_m - tx_xy_m, target_xy_m - rx_xy_m
+    dod = np.arctan2(from_tx[..., 1], from_tx[..., 0])
+    doa = np.arctan2(from_rx[..., 1], from_rx[..., 0])
+    length = np.hypot(from_tx[..., 0], from_tx[..., 1]) + np.hypot(from_rx[..., 0], from_rx[..., 1])
+    return wrap_angle(dod), wrap_angle(doa), length
+
+
+def distance_to_ellipse(rays: TripletRays) -> Quantity:
+    """Return the distance of point 1, where the two lines cross, from the ellipse; positive outside.
+
+    The decision variable of Shen, Molisch 2011 (reference [36] of the paper of 2012). NaN without an ellipse, and
+    where the lines are parallel.
+    """
+    x, y = rays.coordinate(1, "x"), rays.coordinate(1, "y")
+    length, half = rays.path_length_m, 0.5 * rays.baseline_m
+    semi_major = np.where(rays.has_ellipse, 0.5 * length, np.nan)
+    with np.errstate(invalid="ignore"):
+        semi_minor = np.sqrt((semi_major - half) * (semi_major + half))
+    foot_x, foot_y = nearest_on_ellipse(x.value_m, y.value_m, semi_major, semi_minor)
+    # The gradient of the sum of the distances from the foci is the normal; the ellipse moves by 1 / its length.
+    to_tx, to_rx = np.hypot(foot_x + half, foot_y), np.hypot(foot_x - half, foot_y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gradient_x = (foot_x + half) / to_tx + (foot_x - half) / to_rx
+        gradient_y = foot_y / to_tx + foot_y / to_rx
+        scale = 1.0 / np.hypot(gradient_x, gradient_y)
+        normal_x, normal_y = gradient_x * scale, gradient_y * scale
+        return Quantity(
+            (x.value_m - foot_x) * normal_x + (y.value_m - foot_y) * normal_y,
+            x.by_doa * normal_x + y.by_doa * normal_y,
+            x.by_dod * normal_x + y.by_dod * normal_y,
+            -scale,
+        )
+
+
+def snapshot_centers(batch: TripletBatch) -> tuple[FloatArray, FloatArray]:
+    """Return the mean (B,) of the transmitters and receivers of each snapshot, x and y in metres."""
+    count = 2.0 * max(batch.measurements, 1)
+
+    def center(axis: int) -> FloatArray:
+        nodes = sum_measurements(batch.tx_xy_m[..., axis]) + sum_measurements(batch.rx_xy_m[..., axis])
+        return nodes / count
+
+    return center(0), center(1)

@@ -1,0 +1,130 @@
+"""Rows of a simulated file of unlabelled echoes: the signal model (1) of Liang, Zeng, Li, once geometry is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.options import option
+from nlosctl.scenarios.bearing_rows import sensor_names
+from nlosctl.scenarios.spec import Columns
+
+__all__ = ["EchoOptions", "echo_columns"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EchoOptions:
+    """Parameters that all scenarios of unlabelled echoes have."""
+
+    targets: int = option(3, minimum=0, maximum=1000, meaning="targets in each snapshot")
+    scatterers: int = option(3, minimum=0, maximum=1000, meaning="scatterers, each of which echoes every target")
+    range_std_m: float = option(
+        1.0,
+        unit="m",
+        minimum=0.0,
+        exclusive=True,
+        meaning="standard deviation of every range (1 m is 0 dB in the paper)",
+    )
+    detection_probability: float = option(
+        1.0, minimum=0.0, maximum=1.0, meaning="chance that a sensor has the direct echo of a target"
+    )
+    false_echoes: float = option(
+        0.0,
+        minimum=0.0,
+        maximum=1000.0,
+        meaning="mean number of false echoes of a sensor, uniform over the others' span",
+    )
+    nlos_range: Literal["sum", "half"] = option(
+        "sum",
+        meaning="range by a scatterer: sum of target, scatterer and way back as in (1), or half the round trip",
+    )
+
+
+def echo_columns(
+    *,
+    options: EchoOptions,
+    generator: np.random.Generator,
+    sensor_xy_m: FloatArray,
+    target_xy_m: FloatArray,
+    scatterer_xy_m: FloatArray,
+) -> Columns:
+    """Return the flat columns of B snapshots, the rows of each in random order; equation (1).
+
+    Sensors (B, N, 2), targets (B, K, 2) and scatterers (B, L, 2) in metres. A direct range is one way; one by a
+    scatterer is |p - a| + |p - s| + |s - a|, or half of that. ``truth_target`` is NaN for a false echo, which has no
+    true position either.
+    """
+    direct, detour = _ranges(sensor_xy_m, target_xy_m, scatterer_xy_m)
+    if options.nlos_range == "half":
+        detour *= 0.5
+    snapshots, sensors, targets = direct.shape
+    false_count = generator.poisson(options.false_echoes, (snapshots, sensors))
+    most_false = int(false_count.max(initial=0))
+    span = np.maximum(direct.max(initial=0.0, axis=(1, 2)), detour.max(initial=0.0, axis=(1, 2, 3)))
+    parts = [
+        direct,
+        detour.reshape(snapshots, sensors, -1),
+        span[:, None, None] * generator.uniform(0.0, 1.0, (snapshots, sensors, most_false)),
+    ]
+    there = [
+        generator.random(direct.shape) < options.detection_probability,
+        np.ones(parts[1].shape, dtype=bool),
+        np.arange(most_false) < false_count[..., None],
+    ]
+    number = np.arange(targets, dtype=np.float64)
+    labels = [number, np.repeat(number, scatterer_xy_m.shape[1]), np.full(most_false, np.nan)]
+    ranges, there_all = np.concatenate(parts, axis=2), np.concatenate(there, axis=2)
+    noisy = np.abs(ranges + options.range_std_m * generator.standard_normal(ranges.shape))
+    los = np.arange(ranges.shape[2]) < targets
+    return _shuffled(generator, sensor_xy_m, target_xy_m, noisy, there_all, np.concatenate(labels), los, options)
+
+
+def _ranges(sensor: FloatArray, target: FloatArray, scatterer: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return direct ranges (B, N, K) and those by scatterers (B, N, K, L)."""
+
+    def distance(one: FloatArray, other: FloatArray) -> FloatArray:
+        away = one[:, :, None] - other[:, None]
+        return np.hypot(away[..., 0], away[..., 1])
+
+    direct = distance(sensor, target)
+    detour = direct[..., None] + distance(target, scatterer)[:, None] + distance(sensor, scatterer)[:, :, None]
+    return direct, detour
+
+
+def _shuffled(
+    generator: np.random.Generator,
+    sensor_xy_m: FloatArray,
+    target_xy_m: FloatArray,
+    ranges: FloatArray,
+    there: npt.NDArray[np.bool_],
+    label: FloatArray,
+    los: npt.NDArray[np.bool_],
+    options: EchoOptions,
+) -> Columns:
+    """Return the columns of the echoes (B, N, M) that are ``there``, in a random order within each snapshot."""
+    snapshot, sensor, echo = np.nonzero(there)
+    order = np.lexsort((generator.random(snapshot.shape[0]), snapshot))
+    snapshot, sensor, echo = snapshot[order], sensor[order], echo[order]
+    target = label[echo]
+    known = np.isfinite(target)
+    truth = np.full((target.shape[0], 2), np.nan)
+    truth[known] = target_xy_m[snapshot[known], target[known].astype(np.int64)]
+    names = np.array(sensor_names(sensor_xy_m.shape[1]), dtype=object)
+    return {
+        "snapshot": snapshot.astype(np.int64),
+        "sensor": names[sensor],
+        "sensor_x_m": sensor_xy_m[snapshot, sensor, 0],
+        "sensor_y_m": sensor_xy_m[snapshot, sensor, 1],
+        "range_m": np.maximum(ranges[snapshot, sensor, echo], np.finfo(np.float64).tiny),
+        "range_std_m": np.full(snapshot.shape, options.range_std_m),
+        "truth_x_m": truth[:, 0],
+        "truth_y_m": truth[:, 1],
+        "truth_los": los[echo],
+        "truth_target": target,
+    }

@@ -1,0 +1,63 @@
+"""A batch solved in two parts: snapshots whose sensors have several paths, and the others."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import Batch
+from nlosctl.contract.results import Estimates, Flags, Solution
+
+__all__ = ["solve_parts"]
+
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+BatchT = TypeVar("BatchT", bound=Batch)
+
+
+def solve_parts(batch: BatchT, chosen: BoolArray, solve: Callable[[BatchT], Solution]) -> Solution:
+    """Return the solution of a batch whose ``chosen`` (B,) snapshots and whose others are solved apart.
+
+    So a kernel may treat the two differently, and a snapshot's bits still don't depend on its company.
+    """
+    if chosen.all() or not chosen.any():
+        return solve(batch)
+    rows = [np.flatnonzero(~chosen), np.flatnonzero(chosen)]
+    solutions = [solve(_take(batch, part)) for part in rows]
+    place = np.concatenate([part[solution.estimates.row] for part, solution in zip(rows, solutions, strict=True)])
+    order = np.argsort(place, kind="stable")
+    joined: dict[str, Any] = {}
+    for field in dataclasses.fields(Estimates):
+        values = [getattr(solution.estimates, field.name) for solution in solutions]
+        joined[field.name] = np.concatenate(values)[order] if isinstance(values[0], np.ndarray) else values[0]
+    joined["row"] = place[order]
+    flags = None
+    if solutions[0].flags is not None and solutions[1].flags is not None:
+        both = (solutions[0].flags, solutions[1].flags)
+        flags = Flags(
+            used=_scatter(rows, [part.used for part in both]),
+            columns={
+                name: _scatter(rows, [np.asarray(part.columns[name]) for part in both]) for name in both[0].columns
+            },
+        )
+    return Solution(estimates=Estimates(**joined), flags=flags)
+
+
+def _take(batch: BatchT, rows: IntArray) -> BatchT:
+    changed: dict[str, Any] = {}
+    for field in dataclasses.fields(batch):
+        array = getattr(batch, field.name)
+        if isinstance(array, np.ndarray):
+            changed[field.name] = np.asfortranarray(array[rows])
+    return dataclasses.replace(batch, **changed)
+
+
+def _scatter(rows: list[IntArray], parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    whole = np.empty((sum(part.shape[0] for part in rows), *parts[0].shape[1:]), dtype=parts[0].dtype)
+    for place, part in zip(rows, parts, strict=True):
+        whole[place] = part
+    return whole

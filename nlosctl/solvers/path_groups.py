@@ -1,0 +1,98 @@
+"""Rows that compete to be the one direct path: the paths of one sensor, at one place, by one stated reflector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["PathGroups", "group_paths", "path_shares", "restore_rows", "sort_rows"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class PathGroups:
+    """How the rows (B, K) of each snapshot fall into groups.
+
+    ``order`` (B, K) sorts the rows so that groups are together, ``last`` (B, K) marks the last row of each group in
+    that order; both are None where every row is a group of its own. ``leader`` (B, K) is, in the file's order, the
+    first row of a row's group, ``rank`` its place in the group by path number, ``size`` the number of its rows.
+    """
+
+    leader: IntArray
+    rank: IntArray
+    size: IntArray
+    order: IntArray | None
+    last: BoolArray | None
+
+
+def group_paths(keys: Sequence[npt.NDArray[Any]], path: IntArray) -> PathGroups:
+    """Return the groups of rows (B, K) whose ``keys`` are all equal; ``path`` (B, K) numbers the rows of a group.
+
+    Rows of equal path number count as ranked in the file's order. Cost K^2.
+    """
+    count = path.shape[1]
+    leader, rank, size = (np.zeros(path.shape, dtype=np.int64, order="F") for _ in range(3))
+    leader[...] = np.arange(count)
+    several = False
+    for k in range(count):
+        for j in range(count):
+            if j == k:
+                size[:, k] += 1
+                continue
+            same = keys[0][:, j] == keys[0][:, k]
+            if not same.any():
+                continue
+            for key in keys[1:]:
+                same &= key[:, j] == key[:, k]
+            several = several or bool(same.any())
+            size[:, k] += same
+            earlier = path[:, j] <= path[:, k] if j < k else path[:, j] < path[:, k]
+            rank[:, k] += same & earlier
+            if j < k:
+                np.minimum(leader[:, k], np.where(same, j, count), out=leader[:, k])
+    if not several:
+        return PathGroups(leader, rank, size, None, None)
+    order = np.asfortranarray(np.argsort(leader, axis=1, kind="stable"))
+    sorted_leader = np.take_along_axis(leader, order, axis=1)
+    last = np.ones(path.shape, dtype=bool, order="F")
+    last[:, :-1] = sorted_leader[:, 1:] != sorted_leader[:, :-1]
+    return PathGroups(leader, rank, size, order, last)
+
+
+def path_shares(groups: PathGroups, prior: str) -> FloatArray:
+    """Return the probability (B, K) of each row to be the direct one, if any row of its group is; sums to 1.
+
+    ``uniform``: all rows alike; ``first``: only the one of the lowest path number; ``falling``: each row half as
+    probable as the one before it.
+    """
+    if prior == "first":
+        return np.where(groups.rank == 0, 1.0, 0.0)
+    if prior == "falling":
+        shares: FloatArray = np.exp2(-1.0 - groups.rank) / (1.0 - np.exp2(-groups.size.astype(np.float64)))
+        return shares
+    return 1.0 / groups.size.astype(np.float64)
+
+
+def sort_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
+    """Return values (B, K) or (B, K, 2) with the rows of each group next to each other."""
+    if groups.order is None:
+        return values
+    places = groups.order if values.ndim == 2 else groups.order[..., None]
+    return np.asfortranarray(np.take_along_axis(values, places, axis=1))
+
+
+def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
+    """Return values (B, K) of a grouped batch in the file's order."""
+    if groups.order is None:
+        return values
+    restored = np.empty_like(values)
+    np.put_along_axis(restored, groups.order, values, axis=1)
+    return restored

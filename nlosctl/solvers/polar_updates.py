@@ -1,0 +1,215 @@
+"""Sequential estimation: a position and its covariance, started by a pair of rays and updated row by row.
+
+Ananthasubramaniam and Madhow, Section III. Equation numbers are theirs; where the print is in error the corrected
+form is used: sigma squared in (8)-(10), the transposed gain of (7), (13) pointing from the receiver to the source.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines
+
+__all__ = [
+    "PickedRows",
+    "SourceState",
+    "bootstrap_state",
+    "pick_rows",
+    "ranged_state",
+    "update_bearings",
+    "update_ranges",
+]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SourceState:
+    """Positions (B, M) about the local origin and their covariance; ``alive`` where there is one."""
+
+    x: FloatArray
+    y: FloatArray
+    covariance: Symmetric2x2
+    alive: BoolArray
+
+    def where(self, first: BoolArray, other: SourceState) -> SourceState:
+        """Return these states where ``first``, the others elsewhere."""
+
+        def pick(a: FloatArray, b: FloatArray) -> FloatArray:
+            return np.where(first, a, b)
+
+        a, b = self.covariance, other.covariance
+        return SourceState(
+            pick(self.x, other.x),
+            pick(self.y, other.y),
+            Symmetric2x2(pick(a.xx, b.xx), pick(a.xy, b.xy), pick(a.yy, b.yy)),
+            np.where(first, self.alive, other.alive),
+        )
+
+
+@dataclass(frozen=True)
+class PickedRows:
+    """One row for each of the states (B, M): its ray, and its range with the standard deviation (NaN without).
+
+    The two are None where no row of the batch has a range.
+    """
+
+    origin_x: FloatArray
+    origin_y: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    std_rad: FloatArray
+    measured_m: FloatArray | None
+    range_std_m: FloatArray | None
+
+
+def pick_rows(
+    lines: SightLines, row: IntArray, measured_m: FloatArray | None = None, range_std_m: FloatArray | None = None
+) -> PickedRows:
+    """Return the rows of places ``row`` (B, M) in each snapshot."""
+
+    def pick(array: FloatArray) -> FloatArray:
+        return np.take_along_axis(array, row, axis=1)
+
+    return PickedRows(
+        pick(lines.origin_x),
+        pick(lines.origin_y),
+        pick(lines.cosine),
+        pick(lines.sine),
+        pick(lines.std_rad),
+        None if measured_m is None else pick(measured_m),
+        None if range_std_m is None else pick(range_std_m),
+    )
+
+
+def bootstrap_state(first: PickedRows, second: PickedRows) -> SourceState:
+    """Return the crossing of two rays, (15), with the covariance that follows from (16); not alive behind a ray.
+
+    It is worked out in the first receiver's polar frame and turned to the common one by (12).
+    """
+    dx, dy = second.origin_x - first.origin_x, second.origin_y - first.origin_y
+    sine = first.sine * second.cosine - first.cosine * second.sine  # sin(theta_1 - theta_2)
+    cosine = first.cosine * second.cosine + first.sine * second.sine
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        range_1 = (dy * second.cosine - dx * second.sine) / sine  # (15)
+        range_2 = (dy * first.cosine - dx * first.sine) / sine
+        variance_1, variance_2 = first.std_rad * first.std_rad, second.std_rad * second.std_rad
+        by_1, by_2 = -range_1 * cosine / sine, range_2 / sine  # (16), first line
+        polar = Symmetric2x2(by_1 * by_1 * variance_1 + by_2 * by_2 * variance_2, by_1 * variance_1, variance_1)
+        covariance = _to_cartesian(polar, range_1, first.cosine, first.sine)
+        alive = (range_1 > 0.0) & (range_2 > 0.0) & np.isfinite(covariance.trace)
+        return SourceState(
+            first.origin_x + range_1 * first.cosine, first.origin_y + range_1 * first.sine, covariance, alive
+        )
+
+
+def ranged_state(rows: PickedRows) -> SourceState | None:
+    """Return the ends of rays at their measured ranges, exact in each row's polar frame; dead in rows without a range.
+
+    None where no row of the batch has a range.
+    """
+    if rows.measured_m is None or rows.range_std_m is None:
+        return None
+    range_m, std = rows.measured_m, rows.range_std_m
+    polar = Symmetric2x2(std * std, np.zeros_like(std), rows.std_rad * rows.std_rad)
+    return SourceState(
+        rows.origin_x + range_m * rows.cosine,
+        rows.origin_y + range_m * rows.sine,
+        _to_cartesian(polar, range_m, rows.cosine, rows.sine),
+        np.isfinite(range_m) & np.isfinite(std),
+    )
+
+
+def update_bearings(state: SourceState, rows: PickedRows) -> SourceState:
+    """Return the states updated by each row's bearing in its own polar frame, (8)-(14); dead where the range turns."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        range_m, cosine, sine, polar = _to_polar(state, rows)  # (13), (14)
+        innovation = np.arctan2(
+            rows.sine * cosine - rows.cosine * sine, rows.cosine * cosine + rows.sine * sine
+        )  # wrapped to (-pi, pi]
+        variance = rows.std_rad * rows.std_rad
+        total = polar.yy + variance
+        left = variance / total
+        updated = Symmetric2x2(polar.xx - polar.xy * polar.xy / total, polar.xy * left, polar.yy * left)  # (10)
+        return _from_polar(
+            state, rows, range_m + polar.xy * innovation / total, polar.yy * innovation / total, cosine, sine, updated
+        )  # (8)
+
+
+def update_ranges(state: SourceState, rows: PickedRows, *, lognormal: bool) -> SourceState:
+    """Return the states updated by each row's range, (6) with A = [1 0]; unchanged in rows without one.
+
+    Section V-A. With ``lognormal`` the innovation is that of the range's logarithm.
+    """
+    if rows.measured_m is None or rows.range_std_m is None:
+        return state
+    known = np.isfinite(rows.measured_m)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        range_m, cosine, sine, polar = _to_polar(state, rows)
+        innovation, std = rows.measured_m - range_m, rows.range_std_m
+        if lognormal:
+            innovation = range_m * np.log(rows.measured_m / range_m)
+            std = std * range_m / rows.measured_m
+        variance = std * std
+        total = polar.xx + variance
+        left = variance / total
+        updated = Symmetric2x2(polar.xx * left, polar.xy * left, polar.yy - polar.xy * polar.xy / total)
+        moved = _from_polar(
+            state, rows, range_m + polar.xx * innovation / total, polar.xy * innovation / total, cosine, sine, updated
+        )
+    return moved if known.all() else moved.where(known, state)
+
+
+def _to_polar(state: SourceState, rows: PickedRows) -> tuple[FloatArray, FloatArray, FloatArray, Symmetric2x2]:
+    """Return range, direction cosine and sine, and the covariance of range and bearing; (13), (14)."""
+    dx, dy = state.x - rows.origin_x, state.y - rows.origin_y
+    range_m = np.sqrt(dx * dx + dy * dy)
+    cosine, sine = dx / range_m, dy / range_m
+    covariance = state.covariance
+    along_x = covariance.xx * cosine + covariance.xy * sine
+    along_y = covariance.xy * cosine + covariance.yy * sine
+    across_x = covariance.xy * cosine - covariance.xx * sine
+    across_y = covariance.yy * cosine - covariance.xy * sine
+    polar = Symmetric2x2(
+        along_x * cosine + along_y * sine,
+        (along_y * cosine - along_x * sine) / range_m,
+        (across_y * cosine - across_x * sine) / (range_m * range_m),
+    )
+    return range_m, cosine, sine, polar
+
+
+def _from_polar(
+    state: SourceState,
+    rows: PickedRows,
+    range_m: FloatArray,
+    turn_rad: FloatArray,
+    cosine: FloatArray,
+    sine: FloatArray,
+    polar: Symmetric2x2,
+) -> SourceState:
+    """Return the states at ``range_m`` in the direction turned by ``turn_rad``; (11), (12)."""
+    turn_cosine, turn_sine = np.cos(turn_rad), np.sin(turn_rad)
+    new_cosine = cosine * turn_cosine - sine * turn_sine
+    new_sine = sine * turn_cosine + cosine * turn_sine
+    return SourceState(
+        rows.origin_x + range_m * new_cosine,
+        rows.origin_y + range_m * new_sine,
+        _to_cartesian(polar, range_m, new_cosine, new_sine),
+        state.alive & (range_m > 0.0),
+    )
+
+
+def _to_cartesian(polar: Symmetric2x2, range_m: FloatArray, cosine: FloatArray, sine: FloatArray) -> Symmetric2x2:
+    """Return T Sigma T^T of (12): the covariance of range and bearing turned to x and y."""
+    mixed, across = polar.xy * range_m, polar.yy * (range_m * range_m)
+    return Symmetric2x2(
+        polar.xx * cosine * cosine - 2.0 * mixed * cosine * sine + across * sine * sine,
+        (polar.xx - across) * cosine * sine + mixed * (cosine * cosine - sine * sine),
+        polar.xx * sine * sine + 2.0 * mixed * cosine * sine + across * cosine * cosine,
+    )

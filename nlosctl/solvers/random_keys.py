@@ -1,0 +1,34 @@
+"""Random numbers drawn from each snapshot's own seed: the same whoever else is in the block."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["random_keys", "random_order"]
+
+SeedArray = npt.NDArray[np.uint64]
+IntArray = npt.NDArray[np.int64]
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+def random_keys(seed: SeedArray, count: int, stream: int = 0) -> SeedArray:
+    """Return ``count`` independent 64-bit words (B, count) for each seed (B,); ``stream`` tells uses apart.
+
+    SplitMix64 (Steele, Lea, Flood 2014), as a counter-based generator.
+    """
+    start = _mix(seed + np.array([2 * stream + 1], dtype=np.uint64) * _GOLDEN)
+    steps = np.arange(1, count + 1, dtype=np.uint64) * _GOLDEN
+    return _mix(start[:, None] + steps)
+
+
+def random_order(seed: SeedArray, count: int, stream: int = 0) -> IntArray:
+    """Return a random permutation (B, count) of 0 .. count-1 for each seed (B,)."""
+    return np.argsort(random_keys(seed, count, stream), axis=1, kind="stable").astype(np.int64)
+
+
+def _mix(key: SeedArray) -> SeedArray:
+    key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return key ^ (key >> np.uint64(31))

@@ -1,0 +1,38 @@
+"""The search field of a batch as regions about each snapshot's local origin."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.fields import BoxField, CircleField, Field, PolygonField
+from nlosctl.geometry.blocks import max_measurements
+from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
+
+__all__ = ["search_region"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def search_region(
+    field: Field, sensor_x: FloatArray, sensor_y: FloatArray, center_x: FloatArray, center_y: FloatArray
+) -> Region:
+    """Return the regions (B,) that ``field`` means, about the local origins ``center`` (B,).
+
+    ``sensor_x`` and ``sensor_y`` (B, K) are the sensors' positions in the same frame as ``center`` (metres). A
+    `SensorsField` of sensors that all stand at one place is that place alone.
+    """
+    if isinstance(field, BoxField):
+        return BoxRegion(
+            field.xmin_m - center_x, field.xmax_m - center_x, field.ymin_m - center_y, field.ymax_m - center_y
+        )
+    if isinstance(field, CircleField):
+        return CircleRegion(field.x_m - center_x, field.y_m - center_y, np.full(center_x.shape, field.radius_m))
+    if isinstance(field, PolygonField):
+        x, y = np.array(field.vertices_m).T
+        return PolygonRegion(x - center_x[:, None], y - center_y[:, None])
+    x, y = sensor_x - center_x[:, None], sensor_y - center_y[:, None]
+    xmin, xmax = -max_measurements(-x), max_measurements(x)
+    ymin, ymax = -max_measurements(-y), max_measurements(y)
+    margin = field.factor * np.maximum(xmax - xmin, ymax - ymin)
+    return BoxRegion(xmin - margin, xmax + margin, ymin - margin, ymax + margin)

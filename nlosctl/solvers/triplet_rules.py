@@ -1,0 +1,134 @@
+"""Decision rules on triplets: the differences of the intersections against their own noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.triplets import AXES, DIFFERENCES, Quantity, TripletRays
+from nlosctl.models.error_laws import ErrorLaw, exceedance, quantile
+from nlosctl.models.triplets import PathRows, distance_to_ellipse
+
+__all__ = ["BLIND_WITHIN", "Decision", "blind_rows", "decide", "decide_fusion", "rays_miss_by", "rule_quantity"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+BLIND_WITHIN = 3.0
+"""A rule counts as blind where its blind spot is within so many standard deviations of the measured triplet."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What one quantity (N,) says: its value and standard deviation in metres, and its p-value.
+
+    ``weights_m`` are what one standard deviation of each measured value moves it by. All NaN where the quantity does
+    not exist.
+    """
+
+    value_m: FloatArray
+    std_m: FloatArray
+    p_value: FloatArray
+    weights_m: tuple[FloatArray, FloatArray, FloatArray]
+
+    def threshold_m(self, law: ErrorLaw, false_alarm: float, eta_m: float) -> FloatArray:
+        """Return the threshold (N,) in metres that the quantity exceeds with probability ``false_alarm``.
+
+        Equation (27) for ``eta_m`` 0 (direct paths), else at a mean of ``eta_m``, the edge of the safe region (35).
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shift = eta_m / self.std_m if eta_m > 0.0 else 0.0
+            return quantile(law, false_alarm, self.weights_m, shift) * self.std_m
+
+
+def rule_quantity(rays: TripletRays, rule: int | str) -> Quantity:
+    """Return lambda 1 to 6, or for ``ellipse`` the distance of the crossing from the ellipse."""
+    return distance_to_ellipse(rays) if rule == "ellipse" else rays.difference(int(rule))
+
+
+def decide(rows: PathRows, quantity: Quantity, law: ErrorLaw, eta_m: float = 0.0) -> Decision:
+    """Return how likely so large a quantity would be for a direct path, equations (19)-(27).
+
+    With ``eta_m`` > 0: for a path whose noise-free quantity is ``eta_m``, the edge of the safe region (35).
+    """
+    weights = rows.weights_m(quantity)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        std = np.sqrt(weights[0] * weights[0] + weights[1] * weights[1] + weights[2] * weights[2])
+        scaled = np.abs(quantity.value_m) / std
+        p_value = exceedance(law, scaled, weights, eta_m / std if eta_m > 0.0 else 0.0)
+    return Decision(quantity.value_m, std, p_value, weights)
+
+
+def decide_fusion(p_values: list[FloatArray], more_than: int) -> FloatArray:
+    """Return the p-value (N,) of "more than so many of the rules say indirect": the (k+1)-th smallest.
+
+    A rule whose difference does not exist (parallel rays) says nothing; NaN where all six say nothing.
+    """
+    block = np.stack(p_values)
+    unknown = np.isnan(block).all(axis=0)
+    block[np.isnan(block)] = 1.0
+    block.sort(axis=0)
+    return np.where(unknown, np.nan, block[more_than])
+
+
+def rays_miss_by(rows: PathRows) -> FloatArray:
+    """Return by how many standard deviations (N,) of the two angles the rays miss each other; 0 where they meet.
+
+    The least change of the two angles after which the rays meet: both turned until they are parallel, or, if they
+    are on different sides of the baseline, also the departing one turned to the receiver or the arriving one to the
+    transmitter. 0 where transmitter and receiver are one.
+    """
+    rays = rows.rays
+    with np.errstate(invalid="ignore"):
+        missing = rays.meets_behind & (rays.baseline_m > 0.0)
+    apart = np.abs(np.arctan2(rays.crossing_sine, rays.crossing_cosine))
+    parallel = apart / np.sqrt(rows.doa_std_rad**2 + rows.dod_std_rad**2)
+    departing = np.arctan2(np.abs(rays.dod_sine), rays.dod_cosine) / rows.dod_std_rad
+    arriving = np.arctan2(np.abs(rays.doa_sine), -rays.doa_cosine) / rows.doa_std_rad
+    same_side = rays.dod_sine * rays.doa_sine > 0.0
+    across = np.minimum(parallel, np.minimum(departing, arriving))
+    return np.where(missing, np.where(same_side, parallel, across), 0.0)
+
+
+def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
+    """Return where a rule is blind or its linearization breaks down (N,): Table I, and what it leaves out.
+
+    lambda 1, 2 (3, 4): the difference slides along the departing (arriving) ray, and is blind where that is at right
+    angles to the axis; 1 to 4 and ``ellipse``: nearly parallel rays (BS2). lambda 5 (6): points 2 and 3 mirror each
+    other in the baseline (its perpendicular bisector); that holds for direct paths near the baseline (the
+    bisector), too. Always where transmitter and receiver are one.
+    """
+    rays = rows.rays
+    single = ~(rays.baseline_m > 0.0)
+    if rule in (5, 6):
+        return single | _mirrored(rows, int(rule))
+    with np.errstate(invalid="ignore"):
+        apart_std = np.sqrt(rows.doa_std_rad**2 + rows.dod_std_rad**2)
+        parallel = np.abs(rays.crossing_sine) <= np.sin(np.minimum(BLIND_WITHIN * apart_std, 0.5 * np.pi))
+    if rule == "ellipse":
+        return single | parallel
+    _, second, axis = DIFFERENCES[int(rule)]
+    along = (rays.dod_cosine, rays.dod_sine) if second == 2 else (rays.doa_cosine, rays.doa_sine)
+    std = rows.dod_std_rad if second == 2 else rows.doa_std_rad
+    flat = np.abs(along[0] if axis == "x" else along[1])
+    return single | parallel | (flat <= np.sin(np.minimum(BLIND_WITHIN * std, 0.5 * np.pi)))
+
+
+def _mirrored(rows: PathRows, rule: int) -> BoolArray:
+    """Return where points 2 and 3 are images of each other, within noise: in y for lambda 5, in x for lambda 6."""
+    rays = rows.rays
+    pairs = [
+        rays.coordinate(2, axis) - rays.coordinate(3, axis)
+        if (axis == "x") == (rule == 5)
+        else rays.coordinate(2, axis) + rays.coordinate(3, axis)
+        for axis in AXES
+    ]
+    blind = np.ones(rays.path_length_m.shape, dtype=bool)
+    for quantity in pairs:
+        w1, w2, w3 = rows.weights_m(quantity)
+        with np.errstate(invalid="ignore", over="ignore"):
+            square = quantity.value_m * quantity.value_m
+            blind &= square <= BLIND_WITHIN**2 * (w1 * w1 + w2 * w2 + w3 * w3)
+    return blind

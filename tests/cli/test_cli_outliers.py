@@ -1,0 +1,168 @@
+"""The robust methods on the command line: fields, traces, alternatives, priors, ranges, worlds with walls."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nlosctl
+
+PROGRAM = Path(sys.executable).with_name("nlosctl")
+
+
+def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run ``nlosctl`` with the words, in a folder."""
+    return subprocess.run([PROGRAM, *words], cwd=folder, capture_output=True, check=False, text=True)
+
+
+def rows(text: str) -> list[dict[str, str]]:
+    """Return the rows of CSV text."""
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``ring.csv``: 60 snapshots, two of eight bearings outliers, and ranges."""
+    folder = tmp_path_factory.mktemp("ring")
+    words = ("-p", "nlos_receivers=2", "-p", "range_std_share=0.05", "-p", "sources=disc", "-o", "ring.csv")
+    done = run(folder, "simulate", "madhow-ring", "--trials", "60", "--seed", "3", *words)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_flags_lead_maximum_likelihood_to_the_direct_rows(ring: Path) -> None:
+    """The robust method's flags, fed to ``ml``, make it as good; without them it is far worse."""
+    done = run(ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "circle:0,0,1", "--flags-out", "flags.csv")
+    assert done.returncode == 0, done.stderr
+    assert "fixes touch the field's edge" in done.stderr
+    flags = rows((ring / "flags.csv").read_text())
+    assert {"used", "los", "los_probability", "residual_rad", "residual_m"} <= set(flags[0])
+    wrong = sum(row["los"] != row["truth_los"] for row in flags)
+    assert wrong < 0.06 * len(flags)
+    medians = []
+    for source in ("ring.csv", "flags.csv"):
+        fixes = run(ring, "localize", "-m", "ml", source)
+        errors = [
+            np.hypot(float(row["x_m"]) - float(row["truth_x_m"]), float(row["y_m"]) - float(row["truth_y_m"]))
+            for row in rows(fixes.stdout)
+            if row["x_m"]
+        ]
+        medians.append(np.median(errors))
+    assert medians[1] < 0.3 * medians[0]
+
+
+def test_results_do_not_depend_on_blocks_or_threads(ring: Path) -> None:
+    """The same bytes for any block size and number of threads, also by random pairs; another seed, other pairs."""
+    words = ("localize", "-m", "suppress", "-m", "mixture-ml", "-m", "sequential", "ring.csv", "-q")
+    one = run(ring, *words, "--block-size", "7", "--jobs", "1")
+    other = run(ring, *words, "--jobs", "2")
+    assert one.returncode == 0, one.stderr
+    assert one.stdout == other.stdout
+    assert run(ring, *words, "--seed", "5").stdout != one.stdout
+
+
+def test_trace_writes_the_state_after_each_sensor(ring: Path) -> None:
+    """The trace has a row for each state, ends at the estimate, and is refused to methods without steps."""
+    done = run(ring, "localize", "-m", "sequential", "ring.csv", "--trace-out", "trace.csv", "-q")
+    assert done.returncode == 0, done.stderr
+    estimates = {row["snapshot"]: row for row in rows(done.stdout)}
+    trace = rows((ring / "trace.csv").read_text())
+    assert [row["step"] for row in trace if row["snapshot"] == "0"] == [str(step) for step in range(1, 9)]
+    for row in trace:
+        if row["step"] == "8":
+            assert (row["x_m"], row["cov_yy_m2"]) == tuple(
+                estimates[row["snapshot"]][name] for name in ("x_m", "cov_yy_m2")
+            )
+    refused = run(ring, "localize", "-m", "ml", "ring.csv", "--trace-out", "none.csv")
+    assert refused.returncode == 2
+    assert "sequential" in refused.stderr
+    assert not (ring / "none.csv").exists()
+
+
+def test_covariance_kind_says_which(ring: Path) -> None:
+    """The column tells inliers from posterior; ml, which has one kind alone, leaves it empty."""
+    words = ("-m", "mixture-ml", "-m", "ml", "-p", "covariance=posterior")
+    found = rows(run(ring, "localize", *words, "ring.csv", "-q").stdout)
+    kinds = {(row["method"], row["covariance_kind"]) for row in found}
+    assert kinds == {("mixture-ml", "posterior"), ("ml", "")}
+
+
+def test_a_field_without_crossings_gives_no_candidate(ring: Path) -> None:
+    """Every status is no_candidate, and --strict ends with 3; a field that is none is a usage error."""
+    done = run(
+        ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "10,11,10,11", "--strict", "-p", "use_ranges=false"
+    )
+    assert done.returncode == 3
+    assert {row["status"] for row in rows(done.stdout)} == {"no_candidate"}
+    refused = run(ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "disc")
+    assert refused.returncode == 2
+    assert "circle:x,y,r" in refused.stderr
+
+
+def test_prior_columns_replace_the_pair(tmp_path: Path) -> None:
+    """A snapshot with one bearing and a prior in the file is an answer; without the prior it is too few."""
+    head = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg,prior_x_m,prior_y_m,prior_std_m\n"
+    (tmp_path / "one.csv").write_text(f"{head}1,a,0,0,90,1,1,50,5\n2,a,0,0,90,1,,,\n")
+    done = run(tmp_path, "localize", "-m", "sequential", "one.csv", "-q")
+    assert [row["status"] for row in rows(done.stdout)] == ["ok", "too_few"]
+
+
+def test_virtual_source_behind_the_wall(tmp_path: Path) -> None:
+    """Figure 11: wideband, the virtual source is an alternative until points behind the wall are left out."""
+    words = ("-p", "figure=11", "-p", "band=wide", "--trials", "20", "-o", "w.csv", "--scene-out", "w.scene.toml")
+    assert run(tmp_path, "simulate", "madhow-walls", *words).returncode == 0
+    assert 'kind = "segment"' in (tmp_path / "w.scene.toml").read_text()
+    field = ("--field=-500,1000,-500,1000", "--alternatives", "2", "-q")
+    both = rows(run(tmp_path, "localize", "-m", "mixture-ml", "w.csv", *field).stdout)
+    assert len(both) == 40
+    places = np.array([[float(row["x_m"]), float(row["y_m"])] for row in both]).reshape(20, 2, 2)
+    assert np.array_equal(np.sort(np.sign(places[..., 1]), axis=1), np.tile([-1.0, 1.0], (20, 1)))
+    kept = rows(
+        run(tmp_path, "localize", "-m", "mixture-ml", "-p", "exclude_behind_walls=true", "w.csv", *field).stdout
+    )
+    assert all(float(row["y_m"]) > 0.0 for row in kept)
+
+
+def test_joint_and_laplacian_bounds(ring: Path) -> None:
+    """Ranges lower the bound; Laplacian errors of the same std have half the variance bound."""
+    plain, joint, laplace = (
+        np.array([float(row["bound_xx_m2"]) for row in rows(run(ring, "bound", "ring.csv", "-q", *words).stdout)])
+        for words in (("--no-ranges",), (), ("--no-ranges", "--noise", "laplace"))
+    )
+    assert np.all(joint < plain)
+    np.testing.assert_allclose(laplace, 0.5 * plain, rtol=1e-12)
+    assert run(ring, "bound", "ring.csv", "--noise", "cauchy").returncode == 2
+
+
+def test_python_gives_the_same_as_the_command_line(ring: Path) -> None:
+    """``nlosctl.localize`` takes the field and gives the estimates of the command line."""
+    table = nlosctl.simulate("madhow-ring", trials=20, seed=3, nlos_receivers=2, sources="disc")
+    result = nlosctl.localize(table, method="mixture-ml", field="circle:0,0,1", alternatives=3)
+    assert set(result.estimates.column("covariance_kind").to_pylist()) <= {"inliers", None}
+    done = run(
+        ring,
+        "simulate",
+        "madhow-ring",
+        "--trials",
+        "20",
+        "--seed",
+        "3",
+        "-p",
+        "nlos_receivers=2",
+        "-p",
+        "sources=disc",
+        "-o",
+        "same.csv",
+    )
+    assert done.returncode == 0, done.stderr
+    words = ("--field", "circle:0,0,1", "--alternatives", "3", "-q", "--report", "report.json")
+    found = rows(run(ring, "localize", "-m", "mixture-ml", "same.csv", *words).stdout)
+    assert [float(row["x_m"]) for row in found] == result.estimates.column("x_m").to_pylist()
+    assert json.loads((ring / "report.json").read_text())["methods"]["mixture-ml"]["answered"] == 20

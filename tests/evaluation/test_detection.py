@@ -1,0 +1,55 @@
+"""Scores of indirect-path flags, and what theory says of the rules."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from nlosctl.evaluation.detection import DetectionScores, kolmogorov_smirnov, roc_curve
+
+
+def test_area_is_the_mann_whitney_statistic():
+    """The area under the curve is the share of pairs in the right order, ties half, by counting pairs."""
+    generator = np.random.default_rng(1)
+    p_value = generator.integers(0, 20, 200) / 20.0
+    indirect = generator.random(200) < 0.4
+    pairs = p_value[indirect][:, None], p_value[~indirect][None]
+    expected = np.mean((pairs[0] < pairs[1]) + 0.5 * (pairs[0] == pairs[1]))
+    assert roc_curve(p_value, indirect).area == pytest.approx(expected, rel=1e-12)
+
+
+def test_curve_by_hand():
+    """The corner points of a small curve; a path without a p-value is the last to be flagged."""
+    curve = roc_curve(np.array([0.01, 0.2, 0.3, np.nan]), np.array([True, False, True, False]))
+    assert curve.p_fa.tolist() == [0.0, 0.0, 0.5, 0.5, 1.0]
+    assert curve.p_d.tolist() == [0.0, 0.5, 0.5, 1.0, 1.0]
+    assert roc_curve(np.array([0.1]), np.array([True])).p_fa.size == 0
+
+
+def test_kolmogorov_smirnov_is_that_of_scipy():
+    """Distance as scipy's; the probability, asymptotic with a correction, near the exact one."""
+    values = np.random.default_rng(2).random(300) ** 1.1
+    distance, p_value = kolmogorov_smirnov(values)
+    exact = stats.kstest(values, "uniform")
+    assert distance == pytest.approx(exact.statistic, rel=1e-12)
+    assert p_value == pytest.approx(exact.pvalue, abs=0.01)
+    assert math.isnan(kolmogorov_smirnov(np.array([np.nan]))[0])
+
+
+def test_confusion_by_hand_in_chunks():
+    """Counts and rates of a small table; unknown flags and truths are told apart; chunks add up."""
+    ip = np.array([1, 0, 1, 0, -1, 1], dtype=np.int8)
+    truth = np.array([1, 1, 0, 0, 1, -1], dtype=np.int8)
+    p_value = np.array([0.01, 0.5, 0.02, 0.8, np.nan, 0.1])
+    scores = DetectionScores()
+    for part in (slice(0, 2), slice(2, 6)):
+        size = ip[part].shape[0]
+        scores.add(ip[part], truth[part], p_value[part], np.zeros(size, dtype=np.int64), ["chi2"])
+    found = scores.result()["chi2"]
+    assert (found.rows, found.without_flag, found.without_truth) == (4, 1, 1)
+    assert (found.p_fa, found.p_d, found.accuracy) == (0.5, 0.5, 0.5)
+    assert found.auc == 0.75
+    assert scores.overall() == found

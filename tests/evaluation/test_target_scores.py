@@ -1,0 +1,78 @@
+"""Scores of found targets: number, exact identification, precision, recall, the paper's cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nlosctl.evaluation.targets import EchoRows, TargetScores, case_of
+
+POSITIONS = np.array([[0.0, 0.0], [100.0, 0.0]])
+
+
+def rows(found: list[int], true: list[int], los: list[int]) -> EchoRows:
+    """Return the rows of a snapshot; a row with a found target is flagged direct."""
+    true_target = np.array(true)
+    return EchoRows(
+        target=np.array(found),
+        true_target=true_target,
+        los=np.array(found) >= 0,
+        true_los=np.array(los, dtype=bool),
+        true_m=np.where((true_target >= 0)[:, None], POSITIONS[true_target], np.nan),
+    )
+
+
+@pytest.mark.parametrize(
+    ("true", "los", "case"),
+    [
+        ([0, 0, 0], [1, 1, 1], "i"),
+        ([0, 0, 1], [1, 1, 1], "ii"),
+        ([0, 0, 1], [1, 1, 0], "iii"),
+        ([0, 1, 2], [1, 1, 1], "iv"),
+        ([0, 1, 0], [1, 1, 0], "v"),
+        ([0, 0, -1], [0, 0, 0], "vi"),
+    ],
+)
+def test_cases_are_those_of_the_paper(true: list[int], los: list[int], case: str) -> None:
+    """Two direct echoes of one target make a TIP; the rest of the case is whether others are direct."""
+    assert case_of(np.array(true), np.array(los, dtype=bool)) == case
+
+
+def test_a_right_answer_counts_whatever_its_numbers() -> None:
+    """Targets under other numbers, with exactly their direct echoes, are exact."""
+    scores = TargetScores()
+    scores.add(rows([1, 1, 0, 0, -1], [0, 0, 1, 1, 0], [1, 1, 1, 1, 0]), POSITIONS[::-1])
+    summary = scores.overall()
+    assert (summary.number_right, summary.exact, summary.los_precision, summary.los_recall) == (1.0, 1.0, 1.0, 1.0)
+    assert summary.ospa_m == 0.0
+    assert (summary.matched_targets, summary.matched_rmse_m, summary.case_i) == (2, 0.0, 2)
+
+
+def test_one_echo_wrong_is_not_exact() -> None:
+    """A scattered echo taken for a direct one: number right, not exact, one of four flags wrong."""
+    scores = TargetScores()
+    scores.add(rows([0, 0, 1, -1, 1], [0, 0, 1, 1, 0], [1, 1, 1, 1, 0]), POSITIONS + np.array([3.0, 4.0]))
+    summary = scores.overall()
+    assert (summary.number_right, summary.exact) == (1.0, 0.0)
+    assert (summary.los_precision, summary.los_recall) == (0.75, 0.75)
+    assert summary.matched_rmse_m == pytest.approx(5.0)
+    assert (summary.case_i, summary.case_v) == (1, 1)
+
+
+def test_no_target_found_is_counted() -> None:
+    """Nothing found where there are two: number wrong, GOSPA all missed."""
+    scores = TargetScores()
+    scores.add(rows([-1, -1], [0, 1], [1, 1]), np.empty((0, 2)))
+    summary = scores.overall()
+    assert (summary.found_targets, summary.number_right, summary.los_recall) == (0, 0.0, 0.0)
+    assert summary.gospa_m == summary.gospa_missed_m == pytest.approx(20.0)
+
+
+def test_groups_are_kept_apart_and_add_up() -> None:
+    """Each key has its own summary; the overall one is of all snapshots; without estimates there is no distance."""
+    scores = TargetScores()
+    scores.add(rows([0, 0], [0, 0], [1, 1]), None, "a")
+    scores.add(rows([-1, -1], [0, 0], [1, 1]), None, "b")
+    result = scores.result()
+    assert (result["a"].exact, result["b"].exact, scores.overall().exact) == (1.0, 0.0, 0.5)
+    assert np.isnan(scores.overall().ospa_m)

@@ -1,0 +1,43 @@
+"""The point of an ellipse nearest to a given one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlosctl.geometry.ellipses import nearest_on_ellipse
+
+
+def test_nearest_is_the_nearest_of_a_fine_polygon():
+    """No point of a fine polygon is nearer, and the foot lies on the ellipse."""
+    generator = np.random.default_rng(1)
+    a = generator.uniform(1.0, 5.0, 300)
+    b = a * generator.uniform(0.05, 1.0, 300)
+    x, y = generator.uniform(-8.0, 8.0, (2, 300))
+    x[:100], y[:100] = 0.3 * x[:100], 0.05 * y[:100]
+    foot_x, foot_y = nearest_on_ellipse(x, y, a, b)
+    np.testing.assert_allclose((foot_x / a) ** 2 + (foot_y / b) ** 2, 1.0, atol=1e-10)
+    angle = np.linspace(-np.pi, np.pi, 20_001)
+    polygon = np.hypot(x[:, None] - a[:, None] * np.cos(angle), y[:, None] - b[:, None] * np.sin(angle)).min(axis=1)
+    distance = np.hypot(x - foot_x, y - foot_y)
+    assert (distance <= polygon + 1e-12).all()
+    np.testing.assert_allclose(distance, polygon, atol=2e-3)
+
+
+def test_points_of_the_axes():
+    """Points of the axes, the centre, and far points have their foot in closed form."""
+    a, b = np.full(5, 2.0), np.full(5, 1.0)
+    x, y = np.array([0.0, 0.0, 3.0, 0.3, 1e9]), np.array([3.0, 0.0, 0.0, 0.0, 0.0])
+    foot_x, foot_y = nearest_on_ellipse(x, y, a, b)
+    np.testing.assert_allclose(foot_x, [0.0, 0.0, 2.0, 0.4, 2.0], atol=1e-9)
+    np.testing.assert_allclose(foot_y, [1.0, 1.0, 0.0, np.sqrt(0.96), 0.0], atol=1e-9)
+
+
+def test_a_row_keeps_its_bits_in_company():
+    """A point's foot does not depend on the other points of the call."""
+    generator = np.random.default_rng(2)
+    a = generator.uniform(1.0, 5.0, 50)
+    b = a * generator.uniform(0.05, 1.0, 50)
+    x, y = generator.uniform(-8.0, 8.0, (2, 50))
+    together = np.array(nearest_on_ellipse(x, y, a, b))
+    alone = np.array([nearest_on_ellipse(x[i : i + 1], y[i : i + 1], a[i : i + 1], b[i : i + 1]) for i in range(50)])
+    np.testing.assert_array_equal(together, alone[:, :, 0].T)

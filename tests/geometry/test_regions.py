@@ -1,0 +1,86 @@
+"""Regions: containment, distance to the edge, area."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nlosctl.contract.fields import BoxField, CircleField, PolygonField, SensorsField
+from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
+from nlosctl.solvers.search_regions import search_region
+
+_ELL = ((0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0))
+
+
+def _regions() -> list[Region]:
+    x, y = np.array(_ELL).T
+    return [
+        BoxRegion(np.array([0.0, -1.0]), np.array([4.0, 1.0]), np.array([0.0, 2.0]), np.array([3.0, 3.0])),
+        CircleRegion(np.array([1.0, 0.0]), np.array([2.0, 0.0]), np.array([2.0, 0.5])),
+        PolygonRegion(np.array([x, 2.0 * x]), np.array([y, y - 1.0])),
+    ]
+
+
+@pytest.mark.parametrize("region", _regions(), ids=["box", "circle", "polygon"])
+def test_area_is_the_share_of_a_dense_grid_inside(region: Region) -> None:
+    """The area equals that of the cells of a fine grid whose middles are inside."""
+    axis = (np.arange(800) + 0.5) / 800
+    xmin, xmax, ymin, ymax = (edge[:, None] for edge in region.bounds_m)
+    grid_x, grid_y = (part.ravel() for part in np.meshgrid(axis, axis))
+    inside = region.contains(xmin + grid_x * (xmax - xmin), ymin + grid_y * (ymax - ymin))
+    share = inside.mean(axis=1) * ((xmax - xmin) * (ymax - ymin))[:, 0]
+    np.testing.assert_allclose(region.area_m2, share, rtol=3e-3)
+
+
+@pytest.mark.parametrize("region", _regions(), ids=["box", "circle", "polygon"])
+def test_edge_distance_is_that_of_the_nearest_change(region: Region) -> None:
+    """No point nearer than the edge distance lies on the other side, and some point just beyond it does."""
+    generator = np.random.default_rng(5)
+    x, y = generator.uniform(-3.0, 6.0, (2, 2, 40))
+    distance = region.edge_distance_m(x, y)
+    assert np.array_equal(distance >= 0.0, region.contains(x, y))
+    turn = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
+    crossed = np.zeros(x.shape, dtype=bool)
+    for angle in turn:
+        for factor in (0.999, 1.05):
+            step = factor * np.abs(distance)
+            other = region.contains(x + step * np.cos(angle), y + step * np.sin(angle)) != region.contains(x, y)
+            if factor < 1.0:
+                assert not other.any()
+            crossed |= other
+    assert crossed.all()
+
+
+@pytest.mark.parametrize("region", _regions(), ids=["box", "circle", "polygon"])
+def test_points_that_are_not_numbers_are_nowhere(region: Region) -> None:
+    """NaN is neither inside nor on the edge; a point of shape (B,) is judged by its own region."""
+    nan = np.full(2, np.nan)
+    assert not region.contains(nan, nan).any()
+    assert not region.on_edge(nan, nan, 1.0).any()
+    xmin, _, ymin, _ = region.bounds_m
+    assert not region.take(np.array([1])).contains(xmin[1:] - 1.0, ymin[1:]).any()
+
+
+def test_on_edge_is_within_the_tolerance_of_either_side() -> None:
+    """Points within the tolerance of the edge touch it, whichever side they are on."""
+    box = BoxRegion(np.array([0.0]), np.array([1.0]), np.array([0.0]), np.array([1.0]))
+    x = np.array([[0.05, -0.05, 0.2, 0.95, 1.2]])
+    assert box.on_edge(x, np.full_like(x, 0.5), 0.1).tolist() == [[True, True, False, True, False]]
+
+
+def test_fields_become_regions_about_the_local_origin() -> None:
+    """Every kind of field holds the same points of the plane, whatever the local origin."""
+    center = np.array([1e6, 1e6 + 50.0])
+    sensor_x = center[:, None] + np.array([[0.0, 10.0], [0.0, 4.0]])
+    sensor_y = center[:, None] + np.array([[0.0, 2.0], [0.0, 8.0]])
+    fields = [
+        BoxField(xmin_m=1e6, xmax_m=1e6 + 60.0, ymin_m=1e6, ymax_m=1e6 + 60.0),
+        CircleField(x_m=1e6 + 30.0, y_m=1e6 + 30.0, radius_m=30.0),
+        PolygonField(vertices_m=((1e6, 1e6), (1e6 + 60.0, 1e6), (1e6 + 60.0, 1e6 + 60.0), (1e6, 1e6 + 60.0))),
+    ]
+    point_x, point_y = 1e6 + np.array([30.0, 30.0]), 1e6 + np.array([30.0, 61.0])
+    for field in fields:
+        region = search_region(field, sensor_x, sensor_y, center, center)
+        assert region.contains(point_x - center, point_y - center).tolist() == [True, False]
+    own = search_region(SensorsField(factor=0.5), sensor_x, sensor_y, center, center)
+    assert [edge.tolist() for edge in own.bounds_m] == [[-5.0, -4.0], [15.0, 8.0], [-5.0, -4.0], [7.0, 12.0]]

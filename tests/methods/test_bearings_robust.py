@@ -1,0 +1,261 @@
+"""The robust methods: what they promise of their flags, covariances and statuses, and in bad cases."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.fields import BoxField, CircleField
+from nlosctl.contract.options import parse_options
+from nlosctl.contract.results import Estimates
+from nlosctl.contract.scene import Scene, SegmentReflector
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
+from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
+from nlosctl.methods.bearings_mixture_ml import MixtureOptions
+from nlosctl.testing import check_method
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
+from robust_worlds import ring_batch, without_flags
+
+_ROBUST = [bearings_mixture_ml, bearings_suppress]
+_ALL = [*_ROBUST, bearings_sequential]
+
+
+def _errors(estimates: Estimates, truth: np.ndarray) -> np.ndarray:
+    return np.hypot(*(estimates.position_m[estimates.alternative == 0] - truth).T)
+
+
+def _bearings(sensor_xy: list[tuple[float, float]], bearing_deg: list[float], **more: object) -> BearingBatch:
+    """Return one snapshot of direct rows, each by a sensor of its own."""
+    count = len(sensor_xy)
+    fields = {
+        "seed": np.zeros(1, dtype=np.uint64),
+        "sensor": np.arange(count)[None, :],
+        "sensor_xy_m": np.asfortranarray(np.array(sensor_xy, dtype=float)[None]),
+        "bearing_rad": np.radians(np.array(bearing_deg, dtype=float))[None, :],
+        "bearing_std_rad": np.full((1, count), np.radians(1.0)),
+        "path": np.full((1, count), -1),
+        "reflector": np.full((1, count), -1),
+    }
+    return BearingBatch(**{**fields, **more})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", _ALL, ids=lambda module: module.METHOD.name)
+def test_laws(method: object) -> None:
+    """Each method obeys the laws of all methods, with random mirrors and several paths of one sensor."""
+    check_method(method.METHOD, seed=3)  # type: ignore[attr-defined]
+
+
+def test_laws_hold_for_the_posterior_covariance() -> None:
+    """The covariance from posterior grids obeys the laws too."""
+    check_method(bearings_mixture_ml.METHOD, options=MixtureOptions(covariance="posterior"))
+
+
+@pytest.mark.parametrize("std_deg", [1.0, 4.0])
+def test_direct_rows_alone_cost_the_robust_method_little(std_deg: float) -> None:
+    """Without outliers the default is at most 5 % worse in rms than maximum likelihood."""
+    truth, batch, _ = ring_batch(1, 5000, bearing_std_deg=std_deg, sources="disc")
+    batch = without_flags(batch)
+    robust = _errors(bearings_mixture_ml.solve(batch, MixtureOptions()).estimates, truth)
+    plain = _errors(bearings_ml.solve(batch, bearings_ml.MaximumLikelihoodOptions()).estimates, truth)
+    assert np.sqrt(np.mean(robust**2)) < 1.05 * np.sqrt(np.mean(plain**2))
+
+
+def test_quarter_of_outliers_on_a_500_m_ring() -> None:
+    """8 sensors, 2 deg, 2 of 8 bearings uniform over the circle: 95 % of the errors below 32 m, medians near 11 m."""
+    truth, batch, _ = ring_batch(
+        2, 4000, radius_m=500.0, bearing_std_deg=2.0, nlos_receivers=2, nlos_span_deg=360.0, sources="disc"
+    )
+    field = BoxField(xmin_m=-500.0, xmax_m=500.0, ymin_m=-500.0, ymax_m=500.0)
+    batch = dataclasses.replace(without_flags(batch), field=field)
+    estimates = bearings_mixture_ml.solve(batch, MixtureOptions(field_of_view_deg=360.0)).estimates
+    assert np.percentile(_errors(estimates, truth), 95) < 32.0
+    assert np.median(_errors(estimates, truth)) < 12.0
+
+
+@pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
+def test_flags_tell_direct_rows_from_outliers(module: object) -> None:
+    """At small spread nearly every outlier far from the true bearing is flagged, nearly no direct row is."""
+    _, batch, direct = ring_batch(3, 500, bearing_std_deg=0.5, nlos_receivers=2, sources="disc")
+    flags = module.METHOD.solve(batch, module.METHOD.options()).flags  # type: ignore[attr-defined]
+    assert np.mean(flags.used[direct]) > 0.98
+    assert np.mean(flags.used[~direct]) < 0.05
+    probability = flags.columns["los_probability"]
+    assert np.nanmedian(probability[direct]) > 0.95
+    assert np.nanmedian(probability[~direct]) < 0.05
+
+
+@pytest.mark.parametrize(("outliers", "low", "high"), [(0, 0.92, 0.98), (2, 0.92, 0.98)])
+def test_posterior_covariance_is_calibrated(outliers: int, low: float, high: float) -> None:
+    """The 95 % ellipse of the posterior holds the truth in 92 to 98 %, with outliers the inliers' does not."""
+    truth, batch, _ = ring_batch(4, 3000, bearing_std_deg=4.0, nlos_receivers=outliers)
+    coverage = {}
+    for kind in ("inliers", "posterior"):
+        options = MixtureOptions(alpha=max(outliers / 8, 0.05), covariance=kind)  # type: ignore[arg-type]
+        estimates = bearings_mixture_ml.solve(without_flags(batch), options).estimates
+        assert estimates.covariance_kind == kind
+        first = estimates.alternative == 0
+        d = estimates.position_m[first] - truth
+        xx, xy, yy = estimates.covariance_m2[first].T
+        distance = (yy * d[:, 0] ** 2 - 2.0 * xy * d[:, 0] * d[:, 1] + xx * d[:, 1] ** 2) / (xx * yy - xy * xy)
+        coverage[kind] = np.mean(distance < 5.991)
+    assert low <= coverage["posterior"] <= high
+    if outliers:
+        assert coverage["inliers"] < 0.9
+
+
+def test_mirror_image_behind_a_wall_is_an_alternative_until_excluded() -> None:
+    """With all paths and no order a virtual source is as likely as the source; walls can rule it out."""
+    wall = SegmentReflector(name="wall", start=(-400.0, 0.0), end=(900.0, 0.0))
+    source, image = np.array([250.0, 150.0]), np.array([250.0, -150.0])
+    places = [(0.0, 400.0), (170.0, 450.0), (330.0, 450.0), (500.0, 400.0)]
+    sensors = [place for place in places for _ in range(2)]
+    seen = [source, image] * 4
+    bearing = [np.degrees(np.arctan2(*(point - place)[::-1])) for place, point in zip(sensors, seen, strict=True)]
+    batch = _bearings(
+        sensors,
+        bearing,
+        sensor=np.repeat(np.arange(4), 2)[None, :],
+        path=np.tile([0, 1], 4)[None, :],
+        scene=Scene(reflectors=(wall,)),
+        field=BoxField(xmin_m=-500.0, xmax_m=1000.0, ymin_m=-500.0, ymax_m=1000.0),
+    )
+    estimates = bearings_mixture_ml.solve(batch, MixtureOptions()).estimates
+    assert estimates.status[0] == Status.AMBIGUOUS
+    two = estimates.position_m[:2]
+    for point in (source, image):
+        assert np.hypot(*(two - point).T).min() < 1.0
+    kept = bearings_mixture_ml.solve(batch, MixtureOptions(exclude_behind_walls=True)).estimates
+    assert np.all(kept.position_m[:, 1] > 0.0)
+    assert np.hypot(*(kept.position_m[0] - source)) < 1.0
+
+
+@pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
+def test_no_crossing_in_the_field_is_no_candidate(module: object) -> None:
+    """Where no two rays cross within the field there is no answer."""
+    batch = _bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0], field=CircleField(x_m=50.0, y_m=0.0, radius_m=5.0))
+    estimates = module.METHOD.solve(batch, module.METHOD.options()).estimates  # type: ignore[attr-defined]
+    assert estimates.status.tolist() == [Status.NO_CANDIDATE]
+    assert np.isnan(estimates.position_m).all()
+
+
+@pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
+@pytest.mark.parametrize(
+    ("batch", "status"),
+    [
+        (_bearings([(0.0, 0.0)] * 3, [10.0, 50.0, 90.0]), Status.DEGENERATE),
+        (_bearings([(0.0, 0.0), (0.0, 5.0), (0.0, 9.0)], [0.0] * 3), Status.DEGENERATE),
+        (_bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0]), Status.OK),
+    ],
+    ids=["identical sensors", "all parallel", "two rows"],
+)
+def test_bad_snapshots_have_their_status(module: object, batch: BearingBatch, status: Status) -> None:
+    """Identical sensors and parallel rays are degenerate; two rows that cross are an answer."""
+    estimates = module.METHOD.solve(batch, module.METHOD.options()).estimates  # type: ignore[attr-defined]
+    assert estimates.status[0] == status
+
+
+@pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
+@pytest.mark.parametrize("alpha", ["0", "1", "-0.1", "nan"])
+def test_alpha_must_be_inside_the_unit_interval(module: object, alpha: str) -> None:
+    """An alpha of 0 or 1 (or beyond) is a usage error that says what is allowed."""
+    with pytest.raises(UsageError, match="alpha"):
+        parse_options(module.METHOD.options, {"alpha": alpha}, module.METHOD.name)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
+def test_snapshots_of_outliers_alone_spoil_no_other(module: object) -> None:
+    """Every row an outlier: some answer or none, and the other snapshots keep their bits."""
+    _, batch, _ = ring_batch(5, 12, sources="disc")
+    bearing = np.asfortranarray(batch.bearing_rad.copy())
+    bearing[::2] = np.random.default_rng(1).uniform(-np.pi, np.pi, bearing[::2].shape)
+    solve, options = module.METHOD.solve, module.METHOD.options()  # type: ignore[attr-defined]
+    clean = solve(batch, options).estimates
+    mixed = solve(dataclasses.replace(batch, bearing_rad=bearing), options).estimates
+    for row in range(1, 12, 2):
+        assert np.array_equal(clean.position_m[clean.row == row], mixed.position_m[mixed.row == row])
+
+
+def test_hundred_bearings_in_one_snapshot() -> None:
+    """100 rows work, by all their pairs or by a seeded sample of them."""
+    truth, batch, _ = ring_batch(6, 2, sensors=100, bearing_std_deg=4.0, nlos_receivers=30, sources="disc")
+    exact, sampled = (
+        bearings_mixture_ml.solve(batch, MixtureOptions(max_pairs=pairs)).estimates for pairs in (5000, 500)
+    )
+    assert np.all(_errors(exact, truth) < 0.1)
+    np.testing.assert_allclose(_errors(sampled, truth), _errors(exact, truth), atol=1e-6)
+
+
+def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
+    """Where every way downhill leaves the field the fix is on its edge, without a covariance."""
+    _, batch, _ = ring_batch(7, 300, bearing_std_deg=4.0, nlos_receivers=2, sources="disc", source_share=1.0)
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=0.6)
+    estimates = bearings_mixture_ml.solve(dataclasses.replace(batch, field=field), MixtureOptions()).estimates
+    held = estimates.status == Status.BOUNDARY
+    assert held.sum() > 5
+    assert np.isnan(estimates.covariance_m2[held]).all()
+    distance = np.hypot(*estimates.position_m[held].T)
+    assert np.all(distance <= 0.6)
+    assert np.median(distance) > 0.55
+
+
+@pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
+def test_ranges_sharpen_every_method(noise: str) -> None:
+    """With 2 % ranges every method is several times better than by bearings of 4 deg alone, and says so."""
+    truth, batch, _ = ring_batch(8, 400, bearing_std_deg=4.0, range_std_share=0.02, sources="disc")
+    for module in (*_ALL, bearings_ml):
+        spec = module.METHOD
+        both, alone = (
+            spec.solve(batch, spec.options(use_ranges=use, range_noise=noise)).estimates for use in (True, False)
+        )
+        assert np.median(_errors(both, truth)) < 0.5 * np.median(_errors(alone, truth))
+        assert np.median(both.covariance_m2[:, 0]) < 0.25 * np.median(alone.covariance_m2[:, 0])
+
+
+def test_one_row_with_a_range_is_an_answer_for_the_mixture() -> None:
+    """A single bearing with its range gives a fix; without the range it is too few."""
+    batch = _bearings([(1.0, 2.0)], [30.0], field=CircleField(x_m=0.0, y_m=0.0, radius_m=100.0))
+    assert bearings_mixture_ml.solve(batch, MixtureOptions()).estimates.status[0] == Status.TOO_FEW
+    ranged = dataclasses.replace(batch, range_m=np.array([[10.0]]), range_std_m=np.array([[0.1]]))
+    estimates = bearings_mixture_ml.solve(ranged, MixtureOptions()).estimates
+    assert estimates.status[0] == Status.OK
+    expected = [1.0 + 10.0 * np.cos(np.radians(30.0)), 2.0 + 10.0 * np.sin(np.radians(30.0))]
+    np.testing.assert_allclose(estimates.position_m[0], expected, atol=1e-6)
+
+
+def test_prior_replaces_the_bootstrap_pair() -> None:
+    """With a prior one bearing is enough; the file's prior goes before the parameters'; half a prior is refused."""
+    batch = _bearings([(0.0, 0.0)], [90.0])
+    options = bearings_sequential.SequentialOptions
+    assert bearings_sequential.solve(batch, options()).estimates.status[0] == Status.TOO_FEW
+    prior = options(prior_x_m=1.0, prior_y_m=50.0, prior_std_m=5.0)
+    estimates = bearings_sequential.solve(batch, prior).estimates
+    assert estimates.status[0] == Status.OK
+    assert abs(estimates.position_m[0, 0]) < 0.2
+    own = dataclasses.replace(batch, prior_xy_m=np.array([[[1.0, 80.0]]]), prior_std_m=np.array([[5.0]]))
+    assert bearings_sequential.solve(own, prior).estimates.position_m[0, 1] > 75.0
+    with pytest.raises(UsageError, match="prior"):
+        bearings_sequential.solve(batch, options(prior_x_m=1.0))
+
+
+def test_trace_tells_every_step_and_ends_at_the_estimate() -> None:
+    """The trace counts the rows used, names each once, shrinks, and ends where the estimate is."""
+    _, batch, _ = ring_batch(9, 20, sources="disc")
+    wanted = dataclasses.replace(batch, want_trace=True)
+    solution = bearings_sequential.solve(wanted, bearings_sequential.SequentialOptions(bootstraps=3))
+    trace = solution.trace
+    assert trace is not None
+    for row in range(20):
+        mine = trace.row == row
+        assert trace.step[mine].tolist() == list(range(2, 9))
+        assert len(set(trace.measurement[mine])) == 7
+        spread = trace.covariance_m2[mine][:, 0] + trace.covariance_m2[mine][:, 2]
+        assert spread[-1] < spread[0]
+        assert np.array_equal(trace.position_m[mine][-1], solution.estimates.position_m[row])
+    assert bearings_sequential.solve(batch, bearings_sequential.SequentialOptions()).trace is None

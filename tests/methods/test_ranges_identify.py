@@ -1,0 +1,177 @@
+"""Several targets among unlabelled echoes: which echoes are direct, how many targets, and where."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from range_worlds import (
+    PAPER_FIELD,
+    echo_world,
+    found_sets,
+    irregular_world,
+    make_batch,
+    paper_world,
+    perimeter,
+    solve,
+    words,
+)
+
+from nlosctl.contract.fields import BoxField
+from nlosctl.errors import DataError
+from nlosctl.methods import ranges_assignment, ranges_extended_tca, ranges_r_ls, ranges_tca
+
+SENSORS = np.array([(-150.0, -120.0), (140.0, -150.0), (160.0, 130.0), (-130.0, 150.0), (10.0, -170.0)])
+TARGETS = np.array([(40.0, 60.0), (-90.0, 20.0)])
+SCATTERERS = np.array([(200.0, 33.0), (-51.0, 200.0)])
+
+
+def world(missed: tuple[tuple[int, int], ...] = (), std_m: float = 0.3):  # type: ignore[no-untyped-def]
+    """Return two targets seen by five sensors through two scatterers."""
+    return echo_world(np.random.default_rng(12), SENSORS, TARGETS, SCATTERERS, std_m, PAPER_FIELD, missed)
+
+
+METHODS = [(ranges_assignment, {}), (ranges_extended_tca, {"eta": 15.0}), (ranges_tca, {"targets": 2})]
+
+
+@pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
+def test_direct_echoes_are_told_from_the_others(module, options) -> None:  # type: ignore[no-untyped-def]
+    """Each target has exactly its direct echoes, flagged los and used; the others have no target and no residual."""
+    trial = world()
+    solution = solve(module.METHOD, trial.batch, **options)
+    assert found_sets(solution) == trial.truth_sets()
+    assert solution.flags is not None
+    np.testing.assert_array_equal(solution.flags.columns["los"][0], trial.label >= 0)
+    np.testing.assert_array_equal(solution.flags.used[0], trial.label >= 0)
+    np.testing.assert_array_equal(np.isfinite(solution.flags.columns["residual_m"][0]), trial.label >= 0)
+    assert np.nanmax(np.abs(solution.flags.columns["residual_m"])) < 5 * 0.3
+
+
+@pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
+def test_targets_are_located_by_range_least_squares(module, options) -> None:  # type: ignore[no-untyped-def]
+    """The estimate of each target is that of r-ls on its echoes alone."""
+    trial = world()
+    solution = solve(module.METHOD, trial.batch, **options)
+    assert solution.flags is not None
+    best = solution.estimates.alternative == 0
+    assert solution.estimates.target[best].tolist() == [0, 1]
+    for target, position, covariance in zip(
+        solution.estimates.target, solution.estimates.position_m, solution.estimates.covariance_m2, strict=True
+    ):
+        rows = np.flatnonzero(solution.flags.columns["target"][0] == target)
+        batch = trial.batch
+        alone = solve(ranges_r_ls.METHOD, make_batch(batch.sensor_xy_m[:, rows], batch.range_m[:, rows], 0.3)).estimates
+        nearest = np.hypot(*(alone.position_m - position).T).argmin()
+        np.testing.assert_allclose(position, alone.position_m[nearest], atol=1e-4)
+        np.testing.assert_allclose(covariance, alone.covariance_m2[nearest], rtol=1e-4)
+
+
+def test_no_target_is_a_possible_answer() -> None:
+    """Echoes that fit no target give one row without one, and no flags."""
+    generator = np.random.default_rng(3)
+    number = np.repeat(np.arange(5), 4)
+    batch = make_batch(SENSORS[number][None], generator.uniform(300.0, 900.0, (1, 20)), sensor=number[None])
+    solution = solve(ranges_assignment.METHOD, batch)
+    assert words(solution) == ["no_target"]
+    assert solution.estimates.target.tolist() == [0]
+    assert solution.flags is not None
+    assert not solution.flags.columns["los"].any()
+    assert np.isnan(solution.flags.columns["target"]).all()
+
+
+@pytest.mark.parametrize("missed", [((2, 0),), ((2, 0), (4, 1))])
+def test_a_sensor_may_miss_a_target(missed: tuple[tuple[int, int], ...]) -> None:
+    """A target that a sensor misses is found when ``min_sensors`` allows it, and not otherwise."""
+    trial = world(missed)
+    assert found_sets(solve(ranges_assignment.METHOD, trial.batch, min_sensors=4)) == trial.truth_sets()
+    assert len(found_sets(solve(ranges_assignment.METHOD, trial.batch))) < 2
+
+
+def test_a_sensor_with_no_echo_at_all_is_as_if_it_were_not_there() -> None:
+    """A snapshot in which one of the sensors has no row is solved by the others."""
+    trial = world()
+    keep = np.flatnonzero(trial.batch.sensor[0] != 3)
+    batch = trial.batch
+    less = make_batch(
+        batch.sensor_xy_m[:, keep], batch.range_m[:, keep], 0.3, sensor=batch.sensor[:, keep], field=PAPER_FIELD
+    )
+    for module, options in METHODS:
+        found = found_sets(solve(module.METHOD, less, **options))
+        assert found == {frozenset(np.flatnonzero(trial.label[keep] == k).tolist()) for k in (0, 1)}
+
+
+@pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
+def test_fewer_than_three_sensors_are_too_few(module, options) -> None:  # type: ignore[no-untyped-def]
+    """Echoes of two sensors cannot tell direct ones: too_few."""
+    number = np.array([[0, 0, 1, 1]])
+    batch = make_batch(SENSORS[number], [[100.0, 200.0, 150.0, 300.0]], sensor=number)
+    assert words(solve(module.METHOD, batch, **options)) == ["too_few"]
+
+
+@pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
+def test_sensors_on_a_line_give_both_sides(module, options) -> None:  # type: ignore[no-untyped-def]
+    """Targets seen from one line are ambiguous: the place and its mirror image, where the field holds both."""
+    line = np.array([(-150.0, 0.0), (-20.0, 0.0), (90.0, 0.0), (170.0, 0.0)])
+    trial = echo_world(np.random.default_rng(4), line, TARGETS[:1], np.empty((0, 2)), 0.1, PAPER_FIELD)
+    options = {**options, **({"targets": 1} if "targets" in options else {})}
+    solution = solve(module.METHOD, trial.batch, **options)
+    first = solution.estimates.target == 0
+    assert set(words(solution)) == {"ambiguous"}
+    np.testing.assert_allclose(np.sort(np.abs(solution.estimates.position_m[first]), axis=0)[0], (40.0, 60.0), atol=1.0)
+    upper = BoxField(xmin_m=-200.0, xmax_m=200.0, ymin_m=5.0, ymax_m=200.0)
+    half = echo_world(np.random.default_rng(4), line, TARGETS[:1], np.empty((0, 2)), 0.1, upper)
+    solution = solve(module.METHOD, half.batch, **options)
+    assert words(solution) == ["ok"]
+    np.testing.assert_allclose(solution.estimates.position_m[0], (40.0, 60.0), atol=1.0)
+
+
+def test_the_number_of_echoes_has_a_limit() -> None:
+    """More echoes at a sensor than ``max_echoes`` are an error that names the parameter."""
+    number = np.concatenate([np.zeros(300, dtype=np.int64), [1, 2, 3]])
+    batch = make_batch(SENSORS[number][None], np.linspace(50.0, 400.0, 303)[None], sensor=number[None])
+    with pytest.raises(DataError, match=r"300 echoes .* max_echoes=100"):
+        solve(ranges_assignment.METHOD, batch)
+    assert solve(ranges_assignment.METHOD, batch, max_echoes=300).estimates.row.size >= 1
+
+
+def test_a_hundred_echoes_at_each_sensor_end_in_time() -> None:
+    """The largest snapshots that the default limit allows are solved in seconds."""
+    generator = np.random.default_rng(6)
+    number = np.repeat(np.arange(4), 100)
+    ranges = generator.uniform(50.0, 500.0, (1, 400))
+    batch = make_batch(SENSORS[number][None], ranges, 0.05, sensor=number[None], field=PAPER_FIELD)
+    start = time.perf_counter()
+    solve(ranges_assignment.METHOD, batch)
+    assert time.perf_counter() - start < 60.0
+
+
+def test_a_proof_cut_short_has_no_answer() -> None:
+    """Where ``max_nodes`` does not suffice the snapshot is not_converged, whatever was found so far."""
+    trial = irregular_world(np.random.default_rng(0))
+    assert words(solve(ranges_assignment.METHOD, trial.batch, max_nodes=1)) == ["not_converged"]
+
+
+def test_held_out_layouts_are_identified() -> None:
+    """Irregular layouts of 4 to 7 sensors, 1 to 5 targets: assignment finds the number and the echoes."""
+    right = exact = 0
+    for trial in range(40):
+        irregular = irregular_world(np.random.default_rng([trial, 3]))
+        found = found_sets(solve(ranges_assignment.METHOD, irregular.batch))
+        right += len(found) == irregular.targets.shape[0]
+        exact += found == irregular.truth_sets()
+    assert right >= 39
+    assert exact >= 37
+
+
+def test_the_papers_scene_is_identified() -> None:
+    """Five sensors at 0 dB: assignment finds three targets and, in most trials, all their echoes."""
+    generator = np.random.default_rng(21)
+    scatterers = perimeter(generator, 3)
+    exact = 0
+    for _ in range(30):
+        trial = paper_world(generator, 5, 1.0, scatterers)
+        found = found_sets(solve(ranges_assignment.METHOD, trial.batch))
+        assert len(found) == 3
+        exact += found == trial.truth_sets()
+    assert exact >= 24

@@ -1,0 +1,118 @@
+"""The mixture likelihood of ranges: outliers long and short, alternatives, competing paths, covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from range_worlds import FloatArray, exact_ranges, make_batch, solve, words
+
+from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.fields import BoxField
+from nlosctl.methods import ranges_mixture_ml, ranges_r_ls
+
+SENSORS = [(0.0, 0.0), (40.0, 0.0), (45.0, 30.0), (0.0, 35.0), (20.0, -10.0), (-10.0, 15.0)]
+
+
+def polluted(
+    snapshots: int, share: float, seed: int = 1, std: float = 0.2
+) -> tuple[RangeBatch, FloatArray, FloatArray]:
+    """Return ranges of which a share is wrong by up to 30 m either way, the sources, and which are right."""
+    generator = np.random.default_rng(seed)
+    sources = generator.uniform((2.0, 2.0), (38.0, 28.0), (snapshots, 2))
+    away = np.hypot(*np.moveaxis(sources[:, None] - np.array(SENSORS), -1, 0))
+    right = generator.random(away.shape) >= share
+    wrong = generator.uniform(3.0, 30.0, away.shape)
+    sign = np.where((generator.random(away.shape) < 0.4) & (away > wrong + 1.0), -1.0, 1.0)
+    ranges = away + std * generator.normal(size=away.shape) + np.where(right, 0.0, sign * wrong)
+    return make_batch(SENSORS, np.abs(ranges), std), sources, right
+
+
+def first_errors(batch: RangeBatch, sources: FloatArray, **options: object) -> FloatArray:
+    """Return the errors of the best fixes, infinite without one."""
+    estimates = solve(ranges_mixture_ml.METHOD, batch, **options).estimates
+    best = estimates.position_m[estimates.alternative == 0]
+    return np.where(np.isfinite(best[:, 0]), np.hypot(*(best - sources).T), np.inf)
+
+
+def test_without_outliers_it_is_range_least_squares() -> None:
+    """Where every row is right the fix is that of r-ls to a small part of its std."""
+    batch, _, _ = polluted(100, 0.0)
+    ours, theirs = (solve(module.METHOD, batch).estimates for module in (ranges_mixture_ml, ranges_r_ls))
+    gap = ours.position_m[ours.alternative == 0] - theirs.position_m[theirs.alternative == 0]
+    assert np.median(np.hypot(*gap.T)) < 0.01
+
+
+def test_long_and_short_outliers_are_left_out() -> None:
+    """With a quarter of the rows wrong the median error stays that of the right ones; r-ls is metres off."""
+    batch, sources, right = polluted(400, 0.25)
+    error = first_errors(batch, sources)
+    assert np.median(error) < 0.25
+    assert (error < 1.0).mean() > 0.9
+    plain = solve(ranges_r_ls.METHOD, batch).estimates
+    assert np.median(np.hypot(*(plain.position_m[plain.alternative == 0] - sources).T)) > 2.0
+    solution = solve(ranges_mixture_ml.METHOD, batch)
+    assert solution.flags is not None
+    los = solution.flags.used
+    found = error < 1.0
+    assert (los == right)[found].mean() > 0.97
+
+
+def test_the_density_of_outliers_is_a_parameter() -> None:
+    """The denser outliers are, the fewer rows are direct, and the density moves the cost as its logarithm says."""
+    batch = make_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)))
+    costs = [solve(ranges_mixture_ml.METHOD, batch, nlos_density_per_m=d).estimates.cost[0] for d in (1e-3, 1e-2)]
+    # every row direct: the cost is that of Gaussians, (1 - alpha) and a density that hardly matter
+    assert costs[0] == pytest.approx(costs[1], abs=0.05)
+    assert costs[0] == pytest.approx(-6.0 * np.log(0.75 / (0.1 * np.sqrt(2.0 * np.pi))), abs=0.05)
+    doubtful = make_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + np.array([[0.3, 0.0, 0.0, 0.0, 0.0, 0.0]]))
+    used = [solve(ranges_mixture_ml.METHOD, doubtful, nlos_density_per_m=d).estimates.n_used[0] for d in (1e-4, 1.0)]
+    assert used == [6, 5]
+
+
+def test_front_and_back_are_alternatives() -> None:
+    """Seen from nearly one line a source and its image are both reported, and the snapshot is ambiguous."""
+    line = [(0.0, 0.0), (1.0, 0.02), (2.0, 0.0), (3.0, 0.01)]
+    solution = solve(ranges_mixture_ml.METHOD, make_batch(line, exact_ranges(line, (4.0, 20.0))))
+    assert set(words(solution)) == {"ambiguous"}
+    apart = np.hypot(*(solution.estimates.position_m[:, None] - [(4.0, 20.0), (4.0, -20.0)]).transpose(2, 0, 1))
+    assert (apart.min(axis=0) < 1.5).all()
+
+
+def test_a_field_that_is_named_is_kept_to() -> None:
+    """With a field on one side of the line only that place is an answer."""
+    line = [(0.0, 0.0), (1.0, 0.02), (2.0, 0.0), (3.0, 0.01)]
+    field = BoxField(xmin_m=-30.0, xmax_m=30.0, ymin_m=1.0, ymax_m=30.0)
+    solution = solve(ranges_mixture_ml.METHOD, make_batch(line, exact_ranges(line, (4.0, 20.0)), field=field))
+    assert words(solution)[0] == "ok"
+    assert solution.estimates.position_m[0, 1] > 0.0
+
+
+def test_numbered_paths_of_a_sensor_compete() -> None:
+    """Of a sensor's numbered paths at most one is direct, and ``first`` trusts the first arrival alone."""
+    sensors = np.array([*SENSORS[:4], SENSORS[0], SENSORS[1]])
+    ranges = exact_ranges(sensors, (11.0, 12.0))
+    ranges[0, 4:] += [7.0, 9.0]
+    batch = make_batch(sensors, ranges, sensor=np.array([[0, 1, 2, 3, 0, 1]]))
+    numbered = type(batch)(**{**vars(batch), "path": np.asfortranarray([[0, 0, 0, 0, 1, 1]])})
+    for prior in ("uniform", "first", "falling"):
+        solution = solve(ranges_mixture_ml.METHOD, numbered, path_prior=prior)
+        assert solution.flags is not None
+        np.testing.assert_array_equal(solution.flags.used[0], [True] * 4 + [False] * 2)
+        np.testing.assert_allclose(solution.estimates.position_m[0], (11.0, 12.0), atol=1e-3)
+
+
+def test_one_place_is_too_few() -> None:
+    """Any number of sensors at one place cannot tell a position."""
+    batch = make_batch((0.0, 0.0), [[5.0, 5.1, 4.9]])
+    assert words(solve(ranges_mixture_ml.METHOD, batch)) == ["too_few"]
+
+
+def test_the_posterior_covariance_is_the_size_of_the_error() -> None:
+    """With outliers about, 90 to 99 in 100 errors lie within the 95 % ellipse of the posterior covariance."""
+    batch, sources, _ = polluted(1500, 0.2, seed=4)
+    estimates = solve(ranges_mixture_ml.METHOD, batch, covariance="posterior").estimates
+    best = estimates.alternative == 0
+    dx, dy = (estimates.position_m[best] - sources).T
+    xx, xy, yy = estimates.covariance_m2[best].T
+    nees = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
+    assert 0.90 < (nees < 5.991).mean() < 0.99

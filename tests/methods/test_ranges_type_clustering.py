@@ -1,0 +1,111 @@
+"""Type-based clustering against a slow plain-Python implementation of the same steps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from plain_type_clustering import PlainClustering, PlainSet, elbow
+from range_worlds import EchoWorld, found_sets, irregular_world, join_batches, paper_world, perimeter, solve
+
+from nlosctl.contract.fields import BoxField
+from nlosctl.methods import ranges_extended_tca, ranges_tca
+from nlosctl.solvers.echoes import read_echoes
+from nlosctl.solvers.search_regions import search_region
+from nlosctl.solvers.type_clustering import cluster_echoes
+from nlosctl.solvers.type_sets import Gate
+
+
+def plain(world: EchoWorld, margin: float = 20.0, gap: float = 20.0) -> tuple[PlainClustering, list[list[int]]]:
+    """Return the reference on a world, and the rows of each sensor's ranges."""
+    batch, box = world.batch, world.batch.field
+    assert isinstance(box, BoxField)
+    number, rows, ranges, places = batch.sensor[0], [], [], []
+    for sensor in np.unique(number):
+        own = np.flatnonzero(number == sensor)
+        own = own[np.argsort(batch.range_m[0, own])]
+        rows.append(own.tolist())
+        ranges.append(batch.range_m[0, own].tolist())
+        places.append(tuple(batch.sensor_xy_m[0, own[0]].tolist()))
+    edges = (box.xmin_m - margin, box.xmax_m + margin, box.ymin_m - margin, box.ymax_m + margin)
+    return PlainClustering(places, ranges, edges, gap), rows
+
+
+def row_sets(kept: list[PlainSet], rows: list[list[int]]) -> set[frozenset[int]]:
+    """Return the rows of each set."""
+    return {frozenset(rows[n][c] for n, c in enumerate(one.circles)) for one in kept}
+
+
+def worlds() -> list[EchoWorld]:
+    """Return small worlds of the paper's scene and of irregular ones."""
+    generator = np.random.default_rng(8)
+    scatterers = perimeter(generator, 2)
+    return [paper_world(generator, n, s, scatterers) for n, s in ((4, 0.1), (4, 3.0), (5, 1.0))]
+
+
+@pytest.mark.parametrize("unique", ["points", "circles"])
+@pytest.mark.parametrize("number", range(3))
+def test_the_sets_are_those_of_the_reference(number: int, unique: str) -> None:
+    """Targets before the elbow, and a known number of them, take the circles that the plain implementation gives."""
+    world = worlds()[number]
+    reference, rows = plain(world)
+    kept = reference.unique(unique)
+    if unique == "circles":
+        for eta in (10.0, 35.0):
+            solution = solve(ranges_extended_tca.METHOD, world.batch, eta=eta, unique=unique)
+            assert found_sets(solution) == row_sets(elbow(kept, eta), rows)
+        solution = solve(ranges_tca.METHOD, world.batch, targets=2, unique=unique)
+        assert found_sets(solution) == row_sets(kept[:2], rows)
+    sets, places = clustered(world, unique)
+    ours = list(places)
+    np.testing.assert_allclose(sets.spread_m[ours], [one.spread for one in kept], rtol=1e-9, atol=1e-9)
+
+
+def clustered(world: EchoWorld, unique: str):  # type: ignore[no-untyped-def]
+    """Return the structured sets and the unique ones of a world."""
+    options = ranges_tca.METHOD.options(targets=1, unique=unique)
+    echoes = read_echoes(world.batch, 0, 100)
+    center = np.array([echoes.center_x]), np.array([echoes.center_y])
+    region = search_region(world.batch.field, world.batch.sensor_xy_m[..., 0], world.batch.sensor_xy_m[..., 1], *center)
+    return cluster_echoes(echoes, Gate(region, options.field_margin_m), options)
+
+
+def test_row_order_tells_nothing() -> None:
+    """Shuffling the rows leaves targets and estimates the same to the bit."""
+    generator = np.random.default_rng(2)
+    world = irregular_world(generator)
+    first = solve(ranges_extended_tca.METHOD, world.batch, eta=25.0)
+    order = generator.permutation(world.label.shape[0])
+    batch = world.batch
+    fields = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "sensor_height_m")
+    shuffled = type(batch)(
+        seed=batch.seed,
+        field=batch.field,
+        **{name: np.asfortranarray(getattr(batch, name)[:, order]) for name in fields},
+    )
+    second = solve(ranges_extended_tca.METHOD, shuffled, eta=25.0)
+    np.testing.assert_array_equal(first.estimates.position_m, second.estimates.position_m)
+    assert first.flags is not None
+    assert second.flags is not None
+    np.testing.assert_array_equal(first.flags.columns["target"][0, order], second.flags.columns["target"][0])
+
+
+@pytest.mark.slow
+def test_plain_python_is_at_least_twenty_times_slower() -> None:
+    """The same steps in plain Python take at least twenty times as long a snapshot (K = L = 3, N = 6)."""
+    generator = np.random.default_rng(4)
+    scatterers = perimeter(generator, 3)
+    trials = [paper_world(generator, 6, 1.0, scatterers) for _ in range(50)]
+    batch = join_batches([trial.batch for trial in trials])
+    ours = min(seconds(lambda: solve(ranges_extended_tca.METHOD, batch, eta=35.0)) for _ in range(5)) / len(trials)
+    theirs = [seconds(lambda trial=trial: elbow(plain(trial)[0].unique("points"), 35.0)) for trial in trials[:15]]
+    assert np.median(theirs) > 20.0 * ours
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return how long some work takes."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start

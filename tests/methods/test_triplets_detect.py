@@ -1,0 +1,275 @@
+"""Methods of detect-ip: verdicts, reasons, calibration, rows that cannot be judged."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+from triplet_worlds import batch_of, draw, one_path
+
+from nlosctl.errors import UsageError
+from nlosctl.evaluation.detection import kolmogorov_smirnov
+from nlosctl.methods import triplets_chi2, triplets_joint, triplets_tdaj
+
+
+def direct_path(**changes):
+    """Return a noise-free direct path over (1, 5)."""
+    x, y = 1.0, 5.0
+    values = {
+        "dod": np.arctan2(y, x + 2.5),
+        "doa": np.arctan2(y, x - 2.5),
+        "length": np.hypot(x + 2.5, y) + np.hypot(x - 2.5, y),
+    }
+    return one_path(**{**values, **changes})
+
+
+def said(module, batch, **options):
+    """Return the flag columns of the first row."""
+    flags = module.solve(batch, module.METHOD.options(**options)).flags
+    return {name: np.asarray(column)[0, 0] for name, column in flags.columns.items()}
+
+
+@pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
+def test_a_direct_path_is_direct(module):
+    """A noise-free direct path has no reason and p-value 1 (of the joint method: next to it)."""
+    found = said(module, direct_path())
+    assert not found["ip"]
+    assert found["reason"] == ""
+    assert found["p_value"] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
+def test_a_longer_path_is_indirect(module):
+    """The same angles with a path two metres longer are inconsistent."""
+    found = said(module, direct_path(length=13.0))
+    assert found["ip"]
+    assert found["reason"] == "inconsistent"
+    assert found["p_value"] < 1e-6
+
+
+def test_no_ellipse():
+    """A path shorter than its baseline has no ellipse: tdaj cannot judge it and says why, chi2 decides."""
+    batch = direct_path(length=4.0)
+    found = said(triplets_tdaj, batch)
+    assert (found["ip"], found["reason"]) == (False, "no_ellipse")
+    assert np.isnan(found["p_value"])
+    found = said(triplets_chi2, batch)
+    assert (found["ip"], found["reason"]) == (True, "inconsistent,no_ellipse")
+
+
+def test_slightly_shorter_than_the_baseline_may_be_direct():
+    """A target on the baseline, the path measured a little shorter than it: chi2 finds no fault."""
+    batch = one_path(dod=0.0, doa=np.pi, length=4.96, std=(0.01, 0.01, 0.05))
+    found = said(triplets_chi2, batch)
+    assert (found["ip"], found["reason"]) == (False, "no_ellipse")
+    assert found["p_value"] == pytest.approx(2.0 * stats.norm.sf(0.8), abs=1e-3)
+
+
+def test_parallel_rays():
+    """Exactly parallel rays have no crossing: lambda 1 says so, lambda 5 does not need it."""
+    batch = one_path(dod=1.0, doa=1.0, length=9.0)
+    found = said(triplets_tdaj, batch, rule="lambda1")
+    assert (found["ip"], found["reason"], found["blind"]) == (False, "parallel", True)
+    assert not np.isnan(said(triplets_tdaj, batch, rule="lambda5")["p_value"])
+
+
+def test_monostatic():
+    """Transmitter and receiver in one place: chi2 compares the two angles, whatever the length; tdaj has no frame."""
+    batch = one_path(rx=(-2.5, 0.0), dod=1.0, doa=1.03, length=9.0, std=(0.01, 0.01, 0.05))
+    assert said(triplets_tdaj, batch)["reason"] == "monostatic"
+    found = said(triplets_chi2, batch)
+    assert found["p_value"] == pytest.approx(2.0 * stats.norm.sf(0.03 / np.hypot(0.01, 0.01)), rel=1e-6)
+    assert found["reason"] == "inconsistent,monostatic"
+
+
+def test_lines_that_meet_behind():
+    """Diverging rays: the simulator's rule condemns them; chi2 tells them, and decides by them when asked to."""
+    batch = one_path(dod=1.66, doa=1.57, length=30.0, std=(0.2, 0.2, 0.05))
+    assert said(triplets_tdaj, batch)["reason"] == ""
+    found = said(triplets_tdaj, batch, behind_is_ip=True)
+    assert (found["ip"], found["reason"], found["p_value"]) == (True, "behind", 0.0)
+    batch = one_path(dod=1.64, doa=1.57, length=30.0, std=(0.015, 0.015, 0.05))
+    plain, asked = said(triplets_chi2, batch), said(triplets_chi2, batch, rays_miss=True)
+    assert asked["ip"]
+    assert "rays_miss" in plain["reason"]
+    assert asked["p_value"] <= plain["p_value"]
+
+
+def test_chi2_knows_gaussian_errors_alone():
+    """Another law of errors with chi2 is a usage error that names the method which knows it."""
+    with pytest.raises(UsageError, match="tdaj"):
+        triplets_chi2.METHOD.options(noise="laplace")
+    with pytest.raises(UsageError, match="student-t:NU"):
+        triplets_tdaj.METHOD.options(noise="cauchy")
+
+
+@pytest.mark.parametrize(
+    ("rule", "noise"),
+    [
+        *((rule, "gaussian") for rule in ("lambda1", "lambda4", "lambda5", "lambda6", "ellipse")),
+        *(("lambda5", noise) for noise in ("uniform", "laplace", "student-t:4")),
+    ],
+)
+def test_flags_agree_with_thresholds(rule, noise):
+    """A path is flagged exactly where its difference exceeds the threshold of the details."""
+    batch = dataclasses.replace(batch_of(draw("shen", 30, seed=1)), want_details=True)
+    options = triplets_tdaj.TdajOptions(rule=rule, noise=noise, false_alarm=0.02)
+    columns = triplets_tdaj.solve(batch, options).flags.columns
+    np.testing.assert_array_equal(columns["ip"], columns["p_value"] < 0.02)
+    if rule == "ellipse":
+        return
+    number = rule[-1]
+    beyond = np.abs(columns[f"lambda{number}_m"]) > columns[f"threshold{number}_m"]
+    np.testing.assert_array_equal(columns["ip"], beyond)
+
+
+@pytest.mark.parametrize("k", [0, 2, 5])
+def test_fusion_counts_the_rules(k):
+    """Fusion flags where more than k of the six differences exceed their thresholds, equation (4)."""
+    batch = dataclasses.replace(batch_of(draw("shen", 400, seed=2)), want_details=True)
+    columns = triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule="fusion", k=k)).flags.columns
+    beyond = sum((np.abs(columns[f"lambda{n}_m"]) > columns[f"threshold{n}_m"]).astype(int) for n in range(1, 7))
+    np.testing.assert_array_equal(columns["ip"], beyond > k)
+
+
+def test_details_are_points_in_global_coordinates():
+    """The three points of a direct path are the target, in the coordinates of the file, turned or not."""
+    turn = 0.8
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    tx, rx, target = (rotation @ np.array(p) + [100.0, -50.0] for p in ((-2.5, 0.0), (2.5, 0.0), (1.0, 5.0)))
+    batch = one_path(
+        tuple(tx),
+        tuple(rx),
+        dod=np.arctan2(*(target - tx)[::-1]),
+        doa=np.arctan2(*(target - rx)[::-1]),
+        length=np.hypot(*(target - tx)) + np.hypot(*(target - rx)),
+    )
+    found = said(triplets_tdaj, dataclasses.replace(batch, want_details=True))
+    for name in ("dod_doa", "dod_toa", "doa_toa"):
+        assert [found[f"{name}_x_m"], found[f"{name}_y_m"]] == pytest.approx(list(target), abs=1e-9)
+    assert found["lambda5_m"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_safe_region():
+    """At the edge of the safe region a path is flagged with the nominal probability; inside less often."""
+    batch = one_path(dod=0.96, doa=1.86, length=12.5)
+    rows_std = said(triplets_tdaj, dataclasses.replace(batch, want_details=True))
+    value = abs(rows_std["lambda5_m"])
+    found = said(triplets_tdaj, batch, eta_m=value)
+    # |lambda| at its own mean: it is exceeded half the time, but for the far tail.
+    assert found["p_value"] == pytest.approx(0.5, abs=1e-3)
+    assert found["outside_safe_region"] == found["ip"]
+    assert not said(triplets_tdaj, batch, eta_m=2.0 * value)["ip"]
+    assert "outside_safe_region" not in said(triplets_tdaj, batch)
+
+
+@pytest.mark.parametrize("number", [2, 3])
+@pytest.mark.parametrize("module", [triplets_chi2, triplets_tdaj])
+def test_false_alarms_are_nominal(number, module):
+    """P_f is the nominal 5 % over direct paths of the paper's scenarios, and the p-values are uniform."""
+    batch = batch_of(draw("shen", 20_000, seed=number, number=number, indirect_fraction=0.0))
+    p_value = module.solve(batch, module.METHOD.options()).flags.columns["p_value"].ravel()
+    assert np.mean(p_value < 0.05) == pytest.approx(0.05, abs=0.0047)
+    assert kolmogorov_smirnov(p_value)[1] > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [2, 3])
+@pytest.mark.parametrize("module", [triplets_chi2, triplets_tdaj])
+def test_false_alarms_are_nominal_in_many_draws(number, module):
+    """P_f is 5 +- 0.2 % over 100,000 direct paths."""
+    batch = batch_of(draw("shen", 100_000, seed=10 + number, number=number, indirect_fraction=0.0))
+    ip = module.solve(batch, module.METHOD.options()).flags.columns["ip"]
+    assert ip.mean() == pytest.approx(0.05, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("target", "power_dbm"), [((0.0, 5.0), 1.0), ((-2.5, 6.0), 1.0), ((5.0, 0.1), 1.0), ((0.0, 40.0), 25.0)]
+)
+def test_chi2_is_calibrated_where_the_differences_are_blind(target, power_dbm):
+    """P_f of chi2 is nominal for targets on which a difference rule is blind or its linearization fails."""
+    columns = draw("shen", 10_000, seed=3, number=3, indirect_fraction=0.0, target_m=target, power_dbm=power_dbm)
+    batch = batch_of(columns)
+    chi2 = triplets_chi2.solve(batch, triplets_chi2.METHOD.options()).flags.columns["ip"].mean()
+    assert chi2 == pytest.approx(0.05, abs=0.0066)
+    rates = [
+        triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule=f"lambda{n}")).flags.columns["ip"].mean()
+        for n in range(1, 7)
+    ]
+    assert max(abs(rate - 0.05) for rate in rates) > 0.03
+
+
+def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
+    """In rooms the joint method finds more indirect paths at the same false alarms, and its p-values stay uniform."""
+    columns = draw("room", 400, seed=4, blocked_fraction=0.0)
+    from nlosctl.contract.batches import TripletBatch
+
+    arrays = {}
+    for name, parts in TripletBatch.SOURCES.items():
+        values = [np.asfortranarray(columns[part].reshape(400, 12)) for part in parts]
+        arrays[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
+    batch = TripletBatch(seed=np.zeros(400, dtype=np.uint64), **arrays)
+    indirect = columns["truth_ip"].reshape(400, 12)
+    rates = {}
+    for module in (triplets_chi2, triplets_joint):
+        solution = module.solve(batch, module.METHOD.options())
+        p_value = solution.flags.columns["p_value"]
+        threshold = np.quantile(p_value[~indirect], 0.05)
+        rates[module.METHOD.name] = np.mean(p_value[indirect] < threshold)
+    assert rates["joint"] > 0.97 > 0.93 > rates["chi2"]
+    assert np.mean(p_value[~indirect] < 0.05) == pytest.approx(0.05, abs=0.02)
+    estimates = solution.estimates
+    truth = np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)[::12]
+    error = np.hypot(*(estimates.position_m - truth[estimates.row]).T)
+    assert np.nanmedian(error) < 0.06
+
+
+def test_joint_with_several_targets():
+    """Paths over two targets are all direct with targets=2, and both targets are estimated."""
+    generator = np.random.default_rng(5)
+    from nlosctl.contract.batches import TripletBatch
+    from nlosctl.models.triplets import predict_triplets
+
+    tx = np.tile(generator.uniform(-5.0, 5.0, (40, 1, 2)), (1, 8, 1))
+    rx = np.repeat(generator.uniform(-5.0, 5.0, (40, 4, 2)), 2, axis=1)
+    pair = generator.uniform(-5.0, 5.0, (40, 2, 2))
+    target = np.tile(pair, (1, 4, 1))
+    dod, doa, length = predict_triplets(tx, rx, target)
+    noise = generator.normal(size=(3, 40, 8))
+    fields = {
+        "tx_xy_m": tx,
+        "rx_xy_m": rx,
+        "dod_rad": dod + 0.01 * noise[0],
+        "doa_rad": doa + 0.01 * noise[1],
+        "path_length_m": length + 0.02 * noise[2],
+        "dod_std_rad": np.full((40, 8), 0.01),
+        "doa_std_rad": np.full((40, 8), 0.01),
+        "path_length_std_m": np.full((40, 8), 0.02),
+    }
+    batch = TripletBatch(
+        seed=np.zeros(40, dtype=np.uint64), **{name: np.asfortranarray(value) for name, value in fields.items()}
+    )
+    solution = triplets_joint.solve(batch, triplets_joint.JointOptions(targets=2))
+    assert solution.flags.columns["ip"].mean() < 0.08
+    estimates = solution.estimates
+    both = np.bincount(estimates.row) == 2
+    assert both.mean() > 0.9
+    for row in np.flatnonzero(both):
+        found = estimates.position_m[estimates.row == row]
+        distance = np.hypot(*(found[:, None] - pair[row][None]).transpose(2, 0, 1))
+        assert (distance.min(axis=0) < 0.3).all()
+
+
+def test_quantity_of_the_ellipse_rule_agrees_with_lambda_for_direct_paths():
+    """By Theorem 1 every rule has the same p-value for a direct path with little noise."""
+    columns = draw("shen", 300, seed=6, number=3, indirect_fraction=0.0, power_dbm=60.0)
+    keep = np.abs(columns["truth_y_m"]) > 2.0
+    batch = batch_of(columns, keep)
+    p_values = {
+        rule: triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule=rule)).flags.columns["p_value"].ravel()
+        for rule in ("lambda1", "lambda2", "lambda5", "ellipse")
+    }
+    for rule in ("lambda1", "lambda2", "ellipse"):
+        assert np.median(np.abs(p_values[rule] - p_values["lambda5"])) < 1e-3

@@ -1,0 +1,90 @@
+"""Maximum likelihood on triplets: answers, covariances, statuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from triplet_worlds import batch_of, draw, one_path
+
+from nlosctl.contract.batches import TripletBatch
+from nlosctl.contract.statuses import Status
+from nlosctl.evaluation.consistency import squared_mahalanobis
+from nlosctl.methods import triplets_ml
+
+
+def solve(batch, **options):
+    """Return the solution."""
+    return triplets_ml.solve(batch, triplets_ml.MaximumLikelihoodOptions(**options))
+
+
+def test_covariance_is_the_size_of_the_error():
+    """Over direct paths with little noise the normalized squared error has mean 2."""
+    columns = draw("shen", 3000, seed=1, indirect_fraction=0.0, power_dbm=20.0, region_m=(-8.0, 8.0, 2.0, 10.0))
+    estimates = solve(batch_of(columns)).estimates
+    error = estimates.position_m - np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)
+    nees = squared_mahalanobis(error, estimates.covariance_m2)
+    assert np.isfinite(nees).mean() > 0.999
+    assert np.nanmean(nees) == pytest.approx(2.0, abs=0.15)
+
+
+def test_path_by_path_estimates_say_of_which_path():
+    """Every path has an estimate of its own, a target of its own, and its place in the snapshot."""
+    columns = draw("room", 5, seed=2, receivers=2, paths=3, blocked_fraction=0.0)
+    estimates = solve(_block(columns, 5, 6)).estimates
+    assert estimates.row.tolist() == np.repeat(np.arange(5), 6).tolist()
+    assert estimates.measurement.tolist() == estimates.target.tolist() == np.tile(np.arange(6), 5).tolist()
+    assert (estimates.n_used <= 1).all()
+
+
+def test_joint_estimate_uses_all_paths():
+    """With joint=true direct paths of several pairs give one estimate, better than any by itself."""
+    columns = draw("room", 100, seed=3, receivers=4, paths=1, blocked_fraction=0.0)
+    batch = _block(columns, 100, 4)
+    joint, single = solve(batch, joint=True).estimates, solve(batch).estimates
+    truth = np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)[::4]
+    assert (joint.n_used == 4).all()
+    joint_error = np.hypot(*(joint.position_m - truth).T)
+    single_error = np.hypot(*(single.position_m - truth[single.row]).T)
+    assert np.median(joint_error) < 0.7 * np.nanmedian(single_error)
+    nees = squared_mahalanobis(joint.position_m - truth, joint.covariance_m2)
+    assert nees.mean() == pytest.approx(2.0, abs=0.7)
+
+
+def test_residuals_are_measured_minus_predicted():
+    """The flags' residuals are those of the estimate in the coordinates of the file."""
+    columns = draw("room", 20, seed=4, receivers=3, paths=1, blocked_fraction=0.0)
+    solution = solve(_block(columns, 20, 3), joint=True)
+    from nlosctl.models.triplets import predict_triplets
+
+    tx = np.stack([columns["tx_x_m"], columns["tx_y_m"]], axis=1)
+    rx = np.stack([columns["rx_x_m"], columns["rx_y_m"]], axis=1)
+    dod, doa, length = predict_triplets(tx, rx, solution.estimates.position_m[np.repeat(np.arange(20), 3)])
+    said = solution.flags.columns
+    turn = np.angle(np.exp(1j * (columns["dod_rad"] - dod)))
+    np.testing.assert_allclose(said["residual_dod_rad"].ravel(), turn, atol=1e-9)
+    np.testing.assert_allclose(
+        said["residual_doa_rad"].ravel(), np.angle(np.exp(1j * (columns["doa_rad"] - doa))), atol=1e-9
+    )
+    np.testing.assert_allclose(said["residual_m"].ravel(), columns["path_length_m"] - length, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ({"dod": 0.0, "doa": np.pi, "length": 5.0}, Status.DEGENERATE),
+        ({"dod": 0.7, "doa": 1.6, "length": 9.0}, Status.OK),
+    ],
+)
+def test_statuses(path, status):
+    """A target on the baseline has no covariance: degenerate; others are answered."""
+    estimates = solve(one_path(**path)).estimates
+    assert estimates.status[0] == status
+    assert np.isnan(estimates.position_m).all() == (status == Status.DEGENERATE)
+
+
+def _block(columns, snapshots, paths):
+    arrays = {}
+    for name, parts in TripletBatch.SOURCES.items():
+        values = [np.asfortranarray(columns[part].reshape(snapshots, paths)) for part in parts]
+        arrays[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
+    return TripletBatch(seed=np.zeros(snapshots, dtype=np.uint64), **arrays)

@@ -1,0 +1,57 @@
+"""Finite walls: rows that they mirror or block."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.scene import Scene, SegmentReflector
+from nlosctl.contract.statuses import Status
+from nlosctl.methods import bearings_ml
+from nlosctl.models.bearings import predict_bearings, sight_lines
+
+_SENSORS = np.array([[[0.0, 0.0], [8.0, 0.0], [4.0, -3.0]]])
+_SOURCE = np.array([4.0, 5.0])
+
+
+def _batch(wall: SegmentReflector, reflector: list[int]) -> BearingBatch:
+    scene, places = Scene(reflectors=(wall,)), np.array([reflector])
+    bearing = predict_bearings(_SENSORS, places, scene, np.broadcast_to(_SOURCE, _SENSORS.shape))
+    return BearingBatch(
+        scene=scene,
+        seed=np.zeros(1, dtype=np.uint64),
+        sensor=np.arange(3)[None, :],
+        sensor_xy_m=np.asfortranarray(_SENSORS),
+        bearing_rad=np.asfortranarray(bearing),
+        bearing_std_rad=np.full((1, 3), 0.01),
+        path=np.full((1, 3), -1),
+        reflector=places,
+    )
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "reflector", "unseen"),
+    [
+        ((-5.0, 8.0), (15.0, 8.0), [0, 0, 0], [False, False, False]),  # all specular points on the wall
+        ((3.5, 8.0), (15.0, 8.0), [0, 0, 0], [True, False, False]),  # the first one is beyond its end
+        ((3.0, 2.0), (5.0, 2.0), [-1, -1, -1], [False, False, True]),  # between the source and the third sensor
+        ((-5.0, 8.0), (15.0, 8.0), [-1, 0, -1], [False, False, False]),
+    ],
+)
+def test_walls_mirror_within_their_ends_and_block(
+    start: tuple[float, float], end: tuple[float, float], reflector: list[int], unseen: list[bool]
+) -> None:
+    """A row by a wall is seen by a specular point on it, a direct row where no wall is in the way; else infeasible."""
+    batch = _batch(SegmentReflector(name="wall", start=start, end=end), reflector)
+    lines = sight_lines(batch)
+    x, y = _SOURCE[:1] - lines.center_x, _SOURCE[1:] - lines.center_y
+    assert lines.unseen(x, y).tolist() == [unseen]
+    assert lines.take(np.array([0, 0])).unseen(np.repeat(x, 2), np.repeat(y, 2)).tolist() == [unseen, unseen]
+    estimates = bearings_ml.solve(
+        dataclasses.replace(batch, want_flags=False), bearings_ml.MaximumLikelihoodOptions()
+    ).estimates
+    np.testing.assert_allclose(estimates.position_m[0], _SOURCE, atol=1e-6)
+    assert estimates.status[0] == (Status.INFEASIBLE if any(unseen) else Status.OK)

@@ -1,0 +1,83 @@
+"""Squared-range least squares: the exact global minimum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from nlosctl.solvers.gtrs import fit_squared_ranges
+
+FloatArray = np.ndarray
+
+
+def draw(seed: int, snapshots: int, measurements: int, layout: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Draw sensors (B, K, 2), squared ranges with errors of 0 to 50 m, and weights."""
+    generator = np.random.default_rng(seed)
+    shape = (snapshots, measurements)
+    sensors = generator.uniform(-100.0, 100.0, (*shape, 2))
+    if layout == "line":
+        sensors[..., 1] = 0.3 * sensors[..., 0]
+    if layout == "nearly a line":
+        sensors[..., 1] = 0.3 * sensors[..., 0] + 1e-6 * generator.normal(size=shape)
+    point = generator.uniform(-200.0, 200.0, (snapshots, 1, 2))
+    error = generator.choice([0.0, 0.1, 10.0, 50.0], (snapshots, 1)) * generator.normal(size=shape)
+    ranges = np.hypot(*np.moveaxis(sensors - point, -1, 0)) + error
+    return sensors, ranges * ranges, 1.0 / generator.uniform(0.1, 2.0, shape) ** 2
+
+
+def cost(sensors: FloatArray, squared: FloatArray, weight: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the cost (9) of points (B,), relative to the fourth power of the ranges."""
+    distance = (sensors[..., 0] - x[:, None]) ** 2 + (sensors[..., 1] - y[:, None]) ** 2
+    return (weight * (squared - distance) ** 2).sum(axis=1) / (weight * squared**2).sum(axis=1)
+
+
+@pytest.mark.parametrize("layout", ["plane", "line", "nearly a line"])
+@pytest.mark.parametrize("measurements", [2, 3, 6])
+def test_no_start_leads_lower(layout: str, measurements: int) -> None:
+    """The fit costs no more than the best of eight least-squares searches from random starts."""
+    sensors, squared, weight = draw(measurements, 15, measurements, layout)
+    fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
+    ours = cost(sensors, squared, weight, fit.x, fit.y)
+    generator = np.random.default_rng(0)
+    for row in range(sensors.shape[0]):
+        root = np.sqrt(weight[row] / (weight[row] * squared[row] ** 2).sum())
+
+        def residual(point: FloatArray, row: int = row, root: FloatArray = root) -> FloatArray:
+            return root * (squared[row] - ((point - sensors[row]) ** 2).sum(axis=1))
+
+        searches = [least_squares(residual, generator.uniform(-300.0, 300.0, 2)) for _ in range(8)]
+        assert ours[row] <= min(2.0 * search.cost for search in searches) + 1e-12
+
+
+def test_sensors_on_a_line_have_two_minima_of_equal_cost() -> None:
+    """On one line the mirror image of the fit is another minimum, just as low, on the other side."""
+    sensors, squared, weight = draw(7, 200, 4, "line")
+    fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
+    one = cost(sensors, squared, weight, fit.x, fit.y)
+    other = cost(sensors, squared, weight, fit.mirror_x, fit.mirror_y)
+    np.testing.assert_allclose(one, other, atol=1e-12)
+    across = np.array([-0.3, 1.0])
+    assert (
+        (fit.x * across[0] + fit.y * across[1]) * (fit.mirror_x * across[0] + fit.mirror_y * across[1]) <= 1e-6
+    ).all()
+
+
+def test_a_block_is_its_snapshots_one_by_one() -> None:
+    """Fitting a block gives the bits of fitting each snapshot alone."""
+    sensors, squared, weight = draw(11, 50, 5, "plane")
+    whole = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
+    for row in range(50):
+        part = slice(row, row + 1)
+        alone = fit_squared_ranges(sensors[part, :, 0], sensors[part, :, 1], squared[part], weight[part])
+        assert (alone.x[0], alone.y[0]) == (whole.x[row], whole.y[row])
+
+
+def test_coincident_sensors_have_no_fit() -> None:
+    """Sensors that all stand at one place give no number, and the row beside them keeps its own."""
+    sensors, squared, weight = draw(13, 2, 4, "plane")
+    alone = fit_squared_ranges(sensors[1:, :, 0], sensors[1:, :, 1], squared[1:], weight[1:])
+    sensors[0] = sensors[0, 0]
+    fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
+    assert np.isnan(fit.x[0])
+    assert fit.x[1] == alone.x[0]

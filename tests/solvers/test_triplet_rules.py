@@ -1,0 +1,98 @@
+"""Decision rules on triplets: statistics, blind spots, rays that miss each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from triplet_worlds import one_path
+
+from nlosctl.evaluation.detection_theory import DetectionScene
+from nlosctl.models.error_laws import GaussianErrors
+from nlosctl.models.triplets import path_rows
+from nlosctl.solvers.triplet_rules import blind_rows, decide, decide_fusion, rays_miss_by, rule_quantity
+
+RULES = (1, 2, 3, 4, 5, 6, "ellipse")
+
+
+def test_standard_deviation_by_first_principles():
+    """sigma (24) is the spread of a rule under small errors, here drawn; so is the p-value uniform."""
+    generator = np.random.default_rng(1)
+    scene = DetectionScene(target_m=(5.2, 10.0), power_dbm=30.0)
+    rows = scene.direct_row()
+    mu1 = np.arctan2(rows.rays.doa_sine, rows.rays.doa_cosine)[0]
+    mu2 = np.arctan2(rows.rays.dod_sine, rows.rays.dod_cosine)[0]
+    std = [float(part[0]) for part in (rows.dod_std_rad, rows.doa_std_rad, rows.path_length_std_m)]
+    for rule in RULES:
+        decision = decide(rows, rule_quantity(rows.rays, rule), GaussianErrors())
+        values = []
+        for _ in range(400):
+            noise = generator.normal(size=3) * std
+            batch = one_path(
+                dod=mu2 + noise[0], doa=mu1 + noise[1], length=rows.rays.path_length_m[0] + noise[2], std=std
+            )
+            values.append(rule_quantity(path_rows(batch).rays, rule).value_m[0])
+        assert np.std(values) == pytest.approx(decision.std_m[0], rel=0.12)
+
+
+def test_fusion_is_the_k_plus_first_smallest():
+    """More than k of the rules: the (k+1)-th smallest p-value; rules that do not exist say nothing."""
+    p_values = [np.array([0.3, np.nan]), np.array([0.1, np.nan]), np.array([np.nan, np.nan]), np.array([0.02, np.nan])]
+    np.testing.assert_array_equal(decide_fusion(p_values, 0), [0.02, np.nan])
+    np.testing.assert_array_equal(decide_fusion(p_values, 2), [0.3, np.nan])
+    np.testing.assert_array_equal(decide_fusion(p_values, 3), [1.0, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("target", "blind"),
+    [
+        ((1.0, 5.0), set()),
+        ((0.0, 5.0), {6}),
+        ((-2.5, 6.0), {1}),
+        ((2.5, 6.0), {3}),
+        ((5.0, 0.01), {1, 2, 3, 4, 5, "ellipse"}),
+    ],
+)
+def test_blind_spots_of_direct_paths(target, blind):
+    """Table I and what it leaves out: lambda 6 at x = 0, 1 and 3 over a node, 2, 4 and 5 at the baseline."""
+    rows = DetectionScene(target_m=target).direct_row()
+    found = {rule for rule in RULES if blind_rows(rows, rule)[0]}
+    # Near the baseline the rays are nearly parallel, which 1 to 4 and the ellipse rule can't bear.
+    assert found == blind
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_blind_where_transmitter_and_receiver_are_one(rule):
+    """Without a baseline there is no baseline frame: every rule is blind."""
+    rows = path_rows(one_path(rx=(-2.5, 0.0), dod=1.0, doa=1.0, length=8.0))
+    assert blind_rows(rows, rule)[0]
+
+
+@pytest.mark.parametrize(
+    ("dod", "doa", "expected"),
+    [
+        (0.5, 1.5, 0.0),
+        (1.5, 0.5, 1.0 / np.hypot(0.02, 0.01)),
+        (-0.1, 1.5, 0.1 / 0.02),
+        (0.3, -3.0, (np.pi - 3.0) / 0.01),
+        (-0.5, -1.5, 0.0),
+    ],
+)
+def test_rays_that_miss(dod, doa, expected):
+    """The least turn that makes rays meet: of both to parallel, or of one across the baseline."""
+    rows = path_rows(one_path(dod=dod, doa=doa, length=9.0, std=(0.02, 0.01, 0.05)))
+    assert rays_miss_by(rows)[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_rays_that_miss_by_brute_force():
+    """The least turn is the smallest scaled distance to a pair of angles whose rays meet, over a fine grid."""
+    std = (0.2, 0.3)
+    grid = np.linspace(-np.pi, np.pi, 721)
+    mu1, mu2 = (values.ravel() for values in np.meshgrid(grid, grid))
+    meet = ((mu2 >= 0.0) & (mu1 >= mu2)) | ((mu2 <= 0.0) & (mu1 <= mu2))
+    generator = np.random.default_rng(3)
+    for dod, doa in generator.uniform(-3.0, 3.0, (60, 2)):
+        rows = path_rows(one_path(dod=dod, doa=doa, length=9.0, std=(*std, 0.05)))
+        turn_dod = np.abs((mu2 - dod + np.pi) % (2.0 * np.pi) - np.pi)
+        turn_doa = np.abs((mu1 - doa + np.pi) % (2.0 * np.pi) - np.pi)
+        nearest = np.hypot(turn_dod / std[0], turn_doa / std[1])[meet].min()
+        assert rays_miss_by(rows)[0] == pytest.approx(nearest, abs=0.05)
