@@ -57,7 +57,7 @@ class MixtureOptions:
     )
     max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
     mode_gap: float = option(
-        1.0,
+        0.75,
         unit="nat per row",
         minimum=0.0,
         meaning="crossings less likely than the best by more than this times the number of rows are not followed",

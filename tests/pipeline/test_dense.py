@@ -169,7 +169,9 @@ def test_estimates_come_in_order_and_no_more_than_wanted(
     """By snapshot, then method, then alternative, at most N of these; as from a loop over the snapshots."""
     counts, kept = case
     runs = [method("one", ladder, minimum=1), method("two", ladder, minimum=3)]
-    estimates, _ = solve_flat(problem(counts, kept), runs, block_size=size, alternatives=alternatives, want_flags=False)
+    estimates, _, _ = solve_flat(
+        problem(counts, kept), runs, block_size=size, alternatives=alternatives, want_flags=False
+    )
     assert told(estimates) == by_loop(counts, kept, [1, 3], alternatives)
     seeds = [None if np.isnan(cost) else cost for cost in estimates.cost]
     expected = [None if row[3] is None else 100.0 + row[0] for row in told(estimates)]
@@ -181,7 +183,7 @@ def test_estimates_come_in_order_and_no_more_than_wanted(
 def test_flags_come_back_to_their_rows(case: tuple[list[int], list[bool]], size: int) -> None:
     """Each row has what was said of it; rows left out, or of a snapshot not solved, are not used and say nothing."""
     counts, kept = case
-    _, (flags,) = solve_flat(
+    _, (flags,), _ = solve_flat(
         problem(counts, kept), [method("two", ladder, minimum=2)], block_size=size, alternatives=1, want_flags=True
     )
     offsets, bearing = offsets_of(counts), columns_of(sum(counts))["bearing_rad"]
