@@ -49,10 +49,7 @@ class TruthTable:
 
     def __init__(self, given: Input) -> None:
         reader = PlainReader(given, TRUTH)
-        batches = list(reader.batches())
-        if not batches:
-            raise DataError(f"{given.name}: no rows")
-        table = pa.concat_tables(batches)
+        table = reader.read_all()
         self._ids = _as_text(table.column("snapshot"))
         self._truth_m = _stack(table, ("truth_x_m", "truth_y_m"))
 

@@ -35,6 +35,13 @@ class PlainReader:
         self._first = self._started(given.parts[0], source)
         self.schema: Any = self._first[1]
 
+    def read_all(self) -> Any:
+        """Return all rows as one Arrow table; raise DataError where there is none. Call it, or ``batches``, once."""
+        batches = list(self.batches())
+        if not batches:
+            raise DataError(f"{self._given.name}: no rows")
+        return pa.concat_tables(batches)
+
     def batches(self) -> Iterator[Any]:
         """Yield Arrow tables in file order, with plain text for dictionary-encoded text; call it once."""
         for part in self._given.parts:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import ESTIMATES, FLAGS
@@ -87,7 +86,7 @@ def _take(rows: EchoRows, places: IntArray) -> EchoRows:
 
 def _read_estimates(given: Input, grouping: list[str]) -> _Found:
     """Return the positions of all targets; a snapshot without a target has none."""
-    table = pa.concat_tables(PlainReader(given, ESTIMATES).batches())
+    table = PlainReader(given, ESTIMATES).read_all()
     shared = tuple(name for name in grouping if name in table.column_names)
     if "method" not in shared and len(table.column("method").unique()) > 1:
         raise DataError(f"{given.name}: estimates of several methods, but the flags have no column 'method'")

@@ -23,12 +23,12 @@ def copy_inputs(folder: Path) -> None:
 
 
 def test_provenance_is_complete_and_nothing_more(cli: Cli, tmp_path: Path) -> None:
-    """Version, command, methods with parameters, seed, input names, sizes and rows: these and no other key."""
+    """Version, command, methods, parameters, seed, field, input names, sizes and rows: these and no other key."""
     copy_inputs(tmp_path)
     words = ["localize", "good_bearings.csv", "-m", "ls", "--seed", 4, "-o", "e.parquet", "--flags-out", "f.parquet"]
     assert cli(*words).code == 0
     told = provenance(tmp_path / "e.parquet")
-    assert told.keys() == {"version", "command", "methods", "seed", "inputs"}
+    assert told.keys() == {"version", "command", "methods", "seed", "field", "inputs"}
     assert (told["version"], told["command"], told["seed"]) == (__version__, "localize", 4)
     assert [method["name"] for method in told["methods"]] == ["bearings.ls"]
     size = (FIXTURES / "good_bearings.csv").stat().st_size

@@ -11,12 +11,14 @@ from cli_support import Outcome, read_parquet
 
 Cli = Callable[..., Outcome]
 SCENARIOS = ["mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
+OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "room", "shen"]
+"""Scenarios that have tests of their own."""
 
 
 def test_the_list_and_a_scenarios_parameters(cli: Cli) -> None:
     """Without a name the scenarios are listed; ``--show`` tells one's parameters with unit and meaning."""
     told = cli("simulate", "--json").json
-    assert [row["scenario"] for row in told] == sorted([*SCENARIOS, "room", "shen"])
+    assert [row["scenario"] for row in told] == sorted([*SCENARIOS, *OTHER_KINDS])
     shown = cli("simulate", "ring", "--show", "--json").json
     parameters = {item["name"]: item for item in shown["parameters"]}
     assert parameters["bearing_std_deg"]["unit"] == "deg"
