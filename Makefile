@@ -29,7 +29,7 @@ format: .venv/dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-schemas: .venv/runtime ## write schemas/ again from contract/tables.py
+schemas: .venv/runtime ## write schemas/ again from contract/tables/
 	$(BIN)/nlosctl schema --write schemas
 
 fixtures: .venv/runtime ## make fixtures/ again

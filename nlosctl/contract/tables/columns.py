@@ -1,0 +1,81 @@
+"""What a column and a table are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["Column", "ColumnType", "Spelling", "Table"]
+
+ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
+"""``identifier`` is text or an integer, whichever the file holds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spelling:
+    """Another name for a column, in another unit: ``canonical = value * scale + offset``."""
+
+    name: str
+    scale: float
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """One column: its name, type, unit and what a value must satisfy.
+
+    ``too_large_means`` says what values beyond ``largest_magnitude`` plainly are. ``constant_option`` is the
+    option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
+    the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
+    or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
+    flags that are said only in a scene with circles.
+    """
+
+    name: str
+    type: ColumnType
+    meaning: str
+    unit: str = ""
+    required: bool = False
+    positive: bool = False
+    largest_magnitude: float | None = None
+    too_large_means: str = ""
+    nullable: bool = False
+    constant_allowed: bool = False
+    constant_option: str = ""
+    scene_axis: int | None = None
+    names_reflector: bool = False
+    carried: bool = False
+    of_circles: bool = False
+    spellings: tuple[Spelling, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table: its name, title and columns in order.
+
+    ``row_key`` names the columns that, besides ``snapshot``, no two measurements may have all equal.
+    ``measurement_name`` names the column that estimates of single measurements carry.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    row_key: tuple[str, ...] = ()
+    measurement_name: str = ""
+
+    def column(self, name: str) -> Column:
+        """Return the column called ``name``; raise KeyError where there is none."""
+        for column in self.columns:
+            if column.name == name:
+                return column
+        raise KeyError(name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all columns, in order."""
+        return tuple(column.name for column in self.columns)
+
+    @property
+    def required(self) -> tuple[Column, ...]:
+        """The columns that a file must have (``snapshot`` apart, see docs/conventions.md)."""
+        return tuple(column for column in self.columns if column.required)

@@ -1,0 +1,220 @@
+"""The columns of the tables that commands write, and of a table of true positions."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from nlosctl.contract.tables.columns import Column, Table
+from nlosctl.contract.tables.measurements import TRUTH_POSITION
+
+__all__ = ["BOUND", "ESTIMATES", "FLAGS", "TRACE", "TRUTH"]
+
+ESTIMATES = Table(
+    name="estimates",
+    title="Estimates: a row per snapshot, method, target and alternative",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        Column(name="method", type="text", required=True, meaning="name of the method"),
+        Column(name="target", type="integer", required=True, meaning="number of the target, from 0"),
+        Column(
+            name="alternative",
+            type="integer",
+            required=True,
+            meaning="rank of the alternative, from 0, best first",
+        ),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
+        Column(
+            name="cov_xx_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            nullable=True,
+            meaning="covariance of the position error",
+        ),
+        Column(
+            name="cov_xy_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            nullable=True,
+            meaning="covariance of the position error",
+        ),
+        Column(
+            name="cov_yy_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            nullable=True,
+            meaning="covariance of the position error",
+        ),
+        Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
+        Column(name="n_used", type="integer", required=True, meaning="rows that the estimate rests on"),
+        Column(
+            name="cost",
+            type="number",
+            required=True,
+            nullable=True,
+            meaning="the method's own: half the chi-square, or the negative log-likelihood in nats (methods show)",
+        ),
+        Column(name="status", type="text", required=True, meaning="how it ended: one of the status words"),
+        Column(
+            name="covariance_kind",
+            type="text",
+            nullable=True,
+            meaning="what the covariance accounts for: inliers or posterior (robust methods)",
+        ),
+        *TRUTH_POSITION,
+    ),
+)
+
+FLAGS = Table(
+    name="flags",
+    title="Flags: a row per measurement in input order; the input's columns are carried through",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        Column(name="method", type="text", nullable=True, meaning="name of the method, where several ran"),
+        Column(name="used", type="boolean", required=True, meaning="whether the estimate rests on the row"),
+        Column(
+            name="residual_rad",
+            type="number",
+            unit="rad",
+            nullable=True,
+            meaning="bearing, measured minus predicted at the estimate",
+        ),
+        Column(
+            name="residual_m",
+            type="number",
+            unit="m",
+            nullable=True,
+            meaning="range, measured minus predicted at the estimate",
+        ),
+        Column(
+            name="target",
+            type="integer",
+            nullable=True,
+            meaning="number of the target that the row is given to, from 0",
+        ),
+        Column(
+            name="under_horizon",
+            type="boolean",
+            nullable=True,
+            of_circles=True,
+            meaning="whether the bearing points under the sensor's horizon, from where no wave comes by its circle",
+        ),
+        Column(
+            name="los",
+            type="boolean",
+            nullable=True,
+            meaning="whether the row agrees with its stated path, direct or by its reflector",
+        ),
+        Column(
+            name="los_probability",
+            type="number",
+            nullable=True,
+            meaning="probability that the row agrees with its stated path",
+        ),
+        Column(
+            name="ip",
+            type="boolean",
+            nullable=True,
+            meaning="whether the path is indirect (triplets)",
+        ),
+        Column(name="p_value", type="number", nullable=True, meaning="how often a direct path looks so indirect"),
+        Column(name="reason", type="text", nullable=True, meaning="why it is flagged, or what could not be judged"),
+        Column(name="blind", type="boolean", nullable=True, meaning="whether the rule is blind or degenerate here"),
+        Column(
+            name="outside_safe_region",
+            type="boolean",
+            nullable=True,
+            meaning="whether the difference is significantly larger than eta_m",
+        ),
+        Column(
+            name="direct_probability",
+            type="number",
+            nullable=True,
+            meaning="posterior probability that the path is direct to a common target",
+        ),
+        *(
+            Column(
+                name=f"residual_{name}_rad",
+                type="number",
+                unit="rad",
+                nullable=True,
+                meaning=f"{name.upper()}, measured minus predicted at the estimate",
+            )
+            for name in ("dod", "doa")
+        ),
+        *(
+            Column(
+                name=f"{points}_{axis}_m",
+                type="number",
+                unit="m",
+                nullable=True,
+                meaning=f"where {points.replace('_', ' and ').upper().replace('AND', 'and')} meet",
+            )
+            for points in ("dod_doa", "dod_toa", "doa_toa")
+            for axis in ("x", "y")
+        ),
+        *(
+            Column(
+                name=f"{word}{number}_m",
+                type="number",
+                unit="m",
+                nullable=True,
+                meaning=f"{meaning} {number}, in the frame of the baseline",
+            )
+            for word, meaning in (("lambda", "difference of intersections"), ("threshold", "threshold of difference"))
+            for number in range(1, 7)
+        ),
+    ),
+)
+
+TRACE = Table(
+    name="trace",
+    title="Trace: a row per snapshot and step of a sequential method, what one sensor hands to the next",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        Column(name="method", type="text", required=True, meaning="name of the method"),
+        Column(name="step", type="integer", required=True, meaning="number of measurements used so far"),
+        Column(name="sensor", type="identifier", required=True, meaning="sensor of the measurement just used"),
+        Column(name="x_m", type="number", unit="m", required=True, meaning="position so far"),
+        Column(name="y_m", type="number", unit="m", required=True, meaning="position so far"),
+        Column(name="cov_xx_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="cov_xy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="cov_yy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+    ),
+)
+
+BOUND = Table(
+    name="bound",
+    title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
+    columns=(
+        Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        *(
+            Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
+            for name, unit, meaning in (
+                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null where it has no bound"),
+                ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("rms_m", "m", "root of the trace: least RMSE"),
+                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
+                ("cep50_m", "m", "radius of the circle that holds half of the Gaussian errors"),
+            )
+        ),
+        Column(name="n_used", type="integer", required=True, meaning="rows that can see the position as the scene is"),
+    ),
+)
+
+TRUTH = Table(
+    name="truth",
+    title="Truth: the true position of the source of each snapshot",
+    columns=(
+        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
+        *(dataclasses.replace(column, required=True) for column in TRUTH_POSITION),
+    ),
+)
