@@ -11,19 +11,17 @@ import pyarrow.parquet as pq
 from timing import best_of
 
 from nlosctl.cli.main import run
-from nlosctl.pipeline.simulation import Simulation
 
 _METHODS = ("ls", "stansfield", "ml")
 
 
 def make_file(path: Path, snapshots: int) -> None:
     """Write a file of 8 bearings per snapshot, positions random per snapshot."""
-    parameters = {"sensors": "8", "bearing_std_deg": "0.5,2", "mirrors": "0"}
-    simulation = Simulation("random", parameters, seed=1, trials=snapshots)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with pq.ParquetWriter(path, simulation.schema, compression="zstd") as writer:
-        for table in simulation.tables():
-            writer.write_table(table)
+    parameters = ("-p", "sensors=8", "-p", "bearing_std_deg=0.5,2", "-p", "mirrors=0")
+    words = ["simulate", "random", "-n", str(snapshots), "--seed", "1", *parameters, "-o", str(path), "-q"]
+    if run(words) != 0:
+        raise RuntimeError(f"nlosctl {' '.join(words)} failed")
 
 
 def localize(method: str, source: Path, target: Path) -> None:

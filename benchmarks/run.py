@@ -21,6 +21,7 @@ import circles
 import end_to_end
 import kernels
 import numpy
+import outliers
 import pyarrow
 import scipy
 import triplets
@@ -45,6 +46,7 @@ def main() -> None:
     ]
     lines += kernels.report()
     lines += circles.report()
+    lines += outliers.report()
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.keep or Path(scratch)
         lines += end_to_end.report(folder, arguments.snapshots)
