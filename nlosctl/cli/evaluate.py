@@ -114,7 +114,7 @@ def _render(evaluation: Evaluation) -> None:
 def _title(group: dict[str, Any], number: int) -> str:
     labels = [str(group[label]) for label in _LABELS if label in group]
     labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
-    return " ".join(labels) or f"group {number}"
+    return " ".join(labels) or ("all" if number == 0 else f"group {number}")
 
 
 def _figure(value: float) -> str:

@@ -256,4 +256,5 @@ class TripletRays:
         """Return the derivative of a range to the ellipse by l: (l^2 + 2 l d cos + d^2) / (2 (l + d cos)^2)."""
         length, baseline = self.path_length_m, self.baseline_m
         numerator = length * length + 2.0 * length * baseline * cosine + baseline * baseline
-        return 0.5 * numerator / (denominator * denominator)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return 0.5 * numerator / (denominator * denominator)

@@ -12,12 +12,16 @@ from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.fixes import finish_bearings_fix
 from nlosctl.solvers.grid_search import search_grid
 from nlosctl.solvers.line_fits import fit_least_squares
 
 __all__ = ["METHOD", "GridOptions", "solve"]
+
+_MOST_VERTICES = 10_000_000
+"""A grid of more vertices is taken for a slip of the step, and would not fit in memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +41,14 @@ def solve(batch: BearingBatch, options: GridOptions) -> Solution:
 
     The vertex with the least half chi-square among those of the field about the least-squares fix that the scene
     allows: ``boundary`` where it is on the field's edge, ``no_candidate`` where the scene allows none. The covariance
-    is the inverse Fisher information at the vertex; the grid's own step is not in it.
+    is the inverse Fisher information at the vertex; the grid's own step is not in it. Raises UsageError for a grid of
+    more than ten million vertices.
     """
+    vertices = (options.width_m / options.step_m + 1.0) * (options.height_m / options.step_m + 1.0)
+    if vertices > _MOST_VERTICES:
+        raise UsageError(
+            f"method 'ml-grid': width_m, height_m and step_m make {vertices:.3g} vertices, more than {_MOST_VERTICES}"
+        )
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     best = search_grid(

@@ -14,6 +14,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import path_rows, snapshot_centers
 from nlosctl.solvers.common_target import CommonTargets, TargetModel, weigh_targets
@@ -67,7 +68,10 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
     common = weigh_targets(problem, *proposed, model)
     own_p_value = rows.dense(erfc(np.sqrt(fits.cost)))
-    p_value = own_p_value * common.direct
+    # Where no hypothesis of a target could be weighed (a lone path along its baseline) a path speaks for itself.
+    weighed = sum_measurements(common.direct)[:, None] > 0.0
+    direct_probability = np.where(weighed, common.direct, np.nan)
+    p_value = own_p_value * np.where(weighed, common.direct, 1.0)
     ip = p_value < options.false_alarm
     inconsistent = own_p_value < options.false_alarm
     estimates, used = _estimates(problem, common, center_x, center_y, options.ambiguous_within)
@@ -77,7 +81,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
             "ip": ip,
             "p_value": p_value,
             "reason": reasons(ip.shape, ("inconsistent", inconsistent), ("off_target", ip & ~inconsistent)),
-            "direct_probability": common.direct,
+            "direct_probability": direct_probability,
             **(detail_columns(rows, options.false_alarm) if batch.want_details else {}),
         },
     )

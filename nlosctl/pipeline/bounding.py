@@ -15,6 +15,7 @@ from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.bound_tables import bound_schema, bound_table, truth_positions
+from nlosctl.io.evaluation_rows import boolean_codes
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.dense import dense_blocks
@@ -107,14 +108,15 @@ def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
 def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Iterator[Any]:
     """Yield tables with the bound of each snapshot at its truth, in input order.
 
-    Null where the truth is, or where too few rows can see it. Raises DataError where the input has no truth.
+    Null where the truth is, or where too few rows can see it. Rows that do not follow their stated path (``truth_los``
+    false) tell nothing of the position and are left out. Raises DataError where the input has no truth.
     """
     schema = result_schema(reader, None)
     model = INFORMATION[_supported(reader)]
     for chunk in reader.chunks():
         x, y = truth_positions(chunk.table, chunk.offsets[:-1], chunk.source)
         arrays = _no_bounds(x, y)
-        for block in dense_blocks(chunk.offsets, ~chunk.left_out, _POSITIONS_AT_ONCE):
+        for block in dense_blocks(chunk.offsets, ~chunk.left_out & _may_be_direct(chunk), _POSITIONS_AT_ONCE):
             if not block.row.shape[1]:
                 continue
             seed = np.zeros(x.shape, dtype=np.uint64)
@@ -123,6 +125,12 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
             batch = settings.apply(batch)
             _write_bounds(arrays, places, model.at(batch, x[places], y[places]), settings)
         yield bound_table(arrays, schema, chunk.snapshot)
+
+
+def _may_be_direct(chunk: Chunk) -> npt.NDArray[np.bool_]:
+    if "truth_los" not in chunk.table.column_names:
+        return np.ones(chunk.table.num_rows, dtype=bool)
+    return np.asarray(boolean_codes(chunk.table.column("truth_los")) != 0)
 
 
 def bounds_on_map(reader: MeasurementReader, grid: MapGrid, settings: BoundSettings) -> Iterator[Any]:

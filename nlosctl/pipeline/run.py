@@ -242,6 +242,7 @@ class MeasurementRun:
 
     def _hopeless(self) -> list[str]:
         answered = any(tally.answered for tally in self.report.methods.values())
+        answered |= not any(run.spec.job == "localize" for run in self._runs)
         senses = [spelling.name for column in KINDS[self.report.kind].columns for spelling in column.spellings]
         if answered or not self.report.snapshots:
             return []

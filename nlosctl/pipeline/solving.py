@@ -185,9 +185,15 @@ def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int, 
         n_used=estimates.n_used,
         cost=estimates.cost,
         status=estimates.status,
-        covariance_kind=np.full(size, estimates.covariance_kind, dtype=object),
+        covariance_kind=_covariance_kinds(estimates),
         on_edge=_on_edge(problem, block, estimates) if searches else np.zeros(size, dtype=bool),
     )
+
+
+def _covariance_kinds(estimates: Estimates) -> npt.NDArray[np.object_]:
+    kinds = np.full(estimates.row.shape[0], None, dtype=object)
+    kinds[np.isfinite(estimates.covariance_m2[:, 0])] = estimates.covariance_kind
+    return kinds
 
 
 def _on_edge(problem: Problem, block: Block, estimates: Estimates) -> BoolArray:

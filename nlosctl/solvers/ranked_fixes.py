@@ -62,7 +62,8 @@ def ranked_status(
 ) -> StatusArray:
     """Return the status (B,).
 
-    ``candidates`` (B,) tells whether there was any point to start from in the search field, ``degenerate`` (B,)
+    ``candidates`` (B,) tells whether there was any point to start from in the search field; a fix that rests on no row
+    (all are held to be outliers) is none either. ``degenerate`` (B,)
     whether the rows can't say where the source is, whatever they read, ``held`` (B,) whether the fixes were held back
     at the edge of the search field.
     """
@@ -75,6 +76,7 @@ def ranked_status(
     if held is not None:
         status[held] = Status.BOUNDARY
     status[~np.isfinite(fixes.cost[:, 0])] = Status.NOT_CONVERGED
+    status[np.isfinite(fixes.cost[:, 0]) & (fixes.n_used[:, 0] == 0)] = Status.NO_CANDIDATE
     status[~candidates] = Status.NO_CANDIDATE
     status[degenerate] = Status.DEGENERATE
     return status
