@@ -99,7 +99,7 @@ def _render(evaluation: Evaluation) -> None:
     if len(groups) > 1:
         groups.append({"method": "overall", **evaluation.overall})
     titles = [_title(group, number) for number, group in enumerate(groups)]
-    names = [name for name in evaluation.overall if name != "statuses"]
+    names = [name for name, value in evaluation.overall.items() if isinstance(value, int | float)]
     rows: list[dict[str, Any]] = [
         {"figure": name, **{title: _figure(group[name]) for title, group in zip(titles, groups, strict=True)}}
         for name in names

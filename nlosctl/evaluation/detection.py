@@ -32,6 +32,13 @@ class RocCurve:
         """The area under it, by trapezoids: ties count half, as in the Mann-Whitney statistic."""
         return float(np.sum(np.diff(self.p_fa) * 0.5 * (self.p_d[1:] + self.p_d[:-1])))
 
+    def samples(self) -> dict[str, list[float]]:
+        """Return ``p_fa`` (0, and 20 values a decade from 0.001 to 1) and ``p_d`` there; empty without a curve."""
+        if not self.p_fa.size:
+            return {"p_fa": [], "p_d": []}
+        p_fa = [0.0, *np.logspace(-3.0, 0.0, 61).tolist()]
+        return {"p_fa": p_fa, "p_d": [self.p_d_at(value) for value in p_fa]}
+
     def p_d_at(self, p_fa: float) -> float:
         """Return P_d on the curve at a P_fa; the upper end where it rises straight up there."""
         return float(np.interp(p_fa, self.p_fa, self.p_d)) if self.p_fa.size else math.nan
@@ -143,6 +150,7 @@ def _summary(tally: _Tally) -> DetectionSummary:
         p_d_at_1=curve.p_d_at(0.01),
         ks=ks,
         ks_p_value=ks_p_value,
+        roc=curve.samples(),
     )
 
 

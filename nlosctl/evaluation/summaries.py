@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 __all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary"]
@@ -78,8 +78,8 @@ class DetectionSummary:
     direct paths, the share called indirect; ``p_d``: of the indirect ones, the share called so. ``auc`` is the area
     under the curve of P_d over P_fa as the p-value's threshold moves, ``p_d_at_5`` and ``p_d_at_1`` the P_d on it where
     5 and 1 % of the direct paths are called indirect. ``ks`` is the Kolmogorov-Smirnov distance of the direct paths'
-    p-values from the uniform law, ``ks_p_value`` how often chance explains so large a one. NaN where there is no such
-    row, or no p-values.
+    p-values from the uniform law, ``ks_p_value`` how often chance explains so large a one. ``roc`` is that curve:
+    ``p_d`` at each of some values of ``p_fa``. NaN, or no values, where there is no such row, or no p-values.
     """
 
     rows: int
@@ -97,6 +97,7 @@ class DetectionSummary:
     p_d_at_1: float
     ks: float
     ks_p_value: float
+    roc: Mapping[str, Sequence[float]]
 
 
 @dataclass(frozen=True, kw_only=True)

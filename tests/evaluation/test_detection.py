@@ -53,3 +53,18 @@ def test_confusion_by_hand_in_chunks():
     assert (found.p_fa, found.p_d, found.accuracy) == (0.5, 0.5, 0.5)
     assert found.auc == 0.75
     assert scores.overall() == found
+
+
+def test_the_curve_is_told_at_many_false_alarm_rates() -> None:
+    """``roc`` goes from 0 to 1, never falls, agrees with the named points, and its area with the AUC."""
+    generator = np.random.default_rng(4)
+    truth = (generator.random(2000) < 0.4).astype(np.int8)
+    p_value = np.where(truth == 1, generator.beta(0.3, 2.0, 2000), generator.random(2000))
+    scores = DetectionScores()
+    scores.add((p_value < 0.05).astype(np.int8), truth, p_value, np.zeros(2000, dtype=np.int64), [()])
+    found = scores.overall()
+    p_fa, p_d = np.array(found.roc["p_fa"]), np.array(found.roc["p_d"])
+    assert (p_fa[0], p_fa[-1], p_d[-1]) == (0.0, 1.0, 1.0)
+    assert (np.diff(p_d) >= 0.0).all()
+    assert np.interp(0.01, p_fa, p_d) == pytest.approx(found.p_d_at_1, abs=1e-12)
+    assert np.sum(np.diff(p_fa) * 0.5 * (p_d[1:] + p_d[:-1])) == pytest.approx(found.auc, abs=5e-3)
