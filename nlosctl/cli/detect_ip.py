@@ -35,7 +35,7 @@ from nlosctl.cli.options import (
     key_values,
 )
 from nlosctl.cli.reading import ReadWords, open_measurements
-from nlosctl.cli.solving import Outputs, solve_and_write
+from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
 __all__ = ["detect_ip"]
@@ -70,7 +70,7 @@ def detect_ip(
     verbose: Verbose = False,
     debug: Debug = False,
     config: ConfigFile = None,
-) -> None:
+) -> int:
     """Flag indirect paths among triplets of departure, arrival and path length; a row per path.
 
     A path is direct if it goes from the transmitter over the target to the receiver and over nothing else. Without -o
@@ -125,3 +125,4 @@ def detect_ip(
             report=report,
         )
         solve_and_write(run, opened, outputs, "detect-ip", terminal)
+    return exit_code(run)

@@ -35,12 +35,10 @@ from nlosctl.cli.options import (
     key_values,
 )
 from nlosctl.cli.reading import ReadWords, open_measurements
-from nlosctl.cli.solving import Outputs, solve_and_write
+from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
 __all__ = ["identify_los"]
-
-_UNANSWERED = 3
 
 
 def identify_los(
@@ -130,4 +128,4 @@ def identify_los(
             report=report,
         )
         solve_and_write(run, opened, outputs, "identify-los", terminal)
-    return _UNANSWERED if strict and run.report.unanswered else 0
+    return exit_code(run, strict=strict)

@@ -39,12 +39,10 @@ from nlosctl.cli.options import (
     key_values,
 )
 from nlosctl.cli.reading import ReadWords, open_measurements
-from nlosctl.cli.solving import Outputs, solve_and_write
+from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
 __all__ = ["localize"]
-
-_UNANSWERED = 3
 
 
 def localize(
@@ -153,4 +151,4 @@ def localize(
             trace=trace_out,
         )
         solve_and_write(run, opened, outputs, "localize", terminal)
-    return _UNANSWERED if strict and run.report.unanswered else 0
+    return exit_code(run, strict=strict)

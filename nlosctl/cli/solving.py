@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,10 @@ if TYPE_CHECKING:
     from nlosctl.io.write import TableWriter
     from nlosctl.pipeline.run import MeasurementRun
 
-__all__ = ["Outputs", "solve_and_write"]
+__all__ = ["Outputs", "exit_code", "solve_and_write"]
+
+_NOTHING_TO_DO = 1
+_UNANSWERED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,3 +79,11 @@ def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, comma
         terminal.note(line)
     if outputs.report is not None:
         write_report(outputs.report, run.report.as_dict())
+
+
+def exit_code(run: MeasurementRun, *, strict: bool = False) -> int:
+    """Return how the command ends after a run: 1 where every row was bad, 3 where ``strict`` misses an estimate."""
+    if not run.report.snapshots:
+        sys.stderr.write("nlosctl: nothing to do: every row is bad\n")
+        return _NOTHING_TO_DO
+    return _UNANSWERED if strict and run.report.unanswered else 0

@@ -52,3 +52,13 @@ def test_a_grid_too_fine_is_refused(cli: Cli) -> None:
     outcome = cli("localize", "-m", "ml-grid", "-p", "step_m=1", "m.parquet", "-o", "e.parquet")
     assert outcome.code == 2
     assert "step_m" in outcome.err
+
+
+def test_bad_rows_alone_are_nothing_to_do(cli: Cli, tmp_path: Path) -> None:
+    """Where every row is set aside the command ends with 1, and the rows are there to be read."""
+    header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
+    (tmp_path / "m.csv").write_text(header + "0,a,0,0,nan,0.1\n0,b,1,0,nan,0.1\n")
+    outcome = cli("localize", "m.csv", "-o", "e.csv", "--bad-rows", "bad.csv")
+    assert outcome.code == 1
+    assert "nothing to do" in outcome.err
+    assert len((tmp_path / "bad.csv").read_text().splitlines()) == 3
