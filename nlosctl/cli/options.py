@@ -38,6 +38,7 @@ __all__ = [
     "Quiet",
     "RangeStdM",
     "Report",
+    "Resume",
     "SceneFile",
     "SearchField",
     "Seed",
@@ -113,7 +114,12 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Output = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout, FOLDER/ takes a file per part."
+    ),
+]
 Format = Annotated[
     str | None,
     typer.Option("--format", metavar="FORMAT", help="Format of the output, where its name does not tell."),
@@ -123,6 +129,9 @@ InputFormat = Annotated[
     typer.Option("--input-format", metavar="FORMAT", help="Format of the input, where neither name nor bytes tell."),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
 Kind = Annotated[
     str | None, typer.Option("--kind", metavar="KIND", help="Kind of the measurements, where the columns mislead.")
 ]
