@@ -28,7 +28,9 @@ def experiment_names() -> list[str]:
 def find_experiment(name: str) -> Experiment:
     """Return the experiment ``name``; raise UsageError with the nearest name where there is none."""
     if name not in experiment_names():
-        raise UsageError(f"no figure or table {name!r}{did_you_mean(name, experiment_names())}; 'nlosctl reproduce' lists them")
+        raise UsageError(
+            f"no figure or table {name!r}{did_you_mean(name, experiment_names())}; 'nlosctl reproduce' lists them"
+        )
     experiment: Experiment = import_module(f"nlosctl.reproduce.{name.replace('-', '_')}").EXPERIMENT
     return experiment
 
