@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from nlosctl.cli.options import ConfigFile, Debug, Json, Overwrite, Quiet, Seed
+from nlosctl.cli.options import ConfigFile, Debug, Jobs, Json, Overwrite, Quiet, Seed
 from nlosctl.cli.terminal import Terminal, print_json, print_table
 from nlosctl.errors import UsageError
 
@@ -46,7 +46,7 @@ def reproduce(
         bool, typer.Option("--quick", help="Few trials: seconds in place of minutes, wide errors.")
     ] = False,
     seed: Seed = 0,
-    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Processes; 0: as many as the machine gives.")] = 1,
+    jobs: Jobs = 1,
     overwrite: Overwrite = False,
     json: Json = False,
     quiet: Quiet = False,
