@@ -196,7 +196,9 @@ Seed = Annotated[
         "--seed", min=0, max=2**63 - 1, help="Seed of everything random; each snapshot draws its own from it."
     ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", min=0, help="How many to work on at once; 0: as many as the machine gives.")
+]
 BlockSize = Annotated[
     int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")
 ]
