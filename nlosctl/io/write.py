@@ -17,11 +17,19 @@ import pyarrow as pa
 
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.encode import Encoder, make_encoder
-from nlosctl.io.file_format import FileFormat, format_of_path
+from nlosctl.io.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow
 
-__all__ = ["BadRowWriter", "TableWriter", "check_targets", "is_folder_target", "provenance_text", "write_text"]
+__all__ = [
+    "BadRowWriter",
+    "TableWriter",
+    "check_targets",
+    "is_folder_target",
+    "provenance_text",
+    "write_bytes",
+    "write_text",
+]
 
 GROUP_ROWS = 131_072
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
@@ -203,19 +211,26 @@ def _format_for(target: str, format: FileFormat | None) -> FileFormat:
 
 def write_text(target: str, text: str) -> None:
     """Write a small text file, whole or not at all; check the target first with `check_targets`."""
+    write_bytes(target, text.encode("utf-8"))
+
+
+def write_bytes(target: str, content: bytes) -> None:
+    """Write a small file, whole or not at all; check the target first with `check_targets`."""
     with _writing(target):
         if _takes_bytes_as_they_come(target):
-            Path(target).write_text(text, encoding="utf-8")
+            Path(target).write_bytes(content)
             return
         temporary, sink = _temporary_beside(target)
         with sink:
-            sink.write(text.encode("utf-8"))
+            sink.write(content)
         temporary.replace(Path(target).resolve())
 
 
 def is_folder_target(target: str | None) -> bool:
-    """Return whether an output is meant to be a folder: its name ends with a slash, or it is one."""
-    return target is not None and target != "-" and (target.endswith("/") or Path(target).is_dir())
+    """Return whether an output is meant to be a folder: its name ends with a slash, or it is one not called a file."""
+    if target is None or target == "-":
+        return False
+    return target.endswith("/") or (Path(target).is_dir() and known_format_of_path(target) is None)
 
 
 def check_targets(
