@@ -31,6 +31,7 @@ from nlosctl.cli.options import (
     Quiet,
     Report,
     Seed,
+    Sweeps,
     Verbose,
     key_values,
 )
@@ -47,6 +48,7 @@ def detect_ip(
         list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
     ] = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     details: Details = False,
@@ -100,7 +102,9 @@ def detect_ip(
         outputs=(output, estimates_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "detect-ip", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "detect-ip", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         if estimates_out is not None:
             require_estimates(runs)
         settings = RunSettings(

@@ -30,6 +30,7 @@ from nlosctl.cli.options import (
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
@@ -47,6 +48,7 @@ def identify_los(
         list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
     ] = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     alternatives: Annotated[
@@ -104,7 +106,9 @@ def identify_los(
         outputs=(output, estimates_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "identify-los", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,

@@ -34,6 +34,7 @@ from nlosctl.cli.options import (
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
@@ -51,6 +52,7 @@ def localize(
         list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
     ] = ["ml"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     flags_out: Annotated[
         str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
@@ -125,7 +127,9 @@ def localize(
         outputs=(output, flags_out, trace_out, None if report == "-" else report),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "localize", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,
