@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.completion import complete_scenario
 from nlosctl.cli.options import (
     ConfigFile,
     Debug,
@@ -28,7 +29,10 @@ __all__ = ["simulate"]
 
 def simulate(
     scenario: Annotated[
-        str | None, typer.Argument(metavar="SCENARIO", help="Name of a scenario; none: list them.")
+        str | None,
+        typer.Argument(
+            metavar="SCENARIO", autocompletion=complete_scenario, help="Name of a scenario; none: list them."
+        ),
     ] = None,
     trials: Annotated[int, typer.Option("--trials", "-n", min=1, help="Snapshots to draw.")] = 1000,
     seed: Seed = 0,
