@@ -40,6 +40,7 @@ __all__ = [
     "Quiet",
     "RangeStdM",
     "Report",
+    "Resume",
     "SceneFile",
     "SearchField",
     "Seed",
@@ -70,7 +71,12 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Output = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout, FOLDER/ takes a file per part."
+    ),
+]
 Format = Annotated[
     str | None,
     typer.Option(
@@ -90,6 +96,9 @@ InputFormat = Annotated[
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
 Kind = Annotated[
     str | None,
     typer.Option(
