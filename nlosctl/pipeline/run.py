@@ -18,6 +18,7 @@ from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
@@ -42,11 +43,15 @@ class RunSettings:
     want_flags: bool = False
     want_details: bool = False
     want_trace: bool = False
+    ellipse: float | None = None
+    add: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
             if getattr(self, name) < least:
                 raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+        if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:
+            raise UsageError(f"--ellipse must be a probability between 0 and 1. Got {self.ellipse!r} instead.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +80,8 @@ class MeasurementRun:
             measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
+            frame=None if reader.scene.frame is None else reader.scene.frame.words,
+            wanted=precision_columns(settings.ellipse, settings.add),
         )
         self._flags_layout = FlagsLayout(
             methods=methods,
@@ -161,6 +168,8 @@ class MeasurementRun:
         estimates_table = None
         if settings.want_estimates and estimates is not None:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+            arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
+            arrays |= precision_of(estimates, settings.ellipse, settings.add)
             estimates_table = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
