@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BearingStdDeg,
@@ -14,9 +15,11 @@ from nlosctl.cli.options import (
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     DoaStdDeg,
     DodStdDeg,
+    Ellipse,
     Format,
     Hash,
     InputFormat,
@@ -24,6 +27,7 @@ from nlosctl.cli.options import (
     Jobs,
     Kind,
     MaxSnapshotRows,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -38,7 +42,7 @@ from nlosctl.cli.options import (
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -63,6 +67,8 @@ def localize(
         int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
     ] = 1,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     kind: Kind = None,
     column: Columns = [],  # noqa: B006
     bearing_std_deg: BearingStdDeg = None,
@@ -73,6 +79,8 @@ def localize(
     field: SearchField = "sensors:1",
     target_z_m: TargetZM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
@@ -109,6 +117,8 @@ def localize(
         input_format=input_format,
         kind=kind,
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         bearing_std_deg=bearing_std_deg,
         range_std_m=range_std_m,
@@ -132,6 +142,8 @@ def localize(
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=flags_out is not None,

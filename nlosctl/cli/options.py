@@ -11,6 +11,7 @@ import typer
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = [
+    "Add",
     "AllRows",
     "BadRows",
     "BearingStdDeg",
@@ -18,10 +19,12 @@ __all__ = [
     "Carry",
     "Columns",
     "ConfigFile",
+    "Crs",
     "Debug",
     "Details",
     "DoaStdDeg",
     "DodStdDeg",
+    "Ellipse",
     "EstimatesOut",
     "Format",
     "Hash",
@@ -31,6 +34,7 @@ __all__ = [
     "Json",
     "Kind",
     "MaxSnapshotRows",
+    "Origin",
     "Output",
     "Overwrite",
     "Params",
@@ -133,6 +137,32 @@ SceneFile = Annotated[
         metavar="FILE",
         help="Scene (TOML). Else the one in the table, STEM.scene.toml, or scene.toml beside the input.",
     ),
+]
+Crs = Annotated[
+    str | None,
+    typer.Option(
+        "--crs", metavar="CODE", help="Projected CRS of x and y (EPSG:32632), for places on earth in and out."
+    ),
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(
+        "--origin",
+        metavar="LAT,LON",
+        help="Where the plane of x and y touches the earth (degrees, WGS 84), for places on earth in and out.",
+    ),
+]
+Ellipse = Annotated[
+    float | None,
+    typer.Option(
+        "--ellipse",
+        metavar="P",
+        help="Add semi-axes and orientation of the ellipse that holds the share P of Gaussian errors, such as 0.95.",
+    ),
+]
+Add = Annotated[
+    str,
+    typer.Option("--add", metavar="NAMES", help="Further columns of the estimates: cep50, gdop, or both: cep50,gdop."),
 ]
 Columns = Annotated[
     list[str],

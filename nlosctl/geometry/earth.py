@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlosctl.errors import UsageError
 
-__all__ = ["EarthPlane", "flat_plane_errors"]
+__all__ = ["EarthPlane", "flat_errors"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -67,24 +67,23 @@ class EarthPlane:
         return np.where(known, 0.5 * np.pi + convergence - self._turn_rad, np.nan)
 
 
-def flat_plane_errors(plane: EarthPlane, x_m: FloatArray, y_m: FloatArray) -> tuple[float, float]:
-    """Return the largest errors of the flat plane between points (N,): of directions in radians, of distances in metres.
+def flat_errors(
+    plane: EarthPlane, x_m: FloatArray, y_m: FloatArray, to_x_m: FloatArray, to_y_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how much straight lines of the plane (N,) miss the geodesics of WGS 84 between the same places.
 
-    Straight lines of the plane against geodesics on WGS 84, from each point to each other.
+    Direction at the first point, in radians in (-pi, pi], and length, in metres: plane minus earth. NaN where a
+    point is NaN or off the earth.
     """
     lat, lon = plane.to_earth(x_m, y_m)
-    start, end = (part.ravel() for part in np.meshgrid(np.arange(x_m.shape[0]), np.arange(x_m.shape[0])))
-    apart = start != end
-    start, end = start[apart], end[apart]
-    azimuth, _, length = _pyproj().Geod(ellps="WGS84").inv(lon[start], lat[start], lon[end], lat[end])
-    dx, dy = x_m[end] - x_m[start], y_m[end] - y_m[start]
-    direction = plane.north_rad(x_m[start], y_m[start]) - np.radians(azimuth)
-    off = (np.arctan2(dy, dx) - direction + np.pi) % (2.0 * np.pi) - np.pi
-    stretched = np.hypot(dx, dy) - length
-    far = np.isfinite(off) & np.isfinite(stretched) & (length > 0.0)
-    if not far.any():
-        return 0.0, 0.0
-    return float(np.abs(off[far]).max()), float(np.abs(stretched[far]).max())
+    to_lat, to_lon = plane.to_earth(to_x_m, to_y_m)
+    known = np.isfinite(lat + lon + to_lat + to_lon)
+    ends = [np.where(known, degrees, 0.0) for degrees in (lon, lat, to_lon, to_lat)]
+    azimuth_deg, _, length = _pyproj().Geod(ellps="WGS84").inv(*ends)
+    dx, dy = to_x_m - x_m, to_y_m - y_m
+    along = plane.north_rad(x_m, y_m) - np.radians(azimuth_deg)
+    turned = np.pi - (np.pi - (np.arctan2(dy, dx) - along)) % (2.0 * np.pi)
+    return np.where(known, turned, np.nan), np.where(known, np.hypot(dx, dy) - length, np.nan)
 
 
 def _finite(pair: tuple[Any, Any]) -> tuple[FloatArray, FloatArray]:

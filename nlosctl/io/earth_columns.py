@@ -45,7 +45,7 @@ def with_places(source: RawSource, renames: Mapping[str, str], frame: EarthFrame
             lon=renames.get(f"{place}_lon_deg", f"{place}_lon_deg"),
             x=f"{place}_x_m",
             y=f"{place}_y_m",
-            nullable=place == "truth",
+            nullable=place in ("truth", "prior"),
         )
         for place in EARTH_PLACES
         if f"{place}_x_m" not in given and f"{place}_y_m" not in given
@@ -137,7 +137,7 @@ def _degrees(cells: Any) -> Any:
 
 
 def _faults(place: _Place, lat: Any, lon: Any) -> list[CellFault]:
-    """Return what is wrong with places; a truth may be absent."""
+    """Return what is wrong with places; a true or a prior one may be absent."""
     faults = []
     absent = np.isnan(lat) & np.isnan(lon) & place.nullable
     for column, values, limit in ((place.lat, lat, _LIMITS["lat"]), (place.lon, lon, _LIMITS["lon"])):

@@ -63,7 +63,7 @@ def look_ahead(inputs: Sequence[Input], options: ReadOptions) -> LookAhead:
                     _check_scene(found.scene, _scene_of(group, part, source, options), parts[0][1], part, source)
                 opened = plan_table(part, source, table, found.options)
                 _check_kind(opened, found.table, parts[0][1], options)
-            names.update(dict.fromkeys(opened.all_names))
+            names.update(dict.fromkeys(opened.own_names))
             opened_parts.append(opened.kept_schema)
             if len(parts) == 1 or part.stream is not None:
                 found.held[part.name] = opened

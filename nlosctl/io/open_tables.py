@@ -52,8 +52,16 @@ class OpenedPart:
     @property
     def kept_schema(self) -> Any:
         """The schema without positions that latitudes and longitudes gave, but for true ones."""
+        return pa.schema([field for field in self.schema if field.name not in self._unkept()])
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """All columns of the file, after renaming, and true positions that latitudes and longitudes gave."""
+        return tuple(name for name in self.all_names if name not in self._unkept())
+
+    def _unkept(self) -> set[str]:
         derived = self.source.derived if isinstance(self.source, EarthSource) else ()
-        return pa.schema([field for field in self.schema if field.name not in derived or field.name.startswith("truth")])
+        return {name for name in derived if not name.startswith("truth")}
 
     def file_name(self, name: str) -> str:
         """Return the name that the file itself has for a column."""

@@ -74,7 +74,9 @@ def scene_to_toml(scene: Scene) -> str:
     """Return the scene as TOML text that reads back to an equal scene."""
     blocks = []
     if scene.frame is not None:
-        held = {name: value for name, value in vars(scene.frame).items() if value not in (None, 0.0) or "origin" in name}
+        held = {
+            name: value for name, value in vars(scene.frame).items() if value not in (None, 0.0) or "origin" in name
+        }
         kept = {name: value for name, value in held.items() if value is not None}
         blocks.append(_block("[frame]", kept))
     for sensor in scene.sensors:
@@ -150,9 +152,7 @@ def _frame(tree: Mapping[str, Any], decoder: Decoder) -> EarthFrame | None:
     for key, value, limit in (("origin_lat_deg", origin[0], 90.0), ("origin_lon_deg", origin[1], 180.0)):
         if value is not None and abs(value) > limit:
             decoder.refuse(f"frame.{key}", f"got {value!r}, expected {-limit:g} to {limit:g}")
-    return EarthFrame(
-        crs=read.crs, origin_lat_deg=origin[0], origin_lon_deg=origin[1], rotation_deg=read.rotation_deg
-    )
+    return EarthFrame(crs=read.crs, origin_lat_deg=origin[0], origin_lon_deg=origin[1], rotation_deg=read.rotation_deg)
 
 
 def _check_names(file: str, key: str, names: list[str]) -> None:

@@ -32,7 +32,9 @@ def precision_columns(ellipse: float | None, add: Sequence[str]) -> tuple[str, .
     """Return the columns that ``--ellipse`` and ``--add`` ask for, in the contract's order; raises UsageError."""
     for word in add:
         if word not in ADDABLE:
-            raise UsageError(f"--add {word}: no such column{did_you_mean(word, ADDABLE)}; there are: {', '.join(ADDABLE)}")
+            raise UsageError(
+                f"--add {word}: no such column{did_you_mean(word, ADDABLE)}; there are: {', '.join(ADDABLE)}"
+            )
     asked = {ADDABLE[word] for word in add}
     if ellipse is not None:
         asked |= {column.name for column in ELLIPSE}
@@ -40,7 +42,10 @@ def precision_columns(ellipse: float | None, add: Sequence[str]) -> tuple[str, .
 
 
 def on_earth(frame: EarthFrame | None, position_m: FloatArray) -> dict[str, FloatArray]:
-    """Return latitude and longitude (E,) of positions (E, 2) in degrees, NaN where there is none; empty without frame."""
+    """Return latitude and longitude (E,) of positions (E, 2) in degrees, NaN where there is none.
+
+    Nothing without a frame.
+    """
     if frame is None:
         return {}
     lat, lon = plane_of(frame).to_earth(position_m[:, 0], position_m[:, 1])

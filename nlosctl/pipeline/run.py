@@ -17,6 +17,8 @@ from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
+from nlosctl.pipeline.flat_plane import FlatPlaneTally
+from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
 from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
@@ -73,6 +75,8 @@ class MeasurementRun:
     def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
         self._reader, self._runs, self._settings = reader, tuple(runs), settings
         methods = tuple(run.spec.name for run in self._runs)
+        if "gdop" in settings.add:
+            refuse_gdop(reader.kind, self._runs)
         self._estimates_layout = EstimatesLayout(
             methods=methods,
             input_schema=reader.schema,
@@ -95,6 +99,7 @@ class MeasurementRun:
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
             raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
+        self._flat_plane = FlatPlaneTally(reader.scene.frame)
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
 
     @property
@@ -161,7 +166,7 @@ class MeasurementRun:
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
-            want_flags=settings.want_flags,
+            want_flags=settings.want_flags or "gdop" in settings.add,
             want_details=settings.want_details,
             want_trace=settings.want_trace,
         )
@@ -170,6 +175,8 @@ class MeasurementRun:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
             arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
             arrays |= precision_of(estimates, settings.ellipse, settings.add)
+            if "gdop" in settings.add:
+                arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
             estimates_table = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
@@ -186,6 +193,7 @@ class MeasurementRun:
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
             trace_table = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
+        self._flat_plane.add(problem, estimates)
         tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows, trace=trace_table)
         return estimates, flags, tables
 
@@ -230,6 +238,7 @@ class MeasurementRun:
         self.report.notes += [
             *read.remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
+            *self._flat_plane.remarks(),
             *self._unused_ranges(),
             *self._edge_remarks(),
             *self._hopeless(),

@@ -32,8 +32,8 @@ class Column:
     option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
     the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
     or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
-    flags that are said only in a scene with circles. ``earth_place`` names the place on earth (see `EARTH_PLACES`) whose
-    latitude and longitude can tell it.
+    flags that are said only in a scene with circles. ``earth_place`` names the place on earth (see `EARTH_PLACES`)
+    whose latitude and longitude can tell it.
     """
 
     name: str

@@ -21,7 +21,6 @@ _SNAPSHOT = Column(
 )
 
 
-
 def _on_earth(place: str, meaning: str) -> tuple[Column, Column]:
     return (
         Column(
@@ -134,7 +133,6 @@ _PRIOR = (
         positive=True,
         meaning="standard deviation of the prior position in x and in y",
     ),
-    *_on_earth("prior", "where the source was expected before"),
 )
 
 BEARINGS = Table(
@@ -184,6 +182,7 @@ BEARINGS = Table(
         ),
         *_RANGE,
         *_PRIOR,
+        *_on_earth("prior", "where the source was expected before"),
         *_TRUTH,
         *_EARLIER_FLAGS,
     ),
