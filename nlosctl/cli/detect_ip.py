@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from nlosctl.cli.options import (
     Add,
     AllRows,
@@ -27,6 +23,7 @@ from nlosctl.cli.options import (
     Inputs,
     Jobs,
     MaxSnapshotRows,
+    Methods,
     Origin,
     Output,
     Overwrite,
@@ -47,9 +44,7 @@ __all__ = ["detect_ip"]
 
 def detect_ip(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["chi2"],  # noqa: B006 - typer copies it
+    method: Methods = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
