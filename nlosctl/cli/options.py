@@ -44,6 +44,7 @@ __all__ = [
     "Quiet",
     "RangeStdM",
     "Report",
+    "Resume",
     "SceneFile",
     "SearchField",
     "Seed",
@@ -74,7 +75,12 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Output = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout, FOLDER/ takes a file per part."
+    ),
+]
 Format = Annotated[
     str | None,
     typer.Option(
@@ -94,6 +100,9 @@ InputFormat = Annotated[
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
 Kind = Annotated[
     str | None,
     typer.Option(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -58,12 +59,20 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
-    """The Arrow tables of one chunk, None if not wanted; ``rows`` is how many input rows they answer."""
+    """The Arrow tables of one chunk by name, those that are wanted; ``rows`` is how many input rows they answer."""
 
-    estimates: Any | None
-    flags: Any | None
+    named: Mapping[str, Any]
     rows: int
-    trace: Any | None = None
+
+    @property
+    def estimates(self) -> Any | None:
+        """The estimates, None if not wanted."""
+        return self.named.get("estimates")
+
+    @property
+    def flags(self) -> Any | None:
+        """The flags, None if not wanted."""
+        return self.named.get("flags")
 
 
 class MeasurementRun:
@@ -103,6 +112,21 @@ class MeasurementRun:
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
 
     @property
+    def reader(self) -> MeasurementReader:
+        """What the run reads."""
+        return self._reader
+
+    @property
+    def schemas(self) -> dict[str, Any]:
+        """The Arrow schema of every table that can be asked for, by its name."""
+        schemas = {"estimates": self.estimates_schema, "flags": self.flags_schema}
+        return {**schemas, "trace": self.trace_schema} if self._settings.want_trace else schemas
+
+    def again(self, jobs: int) -> Callable[[MeasurementReader], MeasurementRun]:
+        """Return what starts an equal run over another reader; it can be sent to another process."""
+        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=jobs))
+
+    @property
     def estimates_schema(self) -> Any:
         """The Arrow schema of the estimates."""
         return self._estimates_layout.schema
@@ -131,13 +155,22 @@ class MeasurementRun:
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
+        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self._reader.scene)
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the methods, their parameters, and what else of the settings makes the results, as plain values."""
         settings = self._settings
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
-        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
-        content = {"methods": methods, "seed": self._settings.seed, "inputs": described, "field": str(settings.field)}
+        content = {"methods": methods, "seed": settings.seed, "field": str(settings.field)}
         if settings.target_z_m is not None:
             content["target_z_m"] = settings.target_z_m
-        return file_metadata(command, content, self._reader.scene)
+        return content
+
+    def choices(self) -> dict[str, Any]:
+        """Return what else must be the same for two runs to write the same tables, as plain values."""
+        settings = self._settings
+        return {"alternatives": settings.alternatives, "carry": list(settings.carry), "details": settings.want_details}
 
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
@@ -170,32 +203,29 @@ class MeasurementRun:
             want_details=settings.want_details,
             want_trace=settings.want_trace,
         )
-        estimates_table = None
+        named: dict[str, Any] = {}
         if settings.want_estimates and estimates is not None:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
             arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
             arrays |= precision_of(estimates, settings.ellipse, settings.add)
             if "gdop" in settings.add:
                 arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
-            estimates_table = self._estimates_layout.table(
+            named["estimates"] = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
-        flags_table = None
         if settings.want_flags:
             counts = np.diff(chunk.offsets)
-            flags_table = self._flags_layout.table(
+            named["flags"] = self._flags_layout.table(
                 [(flag.used, flag.columns) for flag in flags],
                 rows=chunk.table,
                 snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
                 source=chunk.source,
             )
-        trace_table = None
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
-            trace_table = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
+            named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
         self._flat_plane.add(problem, estimates)
-        tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows, trace=trace_table)
-        return estimates, flags, tables
+        return estimates, flags, ChunkTables(named=named, rows=chunk.table.num_rows)
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
@@ -235,8 +265,12 @@ class MeasurementRun:
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
+        self.add_notes(read.remarks)
+
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add to the report what its counts say; ``remarks`` are the reader's."""
         self.report.notes += [
-            *read.remarks,
+            *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
             *self._flat_plane.remarks(),
             *self._unused_ranges(),
