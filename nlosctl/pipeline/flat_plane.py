@@ -30,14 +30,15 @@ _STATED = {
 
 
 class FlatPlaneTally:
-    """The largest error of the plane over a run, in directions and in lengths, with the std of the row it was found in.
+    """The largest error of the plane over a run, by its unit: share of the std, error, length of the line in metres.
 
-    Without a frame on earth it counts nothing. Takes estimates from several threads.
+    It is kept in ``worst``, where the parts of a run are put together. Without a frame on earth it counts nothing.
+    Takes estimates from several threads.
     """
 
-    def __init__(self, frame: EarthFrame | None) -> None:
+    def __init__(self, frame: EarthFrame | None, worst: dict[str, tuple[float, ...]]) -> None:
         self._plane = None if frame is None else plane_of(frame)
-        self._worst: dict[str, tuple[float, float, float]] = {}
+        self._worst = worst
         self._lock = threading.Lock()
 
     def add(self, problem: Problem, estimates: FlatEstimates | None) -> None:

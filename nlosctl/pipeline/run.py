@@ -108,8 +108,8 @@ class MeasurementRun:
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
             raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
-        self._flat_plane = FlatPlaneTally(reader.scene.frame)
         self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
+        self._flat_plane = FlatPlaneTally(reader.scene.frame, self.report.flat_plane)
 
     @property
     def reader(self) -> MeasurementReader:
@@ -170,7 +170,13 @@ class MeasurementRun:
     def choices(self) -> dict[str, Any]:
         """Return what else must be the same for two runs to write the same tables, as plain values."""
         settings = self._settings
-        return {"alternatives": settings.alternatives, "carry": list(settings.carry), "details": settings.want_details}
+        return {
+            "alternatives": settings.alternatives,
+            "carry": list(settings.carry),
+            "details": settings.want_details,
+            "ellipse": settings.ellipse,
+            "add": list(settings.add),
+        }
 
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
