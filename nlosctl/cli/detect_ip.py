@@ -33,6 +33,7 @@ from nlosctl.cli.options import (
     Report,
     Resume,
     Seed,
+    Sweeps,
     Verbose,
     key_values,
 )
@@ -47,6 +48,7 @@ def detect_ip(
     inputs: Inputs,
     method: Methods = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     details: Details = False,
@@ -108,7 +110,9 @@ def detect_ip(
         outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "detect-ip", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "detect-ip", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         if estimates_out is not None:
             require_estimates(runs)
         settings = RunSettings(

@@ -36,6 +36,7 @@ from nlosctl.cli.options import (
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
@@ -51,6 +52,7 @@ def identify_los(
     inputs: Inputs,
     method: Methods = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     alternatives: Annotated[
@@ -116,7 +118,9 @@ def identify_los(
         outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "identify-los", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,

@@ -40,6 +40,7 @@ from nlosctl.cli.options import (
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
@@ -55,6 +56,7 @@ def localize(
     inputs: Inputs,
     method: Methods = ["ml"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     flags_out: Annotated[
         str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
@@ -137,7 +139,9 @@ def localize(
         outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "localize", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,

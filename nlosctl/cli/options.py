@@ -225,6 +225,16 @@ Params = Annotated[
         "of several methods. Repeatable.",
     ),
 ]
+Sweeps = Annotated[
+    list[str],
+    typer.Option(
+        "--sweep",
+        metavar="KEY=V1,V2,...",
+        autocompletion=complete_parameter,
+        help="A parameter in turn at several values, told in the column sweep_KEY; several sweeps make a grid. "
+        "Repeatable.",
+    ),
+]
 Carry = Annotated[
     list[str],
     typer.Option("--carry", metavar="COLUMN", help="Carry an input column over to the estimates. Repeatable."),

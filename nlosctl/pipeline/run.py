@@ -18,6 +18,7 @@ from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
+from nlosctl.io.sweep_columns import SweepColumns
 from nlosctl.pipeline.flat_plane import FlatPlaneTally
 from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
@@ -26,6 +27,7 @@ from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.sweeps import refuse_swept_columns
 from nlosctl.pipeline.workers import map_in_order
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
@@ -86,6 +88,8 @@ class MeasurementRun:
         methods = tuple(run.spec.name for run in self._runs)
         if "gdop" in settings.add:
             refuse_gdop(reader.kind, self._runs)
+        refuse_swept_columns([run.sweep for run in self._runs], reader.column_names)
+        sweeps = SweepColumns([run.sweep for run in self._runs])
         self._estimates_layout = EstimatesLayout(
             methods=methods,
             input_schema=reader.schema,
@@ -95,6 +99,7 @@ class MeasurementRun:
             with_source=reader.has_several_sources,
             frame=None if reader.scene.frame is None else reader.scene.frame.words,
             wanted=precision_columns(settings.ellipse, settings.add),
+            sweeps=sweeps,
         )
         self._flags_layout = FlagsLayout(
             methods=methods,
@@ -102,13 +107,14 @@ class MeasurementRun:
             said=self._said(),
             constants=reader.constants,
             with_source=reader.has_several_sources,
+            sweeps=sweeps,
         )
         self._trace_layout = TraceLayout(
-            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources
+            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources, sweeps=sweeps
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
-            raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
-        self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
+            raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
+        self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
         self._flat_plane = FlatPlaneTally(reader.scene.frame, self.report.flat_plane)
 
     @property
@@ -253,14 +259,14 @@ class MeasurementRun:
     def _count_flags(self, flags: Sequence[FlatFlags]) -> None:
         for run, said in zip(self._runs, flags, strict=False):
             if run.spec.job != "localize":
-                self.report.methods[run.spec.name].add_verdicts(said.columns)
+                self.report.methods[run.label].add_verdicts(said.columns)
 
     def _count(self, estimates: FlatEstimates) -> None:
         best = estimates.alternative == 0
         for number, run in enumerate(self._runs):
             mine = best & (estimates.method == number)
             cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
-            tally = self.report.methods[run.spec.name]
+            tally = self.report.methods[run.label]
             tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
             tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
 
@@ -286,14 +292,14 @@ class MeasurementRun:
         ]
 
     def _edge_remarks(self) -> list[str]:
-        tallies = [(run.spec.name, self.report.methods[run.spec.name]) for run in self._runs if run.spec.searches]
+        tallies = [(run.label, self.report.methods[run.label]) for run in self._runs if run.spec.searches]
         return [
             f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
             for name, tally in tallies
         ]
 
     def _unused_ranges(self) -> list[str]:
-        takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]
+        takers = dict.fromkeys(run.spec.name for run in self._runs if "range_m" not in run.spec.reads)
         if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
             return []
         return [f"the column 'range_m' is not used by {', '.join(takers)}"]
@@ -308,7 +314,7 @@ class MeasurementRun:
 
     def _advice(self) -> list[str]:
         robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}
-        advised = "; try --method mixture-ml" if "mixture-ml" in robust - self.report.methods.keys() else ""
+        advised = "; try --method mixture-ml" if "mixture-ml" in robust - {run.spec.name for run in self._runs} else ""
         return [
             f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
             f"their standard deviations explain{advised}"
