@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BlockSize,
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     Details,
     DoaStdDeg,
     DodStdDeg,
+    Ellipse,
     EstimatesOut,
     Format,
     Hash,
@@ -21,6 +24,7 @@ from nlosctl.cli.options import (
     Jobs,
     MaxSnapshotRows,
     Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -29,10 +33,11 @@ from nlosctl.cli.options import (
     Report,
     Resume,
     Seed,
+    Sweeps,
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -43,14 +48,19 @@ def detect_ip(
     inputs: Inputs,
     method: Methods = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     details: Details = False,
+    crs: Crs = None,
+    origin: Origin = None,
     column: Columns = [],  # noqa: B006
     dod_std_deg: DodStdDeg = None,
     doa_std_deg: DoaStdDeg = None,
     path_length_std_m: PathLengthStdM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     format: Format = None,
@@ -84,6 +94,8 @@ def detect_ip(
         inputs=inputs,
         input_format=input_format,
         kind="triplets",
+        crs=crs,
+        origin=origin,
         columns=column,
         dod_std_deg=dod_std_deg,
         doa_std_deg=doa_std_deg,
@@ -98,7 +110,9 @@ def detect_ip(
         outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "detect-ip", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "detect-ip", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         if estimates_out is not None:
             require_estimates(runs)
         settings = RunSettings(
@@ -106,6 +120,8 @@ def detect_ip(
             jobs=jobs,
             block_size=block_size,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             want_estimates=estimates_out is not None,
             want_flags=True,
             want_details=details,

@@ -7,13 +7,16 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BlockSize,
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
+    Ellipse,
     EstimatesOut,
     Format,
     Hash,
@@ -22,6 +25,7 @@ from nlosctl.cli.options import (
     Jobs,
     MaxSnapshotRows,
     Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -32,11 +36,12 @@ from nlosctl.cli.options import (
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -47,6 +52,7 @@ def identify_los(
     inputs: Inputs,
     method: Methods = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     alternatives: Annotated[
@@ -55,9 +61,13 @@ def identify_los(
     field: SearchField = "sensors:1",
     target_z_m: TargetZM = None,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     column: Columns = [],  # noqa: B006
     range_std_m: RangeStdM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
@@ -94,6 +104,8 @@ def identify_los(
         input_format=input_format,
         kind="ranges",
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         range_std_m=range_std_m,
         all_rows=all_rows,
@@ -106,13 +118,17 @@ def identify_los(
         outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "identify-los", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=True,

@@ -18,11 +18,16 @@ from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
+from nlosctl.io.sweep_columns import SweepColumns
+from nlosctl.pipeline.flat_plane import FlatPlaneTally
+from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.sweeps import refuse_swept_columns
 from nlosctl.pipeline.workers import map_in_processes
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
@@ -43,11 +48,15 @@ class RunSettings:
     want_flags: bool = False
     want_details: bool = False
     want_trace: bool = False
+    ellipse: float | None = None
+    add: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
             if getattr(self, name) < least:
                 raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+        if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:
+            raise UsageError(f"--ellipse must be a probability between 0 and 1. Got {self.ellipse!r} instead.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +86,10 @@ class MeasurementRun:
     def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
         self._reader, self._runs, self._settings = reader, tuple(runs), settings
         methods = tuple(run.spec.name for run in self._runs)
+        if "gdop" in settings.add:
+            refuse_gdop(reader.kind, self._runs)
+        refuse_swept_columns([run.sweep for run in self._runs], reader.column_names)
+        sweeps = SweepColumns([run.sweep for run in self._runs])
         self._estimates_layout = EstimatesLayout(
             methods=methods,
             input_schema=reader.schema,
@@ -84,6 +97,9 @@ class MeasurementRun:
             measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
+            frame=None if reader.scene.frame is None else reader.scene.frame.words,
+            wanted=precision_columns(settings.ellipse, settings.add),
+            sweeps=sweeps,
         )
         self._flags_layout = FlagsLayout(
             methods=methods,
@@ -91,13 +107,14 @@ class MeasurementRun:
             said=self._said(),
             constants=reader.constants,
             with_source=reader.has_several_sources,
+            sweeps=sweeps,
         )
         self._trace_layout = TraceLayout(
-            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources
+            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources, sweeps=sweeps
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
-            raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
-        self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
+            raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
+        self.report = self._new_report()
 
     @property
     def reader(self) -> MeasurementReader:
@@ -158,7 +175,13 @@ class MeasurementRun:
     def choices(self) -> dict[str, Any]:
         """Return what else must be the same for two runs to write the same tables, as plain values."""
         settings = self._settings
-        return {"alternatives": settings.alternatives, "carry": list(settings.carry), "details": settings.want_details}
+        return {
+            "alternatives": settings.alternatives,
+            "carry": list(settings.carry),
+            "details": settings.want_details,
+            "ellipse": settings.ellipse,
+            "add": list(settings.add),
+        }
 
     def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise.
@@ -167,9 +190,7 @@ class MeasurementRun:
         """
         chunks = (self._slimmed(chunk) for chunk in self._reader.chunks())
         for tables, counts in map_in_processes(self._solve, chunks, jobs or self._settings.jobs):
-            self.report.rows += tables.rows
-            for name, tally in counts.items():
-                self.report.methods[name].take(tally)
+            self.report.take(counts)
             yield tables
         self._finish()
 
@@ -180,8 +201,8 @@ class MeasurementRun:
         names = {*self._estimates_layout.carried, self._estimates_layout.measurement_name} - {""}
         return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
 
-    def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, dict[str, Any]]]:
-        """Return the tables of a chunk, and what to count of it by method."""
+    def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
+        """Return the tables of a chunk, and its counts."""
         settings = self._settings
         problem = Problem(
             kind=self._reader.kind,
@@ -197,13 +218,17 @@ class MeasurementRun:
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
-            want_flags=settings.want_flags,
+            want_flags=settings.want_flags or "gdop" in settings.add,
             want_details=settings.want_details,
             want_trace=settings.want_trace,
         )
         named: dict[str, Any] = {}
         if settings.want_estimates and estimates is not None:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+            arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
+            arrays |= precision_of(estimates, settings.ellipse, settings.add)
+            if "gdop" in settings.add:
+                arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
             named["estimates"] = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
@@ -218,7 +243,11 @@ class MeasurementRun:
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
             named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
-        return ChunkTables(named=named, rows=int(chunk.offsets[-1])), self._counted(estimates, flags)
+        rows = int(chunk.offsets[-1])
+        return ChunkTables(named=named, rows=rows), self._counted(problem, estimates, flags, rows)
+
+    def _new_report(self) -> RunReport:
+        return RunReport(kind=self._reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
@@ -237,19 +266,25 @@ class MeasurementRun:
         name = KINDS[self._reader.kind].measurement_name
         return name if name in self._reader.schema.names else ""
 
-    def _counted(self, estimates: FlatEstimates | None, flags: Sequence[FlatFlags]) -> dict[str, dict[str, Any]]:
-        tallies = {run.spec.name: MethodTally() for run in self._runs}
+    def _counted(
+        self, problem: Problem, estimates: FlatEstimates | None, flags: Sequence[FlatFlags], rows: int
+    ) -> dict[str, Any]:
+        """Return the counts of a chunk, for the report to take."""
+        report = self._new_report()
+        report.rows = rows
         if estimates is not None:
             best = estimates.alternative == 0
             for number, run in enumerate(self._runs):
                 mine = best & (estimates.method == number)
                 cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
-                tallies[run.spec.name].add(estimates.status[mine], cost[mine], estimates.n_used[mine])
-                tallies[run.spec.name].on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
+                tally = report.methods[run.label]
+                tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+                tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
         for run, said in zip(self._runs, flags, strict=False):
             if run.spec.job != "localize":
-                tallies[run.spec.name].add_verdicts(said.columns)
-        return {name: tally.counts() for name, tally in tallies.items()}
+                report.methods[run.label].add_verdicts(said.columns)
+        FlatPlaneTally(self._reader.scene.frame, report.flat_plane).add(problem, estimates)
+        return report.counts()
 
     def _finish(self) -> None:
         read = self._reader.report
@@ -266,6 +301,7 @@ class MeasurementRun:
         self.report.notes += [
             *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
+            *FlatPlaneTally(self._reader.scene.frame, self.report.flat_plane).remarks(),
             *self._unused_ranges(),
             *self._edge_remarks(),
             *self._hopeless(),
@@ -273,14 +309,14 @@ class MeasurementRun:
         ]
 
     def _edge_remarks(self) -> list[str]:
-        tallies = [(run.spec.name, self.report.methods[run.spec.name]) for run in self._runs if run.spec.searches]
+        tallies = [(run.label, self.report.methods[run.label]) for run in self._runs if run.spec.searches]
         return [
             f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
             for name, tally in tallies
         ]
 
     def _unused_ranges(self) -> list[str]:
-        takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]
+        takers = dict.fromkeys(run.spec.name for run in self._runs if "range_m" not in run.spec.reads)
         if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
             return []
         return [f"the column 'range_m' is not used by {', '.join(takers)}"]
@@ -295,7 +331,7 @@ class MeasurementRun:
 
     def _advice(self) -> list[str]:
         robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}
-        advised = "; try --method mixture-ml" if "mixture-ml" in robust - self.report.methods.keys() else ""
+        advised = "; try --method mixture-ml" if "mixture-ml" in robust - {run.spec.name for run in self._runs} else ""
         return [
             f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
             f"their standard deviations explain{advised}"
