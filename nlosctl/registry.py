@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
-from nlosctl.errors import MethodError, UsageError, did_you_mean
+from nlosctl.errors import MethodError, UsageError, did_you_mean, in_one_line
 
 if TYPE_CHECKING:
     from nlosctl.contract.methods import MethodSpec
@@ -68,8 +68,8 @@ def load(entry: MethodEntry) -> MethodSpec:
     where = f"method {entry.full_name!r} of {entry.distribution} {entry.version}"
     try:
         spec = entry.entry_point.load()
-    except Exception as error:  # whatever a plugin raises on import is its fault, not ours
-        raise MethodError(f"{where} can't be loaded: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:  # whatever a plugin raises on import is its fault, not ours
+        raise MethodError(f"{where} can't be loaded: {in_one_line(error)}") from error
     if not isinstance(spec, MethodSpec):
         raise MethodError(f"{where} is a {type(spec).__name__}, not a nlosctl.contract.methods.MethodSpec")
     if spec.full_name != entry.full_name:

@@ -24,7 +24,8 @@ from nlosctl.cli.schema import schema
 from nlosctl.cli.settings import SettingsCommand
 from nlosctl.cli.simulate import simulate
 from nlosctl.cli.validate import validate
-from nlosctl.errors import NlosctlError
+from nlosctl.contract.limits import limit
+from nlosctl.errors import NlosctlError, in_one_line, printable
 from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
@@ -114,6 +115,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         _unwind_on_signals()
     try:
+        _keep_to_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
         if outcome == _INTERRUPTED:
             raise _StoppedError(_INTERRUPTED)
@@ -134,6 +136,8 @@ def _fail(error: Exception) -> int:
     code = 1
     if isinstance(error, NlosctlError | _StoppedError):
         message, code = str(error), error.exit_code
+    elif isinstance(error, MemoryError):
+        message = "there is not enough memory for this (NLOSCTL_MAX_MEMORY_MB, if it is set, keeps it in bounds)"
     elif type(error).__name__ == "NoArgsIsHelpError":  # the help is its message, printed already where it is in colour
         sys.stderr.write(str(error))
         return 2
@@ -142,9 +146,9 @@ def _fail(error: Exception) -> int:
     elif isinstance(error, OSError) and error.strerror:
         message = f"{error.filename or 'the output'}: {error.strerror}"
     else:
-        message = f"internal error: {type(error).__name__}: {error} (run again with --debug for the traceback)"
+        message = f"internal error: {in_one_line(error)} (run again with --debug for the traceback)"
     if sys.stderr is not None:
-        sys.stderr.write(f"nlosctl: {message}\n")
+        sys.stderr.write(f"nlosctl: {printable(message)}\n")
     if isinstance(error, OSError):
         _forget_stdout()
     return code
@@ -159,6 +163,15 @@ def _forget_stdout() -> None:
     """Leave nothing for the interpreter, or for an open writer, to flush into a pipe or disk that takes no more."""
     with suppress(AttributeError, OSError):  # a stdout that is closed, or no file at all
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _keep_to_memory() -> None:
+    """Hold the process to the limit ``memory_mb`` where it is set, so that what asks for more is refused."""
+    most = limit("memory_mb")
+    if most:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most << 20, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
 def _unwind_on_signals() -> None:

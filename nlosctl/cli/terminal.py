@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol, TextIO
 
+from nlosctl.errors import printable
+
 __all__ = ["Preview", "Progress", "Terminal", "print_json", "print_table", "write_report"]
 
 
@@ -30,7 +32,7 @@ class Terminal:
     def note(self, text: str) -> None:
         """Tell a line, unless quiet."""
         if not self.quiet and sys.stderr is not None:
-            sys.stderr.write(f"{text}\n")
+            sys.stderr.write(f"{printable(text)}\n")
 
     def detail(self, text: str) -> None:
         """Tell a line, only when verbose."""
@@ -122,7 +124,7 @@ def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> No
 
     table = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, pad_edge=False)
     for name in columns:
-        table.add_column(name, justify="right" if _numeric(rows, name) else "left", overflow="fold")
+        table.add_column(printable(name), justify="right" if _numeric(rows, name) else "left", overflow="fold")
     for row in rows:
         table.add_row(*(_cell(row.get(name)) for name in columns))
     Console(width=None if sys.stdout.isatty() else 1000, markup=False, highlight=False).print(table)
@@ -141,4 +143,4 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.6g}"
-    return str(value)
+    return printable(str(value))
