@@ -14,6 +14,7 @@ from typing import IO, Any
 
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
+from nlosctl.io.watched import mark_of
 
 __all__ = ["Input", "Part", "expand_inputs"]
 
@@ -23,12 +24,16 @@ _HEAD_BYTES = 4096
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One file of a group: its name as messages give it, its format, and a path or an open byte stream."""
+    """One file of a group: its name as messages give it, its format, and a path or an open byte stream.
+
+    ``mark`` tells the file that is read later from another that took its place.
+    """
 
     name: str
     format: FileFormat
     path: Path | None = None
     stream: IO[bytes] | None = None
+    mark: tuple[int, int, int] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +84,11 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
 
 
 def _file(name: str, input_format: FileFormat | None) -> Input:
-    return Input(name=name, parts=(Part(name=name, format=input_format or format_of_path(name), path=Path(name)),))
+    return Input(name=name, parts=(_part(name, input_format or format_of_path(name), Path(name)),))
+
+
+def _part(name: str, format: FileFormat, path: Path) -> Part:
+    return Part(name=name, format=format, path=path, mark=mark_of(path))
 
 
 def _folder(name: str, input_format: FileFormat | None) -> Input:
@@ -92,7 +101,7 @@ def _folder(name: str, input_format: FileFormat | None) -> Input:
     for path in files:
         known = known_format_of_path(path.name)
         if known is not None:
-            parts.append(Part(name=str(path), format=input_format or known, path=path))
+            parts.append(_part(str(path), input_format or known, path))
     if not parts:
         raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
     return Input(name=name, parts=tuple(parts))

@@ -12,6 +12,7 @@ from nlosctl.io.inputs import Part
 from nlosctl.io.jsonl_file import JsonLinesSource
 from nlosctl.io.raw import RawSource, readable
 from nlosctl.io.typed_files import ArrowSource, ParquetSource
+from nlosctl.io.watched import WatchedSource
 
 __all__ = ["open_part"]
 
@@ -27,7 +28,7 @@ def open_part(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
             f"{part.name}: has {len(source.names)} columns, expected at most {limit('columns')}; "
             f"{refusal_hint('columns')}"
         )
-    return source
+    return source if part.path is None else WatchedSource(source, part.name, part.path, part.mark)
 
 
 def _open(part: Part, batch_rows: int, use_threads: bool) -> RawSource:

@@ -142,7 +142,8 @@ class ArrowSource:
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "Arrow file"):
-            self._handle = part.stream if part.stream is not None else pa.memory_map(str(part.path))
+            # not mapped into memory: a file that is cut short meanwhile would end the process
+            self._handle = part.stream if part.stream is not None else pa.OSFile(str(part.path))
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
             self._schema = _without_views(self._reader.schema)

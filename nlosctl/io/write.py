@@ -213,9 +213,15 @@ def write_bytes(target: str, content: bytes) -> None:
             Path(target).write_bytes(content)
             return
         temporary, sink = _temporary_beside(target)
-        with sink:
-            sink.write(content)
-        temporary.replace(Path(target).resolve())
+        try:
+            with sink:
+                sink.write(content)
+                sink.flush()
+                os.fsync(sink.fileno())
+            temporary.replace(Path(target).resolve())
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
 
 
 def check_targets(targets: Sequence[str | None], *, overwrite: bool, inputs: Sequence[Path]) -> None:
