@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Overwrite, Quiet, Report
-from nlosctl.cli.terminal import print_json, print_table, write_report
+from nlosctl.cli.terminal import print_json, print_table, tell, write_report
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -91,7 +90,7 @@ def evaluate(
     if report is not None:
         write_report(report, content)
     for reason in reasons:
-        sys.stderr.write(f"nlosctl: {reason}\n")
+        tell(f"nlosctl: {reason}")
     return _CONDITION_MET if reasons else 0
 
 

@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
@@ -24,9 +23,10 @@ from nlosctl.cli.reproduce import reproduce
 from nlosctl.cli.schema import schema
 from nlosctl.cli.settings import SettingsCommand
 from nlosctl.cli.simulate import simulate
+from nlosctl.cli.terminal import ClosedOutput, forget, tell
 from nlosctl.cli.validate import validate
 from nlosctl.contract.limits import limit
-from nlosctl.errors import NlosctlError, in_one_line, printable
+from nlosctl.errors import NlosctlError, in_one_line
 from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
@@ -115,13 +115,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None:
         _unwind_on_signals()
+    if sys.stdout is None:
+        sys.stdout = ClosedOutput()
     try:
         _keep_to_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
         if outcome == _INTERRUPTED:
             raise _StoppedError(_INTERRUPTED)
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        sys.stdout.flush()
     except (_PipeClosedError, BrokenPipeError):
         _forget_stdout()
         return 0
@@ -140,7 +141,7 @@ def _fail(error: Exception) -> int:
     elif isinstance(error, MemoryError):
         message = "there is not enough memory for this (NLOSCTL_MAX_MEMORY_MB, if it is set, keeps it in bounds)"
     elif type(error).__name__ == "NoArgsIsHelpError":  # the help is its message, printed already where it is in colour
-        sys.stderr.write(str(error))
+        tell(str(error).rstrip("\n"))
         return 2
     elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
         message, code = f"{error.format_message()}{_help_hint(error)}", 2
@@ -148,8 +149,7 @@ def _fail(error: Exception) -> int:
         message = f"{error.filename or 'the output'}: {error.strerror}"
     else:
         message = f"internal error: {in_one_line(error)} (run again with --debug for the traceback)"
-    if sys.stderr is not None:
-        sys.stderr.write(f"nlosctl: {printable(message)}\n")
+    tell(f"nlosctl: {message}")
     if isinstance(error, OSError):
         _forget_stdout()
     return code
@@ -161,9 +161,7 @@ def _help_hint(error: Exception) -> str:
 
 
 def _forget_stdout() -> None:
-    """Leave nothing for the interpreter, or for an open writer, to flush into a pipe or disk that takes no more."""
-    with suppress(AttributeError, OSError):  # a stdout that is closed, or no file at all
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    forget(sys.stdout)
 
 
 def _keep_to_memory() -> None:

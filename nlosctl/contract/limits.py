@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from nlosctl.errors import UsageError
 
-__all__ = ["LIMITS", "Limit", "limit", "refusal_hint"]
+__all__ = ["LIMITS", "Limit", "limit", "limit_variable", "refusal_hint"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,18 +35,19 @@ LIMITS = {
 
 def limit(name: str) -> int:
     """Return a limit's value: that of its environment variable, else its default; UsageError for no integer."""
-    text = os.environ.get(_variable(name), "").strip()
+    text = os.environ.get(limit_variable(name), "").strip()
     if not text:
         return LIMITS[name].default
     if not (text.isascii() and text.isdigit() and len(text) < 19):
-        raise UsageError(f"{_variable(name)} must be an integer of 0 or more. Got {text!r} instead.")
+        raise UsageError(f"{limit_variable(name)} must be an integer of 0 or more. Got {text!r} instead.")
     return int(text)
 
 
 def refusal_hint(name: str) -> str:
     """Return how a message ends that refuses what is beyond a limit."""
-    return f"if that is meant, set {_variable(name)} higher"
+    return f"if that is meant, set {limit_variable(name)} higher"
 
 
-def _variable(name: str) -> str:
+def limit_variable(name: str) -> str:
+    """Return the environment variable that sets a limit."""
     return f"NLOSCTL_MAX_{name.upper()}"

@@ -120,6 +120,8 @@ def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
 
 
 def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) -> Input:
+    if stdin is None and sys.stdin is None:
+        raise DataError("standard input is closed; name a file, or open it again")
     return _stream("-", "stdin", stdin if stdin is not None else sys.stdin.buffer, input_format)
 
 

@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -149,7 +149,8 @@ class TableWriter:
             if self._format is FileFormat.PARQUET:
                 self._sink.close()
             return
-        self._sink.close()
+        with suppress(OSError):  # what waits to be written can't be, on a full disk: the file is given up anyway
+            self._sink.close()
         self._temporary.unlink(missing_ok=True)
         self._temporary = None
 

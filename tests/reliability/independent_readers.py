@@ -23,8 +23,10 @@ def read_independently(name: str, content: bytes) -> list[dict[str, Any]]:
     if name.endswith(".parquet"):
         return list(_rows(pa.parquet.ParquetFile(io.BytesIO(content)).read()))
     if name.endswith((".arrow", ".arrows")):
-        opener = pa.ipc.open_file if content.startswith(b"ARROW1") else pa.ipc.open_stream
-        return list(_rows(opener(io.BytesIO(content)).read_all()))
+        try:  # a file is known by its end
+            return list(_rows(pa.ipc.open_file(io.BytesIO(content)).read_all()))
+        except pa.ArrowInvalid:
+            return list(_rows(pa.ipc.open_stream(io.BytesIO(content)).read_all()))
     text = (gzip.decompress(content) if name.endswith(".gz") else content).decode("utf-8-sig")
     if ".jsonl" in name:
         return [json.loads(line) for line in text.split("\n") if line.strip()]

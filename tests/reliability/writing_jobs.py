@@ -60,9 +60,7 @@ _JOBS = [
         outputs=["m.csv", "m.scene.toml"],
     ),
     WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
-    WritingJob(
-        command="validate", words=["spoilt.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1
-    ),
+    WritingJob(command="validate", words=["spoilt.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
     WritingJob(command="convert", words=["bearings.parquet", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
 ]
 
@@ -102,5 +100,5 @@ def make_inputs(folder: Path) -> None:
         assert run_program([*words, "-q"]) == 0
     spoilt = folder / "spoilt.csv"
     lines = spoilt.read_text(encoding="utf-8").splitlines()
-    lines[20] = lines[20].replace(",", ";")
+    lines[20:] = [line.replace(",", ";") for line in lines[20:]]
     spoilt.write_text("\n".join(lines) + "\n", encoding="utf-8")
