@@ -8,6 +8,7 @@ from itertools import islice
 
 __all__ = [
     "DataError",
+    "GatheredError",
     "MethodError",
     "MissingExtraError",
     "NlosctlError",
@@ -32,6 +33,10 @@ class DataError(NlosctlError):
     """The data are at fault: a bad file, a bad row, an output that can't be written."""
 
     exit_code = 1
+
+
+class GatheredError(DataError):
+    """Several faults of the data, each a line of the text."""
 
 
 class UsageError(NlosctlError):
@@ -65,11 +70,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """Return text that a terminal shows as it is: control characters escaped, but for line ends; long lines cut.
+    """Return text that a terminal shows as it is, in one line: control characters escaped, a long middle cut.
 
     What stands in files comes to messages and tables; an escape sequence in it must not reach the terminal.
     """
-    return "\n".join(_shortened(line) if line.isprintable() else _escaped(line) for line in text.split("\n"))
+    return _shortened(text) if text.isprintable() else _escaped(text)
 
 
 def in_one_line(error: BaseException) -> str:

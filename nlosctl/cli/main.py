@@ -26,7 +26,7 @@ from nlosctl.cli.simulate import simulate
 from nlosctl.cli.terminal import ClosedOutput, forget, tell
 from nlosctl.cli.validate import validate
 from nlosctl.contract.limits import limit
-from nlosctl.errors import NlosctlError, in_one_line
+from nlosctl.errors import GatheredError, NlosctlError, in_one_line, printable
 from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
@@ -136,15 +136,17 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _fail(error: Exception) -> int:
     """Tell an error in one line (or the few of a gathered list) and return its exit code."""
     code = 1
-    if isinstance(error, NlosctlError | _StoppedError):
-        message, code = str(error), error.exit_code
+    if isinstance(error, GatheredError):
+        message = str(error)
+    elif isinstance(error, NlosctlError | _StoppedError):
+        message, code = printable(str(error)), error.exit_code
     elif isinstance(error, MemoryError):
         message = "there is not enough memory for this (NLOSCTL_MAX_MEMORY_MB, if it is set, keeps it in bounds)"
     elif type(error).__name__ == "NoArgsIsHelpError":  # the help is its message, printed already where it is in colour
         tell(str(error).rstrip("\n"))
         return 2
     elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
-        message, code = f"{error.format_message()}{_help_hint(error)}", 2
+        message, code = f"{' '.join(error.format_message().split())}{_help_hint(error)}", 2
     elif isinstance(error, OSError) and error.strerror:
         message = f"{error.filename or 'the output'}: {error.strerror}"
     else:

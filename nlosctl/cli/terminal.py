@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, NoReturn, Protocol, TextIO
+from typing import Any, NoReturn, Protocol, TextIO, cast
 
 from nlosctl.errors import DataError, printable
 
@@ -27,11 +27,11 @@ __all__ = [
 
 
 def tell(text: str) -> None:
-    """Tell a line on standard error; where nobody can hear it, closed or full, the run goes on and ends as it would."""
+    """Tell a line (or some) on standard error; where nobody hears it, closed or full, the run goes on as it would."""
     if sys.stderr is None:
         return
     try:
-        sys.stderr.write(f"{printable(text)}\n")
+        sys.stderr.write("".join(f"{printable(line)}\n" for line in text.split("\n")))
         sys.stderr.flush()
     except OSError:
         forget(sys.stderr)
@@ -123,7 +123,7 @@ class Terminal:
         from rich.progress import Progress as Bar
 
         columns = (TextColumn(title), BarColumn(), TextColumn(f"{{task.completed:,.0f}} {unit}"), TimeRemainingColumn())
-        with Bar(*columns, console=Console(file=_UntoldFailures(sys.stderr)), transient=True) as bar:
+        with Bar(*columns, console=Console(file=cast(TextIO, _UntoldFailures(sys.stderr))), transient=True) as bar:
             task = bar.add_task(title, total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
 
