@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["chosen_names", "experiment_names", "find_experiment"]
 
 _ITEMS = {
-    "song": ("fig8",),
+    "song": ("fig5", "fig6", "fig7", "fig8", "fig9"),
     "madhow": ("fig3",),
 }
 """Figures and tables by paper, in the order of the paper; the module is ``PAPER_ITEM``."""
