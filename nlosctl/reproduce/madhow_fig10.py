@@ -131,8 +131,8 @@ EXPERIMENT = Experiment(
             where="Section V-B3",
             ours=lambda drawn: _rms(drawn, "A", "ml") / _rms(drawn, "A"),
             expected=at_least(1.0, "> 1"),
-            note="With R3 off too, each pair of the four rows explains two: the likelihood does not tell R1 and R2, which "
-            "are right, from the others, and suppression takes any.",
+            note="With R3 off too, each pair of the four rows explains two: the likelihood does not tell R1 and R2, "
+            "which are right, from the others, and suppression takes any.",
         ),
     ),
     beside=tuple(
