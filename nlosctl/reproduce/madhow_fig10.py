@@ -82,7 +82,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         x, y = np.array(truths).T
         points.append(Line(label="sources", x=x, y=y, style=0))
         if not wide:
-            points = [points[0], Line(label="source A", x=x[:1], y=y[:1], style=0)]
+            points = [points[0], Line(label="sources", x=x[:1], y=y[:1], style=0)]
         panels.append(
             PointsPanel(
                 x_label="x [m]",

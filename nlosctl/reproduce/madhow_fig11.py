@@ -105,6 +105,8 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 y_label="y [m]",
                 title=f"{band}band",
                 equal_aspect=True,
+                x_range=(-60.0, 560.0),
+                y_range=(-220.0, 500.0),
                 points=(
                     Line(label="best estimates", x=samples["x_m"][:_SHOWN], y=samples["y_m"][:_SHOWN], style=2),
                     *(second if band == "wide" else []),

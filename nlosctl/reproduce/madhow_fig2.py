@@ -75,6 +75,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 values=rms,
                 label="rms bound [m]",
                 points=points,
+                contours=area == "field",
             )
         )
     return panels
