@@ -6,11 +6,13 @@ from typing import Annotated
 
 import typer
 
+from nlosctl.cli.completion import complete_column, complete_format, complete_kind, complete_method, complete_parameter
 from nlosctl.cli.settings import take_config
 from nlosctl.errors import UsageError
 
 __all__ = [
     "CONFIG_HELP",
+    "Add",
     "AllRows",
     "BadRows",
     "BearingStdDeg",
@@ -18,10 +20,12 @@ __all__ = [
     "Carry",
     "Columns",
     "ConfigFile",
+    "Crs",
     "Debug",
     "Details",
     "DoaStdDeg",
     "DodStdDeg",
+    "Ellipse",
     "EstimatesOut",
     "Format",
     "Hash",
@@ -31,6 +35,8 @@ __all__ = [
     "Json",
     "Kind",
     "MaxSnapshotRows",
+    "Methods",
+    "Origin",
     "Output",
     "Overwrite",
     "Params",
@@ -38,6 +44,7 @@ __all__ = [
     "Quiet",
     "RangeStdM",
     "Report",
+    "Resume",
     "SceneFile",
     "SearchField",
     "Seed",
@@ -68,18 +75,42 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Output = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout, FOLDER/ takes a file per part."
+    ),
+]
 Format = Annotated[
     str | None,
-    typer.Option("--format", metavar="FORMAT", help="Format of the output, where its name does not tell."),
+    typer.Option(
+        "--format",
+        metavar="FORMAT",
+        autocompletion=complete_format,
+        help="Format of the output, where its name does not tell.",
+    ),
 ]
 InputFormat = Annotated[
     str | None,
-    typer.Option("--input-format", metavar="FORMAT", help="Format of the input, where neither name nor bytes tell."),
+    typer.Option(
+        "--input-format",
+        metavar="FORMAT",
+        autocompletion=complete_format,
+        help="Format of the input, where neither name nor bytes tell.",
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
 Kind = Annotated[
-    str | None, typer.Option("--kind", metavar="KIND", help="Kind of the measurements, where the columns mislead.")
+    str | None,
+    typer.Option(
+        "--kind",
+        metavar="KIND",
+        autocompletion=complete_kind,
+        help="Kind of the measurements, where the columns mislead.",
+    ),
 ]
 SceneFile = Annotated[
     str | None,
@@ -89,9 +120,40 @@ SceneFile = Annotated[
         help="Scene (TOML). Else the one in the table, STEM.scene.toml, or scene.toml beside the input.",
     ),
 ]
+Crs = Annotated[
+    str | None,
+    typer.Option(
+        "--crs", metavar="CODE", help="Projected CRS of x and y (EPSG:32632), for places on earth in and out."
+    ),
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(
+        "--origin",
+        metavar="LAT,LON",
+        help="Where the plane of x and y touches the earth (degrees, WGS 84), for places on earth in and out.",
+    ),
+]
+Ellipse = Annotated[
+    float | None,
+    typer.Option(
+        "--ellipse",
+        metavar="P",
+        help="Add semi-axes and orientation of the ellipse that holds the share P of Gaussian errors, such as 0.95.",
+    ),
+]
+Add = Annotated[
+    str,
+    typer.Option("--add", metavar="NAMES", help="Further columns of the estimates: cep50, gdop, or both: cep50,gdop."),
+]
 Columns = Annotated[
     list[str],
-    typer.Option("--column", metavar="NAME=HEADER", help="Read the column HEADER of the file as NAME. Repeatable."),
+    typer.Option(
+        "--column",
+        metavar="NAME=HEADER",
+        autocompletion=complete_column,
+        help="Read the column HEADER of the file as NAME. Repeatable.",
+    ),
 ]
 BearingStdDeg = Annotated[
     float | None,
@@ -142,14 +204,35 @@ BadRows = Annotated[
 AllRows = Annotated[
     bool, typer.Option("--all-rows", help="Use also the rows that an earlier step flagged (los false, ip true).")
 ]
+Methods = Annotated[
+    list[str],
+    typer.Option(
+        "--method",
+        "-m",
+        metavar="NAME",
+        autocompletion=complete_method,
+        help="Method (see 'nlosctl methods'). Repeatable.",
+    ),
+]
 Params = Annotated[
     list[str],
     typer.Option(
         "--param",
         "-p",
         metavar="KEY=VALUE",
+        autocompletion=complete_parameter,
         help="A parameter ('nlosctl methods show NAME' or 'simulate NAME --show' lists them); METHOD:KEY=VALUE for one "
         "of several methods. Repeatable.",
+    ),
+]
+Sweeps = Annotated[
+    list[str],
+    typer.Option(
+        "--sweep",
+        metavar="KEY=V1,V2,...",
+        autocompletion=complete_parameter,
+        help="A parameter in turn at several values, told in the column sweep_KEY; several sweeps make a grid. "
+        "Repeatable.",
     ),
 ]
 Carry = Annotated[

@@ -23,9 +23,9 @@ _HEAD = """\
 Made by `make papers` (`nlosctl reproduce all -o out/papers --report docs/papers.md`) with {version}, from the trials
 told below; nothing here is written by hand. A number of ours stands with its Monte-Carlo standard error. The verdict is
 *reproduced* where the number lies in the range that the claim allows (the printed digits, or what the words of the text
-mean), give or take three standard errors. It is *no numbers in the text* where the text gives nothing that could be wrong:
-most of the papers' figures are curves without a table. Rows in italics are not the papers': they tell what we recommend
-instead, on the same trials.
+mean), give or take three standard errors. It is *no numbers in the text* where the text gives nothing that could be
+wrong: most of the papers' figures are curves without a table. Rows in italics are not the papers': they tell what we
+recommend instead, on the same trials.
 """
 
 
