@@ -46,7 +46,7 @@ benchmark: .venv/dev
 	$(BIN)/python benchmarks/run.py
 
 papers: .venv/dev ## run all figures and tables of the papers (an hour at most; goes on where it stopped) and write docs/papers.md
-	$(BIN)/nlosctl reproduce all -o out/papers --report docs/papers.md --jobs 0 --overwrite
+	$(BIN)/nlosctl reproduce all -o out/papers --page docs/papers.md --jobs 0 --overwrite
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -48,10 +48,10 @@ def reproduce(
     ] = False,
     seed: Seed = 0,
     jobs: Jobs = 1,
-    report: Annotated[
+    page: Annotated[
         str | None,
         typer.Option(
-            "--report",
+            "--page",
             metavar="FILE",
             help="Write a page (Markdown) of all that was run; its pictures go to figures/ beside it.",
         ),
@@ -68,14 +68,14 @@ def reproduce(
     same files whatever the number of jobs, interrupted or not.
     """
     if not names:
-        if output is not None or report is not None or trials is not None or quick:
+        if output is not None or page is not None or trials is not None or quick:
             raise UsageError("name a figure or table, or all; 'nlosctl reproduce' alone lists them")
         _list(json)
         return
     if quick and trials is not None:
         raise UsageError("--quick and --trials both say the number of trials; give one")
-    if report is not None and output is None:
-        raise UsageError("--report goes with -o FOLDER, where the results and pictures are")
+    if page is not None and output is None:
+        raise UsageError("--page goes with -o FOLDER, where the results and pictures are")
     from nlosctl.io.write import check_targets
     from nlosctl.pipeline.workers import usable_jobs
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
@@ -83,7 +83,7 @@ def reproduce(
     from nlosctl.reproduce.sampling import worker_pool
 
     experiments = [find_experiment(name) for name in chosen_names(names)]
-    check_targets([report], overwrite=overwrite, inputs=[])
+    check_targets([page], overwrite=overwrite, inputs=[])
     folder = None if output is None else output_folder(output)
     terminal = Terminal(quiet=quiet)
     outcomes = []
@@ -105,10 +105,10 @@ def reproduce(
     missing = next((outcome.without_pictures for outcome in outcomes if outcome.without_pictures), None)
     if missing:
         terminal.note(f"no pictures: {missing}")
-    if report is not None:
-        from nlosctl.reproduce.report import write_report
+    if page is not None:
+        from nlosctl.reproduce.page import write_page
 
-        write_report(Path(report), outcomes)
+        write_page(Path(page), outcomes)
     _tell(outcomes, json)
 
 

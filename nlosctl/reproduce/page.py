@@ -13,14 +13,14 @@ from nlosctl.reproduce.run import Outcome
 from nlosctl.reproduce.verdicts import Verdict
 from nlosctl.version import __version__
 
-__all__ = ["write_report"]
+__all__ = ["write_page"]
 
 _PICTURES = "figures"
 
 _HEAD = """\
 # What the papers claim, and what we get
 
-Made by `make papers` (`nlosctl reproduce all -o out/papers --report docs/papers.md`) with {version}, from the trials
+Made by `make papers` (`nlosctl reproduce all -o out/papers --page docs/papers.md`) with {version}, from the trials
 told below; nothing here is written by hand. A number of ours stands with its Monte-Carlo standard error. The verdict is
 *reproduced* where the number lies in the range that the claim allows (the printed digits, or what the words of the text
 mean), give or take three standard errors. It is *no numbers in the text* where the text gives nothing that could be
@@ -29,7 +29,7 @@ recommend instead, on the same trials.
 """
 
 
-def write_report(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
     """Write the page to ``path`` and copy the pictures to a folder ``figures`` beside it.
 
     Raises DataError where it can't be written.
