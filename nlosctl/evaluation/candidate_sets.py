@@ -12,7 +12,7 @@ from nlosctl.solvers.echoes import Echoes, read_echoes
 from nlosctl.solvers.search_regions import search_region
 from nlosctl.solvers.structured_sets import StructuredSets
 from nlosctl.solvers.type_clustering import ClusteringOptions, cluster_echoes
-from nlosctl.solvers.type_sets import Gate
+from nlosctl.solvers.type_sets import Gate, cross_all
 
 __all__ = ["CandidateSets", "candidate_sets"]
 
@@ -26,14 +26,15 @@ class CandidateSets:
     """The S different structured candidate sets of one snapshot by rising spread (S,), metres.
 
     ``case`` (S,) is the place in `nlosctl.evaluation.targets.CASES`; ``kept`` (S,) tells which sets the comparison
-    (5) leaves; ``row`` (S, N) are the measurements whose circles a set is of; ``larger`` (S,) tells whether a set's
-    spread exceeds that of every TIP set it shares a point with.
+    (5) leaves; ``row`` (S, N) are the measurements whose circles a set is of, ``point_m`` (S, N (N - 1) / 2, 2) its
+    points; ``larger`` (S,) tells whether a set's spread exceeds that of every TIP set it shares a point with.
     """
 
     spread_m: FloatArray
     case: IntArray
     kept: BoolArray
     row: IntArray
+    point_m: FloatArray
     larger: BoolArray
 
 
@@ -46,13 +47,18 @@ def candidate_sets(
     wrong root of some pair. A set that shares a point with a TIP set has a TIP (ii, iii), any other has none (iv-vi).
     """
     echoes = read_echoes(batch, snapshot, options.max_echoes)
-    sets, unique = cluster_echoes(echoes, _gate(batch, snapshot, echoes, options.field_margin_m), options)
+    gate = _gate(batch, snapshot, echoes, options.field_margin_m)
+    sets, unique = cluster_echoes(echoes, gate, options)
     first = np.sort(np.unique(sets.points, axis=0, return_index=True)[1])
     kept = np.isin(first, list(unique))
     some = StructuredSets(sets.spread_m[first], sets.circles[first], sets.points[first])
     row = echoes.row[np.arange(echoes.sensors), some.circles - np.arange(echoes.sensors) * echoes.most]
     case, larger = _cases(some, true_target[row], true_los[row])
-    return CandidateSets(spread_m=some.spread_m, case=case, kept=kept, row=row, larger=larger)
+    pair, root = np.divmod(some.points, 2)
+    table = cross_all(echoes, options.gap_tolerance_m, gate)
+    x, y = (np.reshape(axis, (2, -1))[root, pair] for axis in (table.x, table.y))
+    point = np.stack([x + echoes.center_x, y + echoes.center_y], axis=-1)
+    return CandidateSets(spread_m=some.spread_m, case=case, kept=kept, row=row, point_m=point, larger=larger)
 
 
 def _gate(batch: RangeBatch, snapshot: int, echoes: Echoes, margin_m: float) -> Gate:

@@ -91,3 +91,13 @@ def test_without_scatterers_every_circle_is_direct() -> None:
     assert not places(found, "iii", "v", "vi").size
     assert places(found, "ii", "iv").size
     assert np.all(np.diff(found.spread_m) >= 0.0)
+
+
+def test_the_points_lie_on_their_circles() -> None:
+    """The spread is that of the points, and each point lies on two circles of the set where they meet."""
+    found, _, _ = candidates(scattered=False)
+    away = found.point_m - found.point_m.mean(axis=1, keepdims=True)
+    assert np.sqrt((away**2).sum(axis=(1, 2))) == pytest.approx(found.spread_m)
+    true = places(found, "i")
+    nearest = np.abs(found.point_m[true][:, :, None] - TARGETS).max(axis=-1).min(axis=-1)
+    assert nearest == pytest.approx(np.zeros((2, 3)), abs=1e-6)
