@@ -19,6 +19,7 @@ from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
+from nlosctl.cli.reproduce import reproduce
 from nlosctl.cli.schema import schema
 from nlosctl.cli.simulate import simulate
 from nlosctl.cli.validate import validate
@@ -85,7 +86,7 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, validate, schema):
+for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, reproduce, validate, schema):
     _settings = {"auto_envvar_prefix": f"NLOSCTL_{_command.__name__.upper()}"}
     app.command(_command.__name__.replace("_", "-"), context_settings=_settings)(_guarded(_command))
 app.add_typer(methods_app, name="methods")

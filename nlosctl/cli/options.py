@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 
-_COMMANDS = ("localize", "detect-ip", "simulate", "evaluate", "validate", "schema", "methods")
+_COMMANDS = ("localize", "detect-ip", "simulate", "evaluate", "reproduce", "validate", "schema", "methods")
 
 
 def _load_config(context: typer.Context, value: str | None) -> str | None:

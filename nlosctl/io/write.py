@@ -21,7 +21,7 @@ from nlosctl.io.file_format import FileFormat, format_of_path
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow
 
-__all__ = ["BadRowWriter", "TableWriter", "check_targets", "provenance_text", "write_text"]
+__all__ = ["BadRowWriter", "TableWriter", "check_targets", "provenance_text", "write_bytes", "write_text"]
 
 GROUP_ROWS = 131_072
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
@@ -203,13 +203,18 @@ def _format_for(target: str, format: FileFormat | None) -> FileFormat:
 
 def write_text(target: str, text: str) -> None:
     """Write a small text file, whole or not at all; check the target first with `check_targets`."""
+    write_bytes(target, text.encode("utf-8"))
+
+
+def write_bytes(target: str, content: bytes) -> None:
+    """Write a small file, whole or not at all; check the target first with `check_targets`."""
     with _writing(target):
         if _takes_bytes_as_they_come(target):
-            Path(target).write_text(text, encoding="utf-8")
+            Path(target).write_bytes(content)
             return
         temporary, sink = _temporary_beside(target)
         with sink:
-            sink.write(text.encode("utf-8"))
+            sink.write(content)
         temporary.replace(Path(target).resolve())
 
 
