@@ -19,8 +19,6 @@ __all__ = ["evaluate"]
 
 _CONDITION_MET = 4
 
-_LABELS = ("file", "source", "method")
-
 
 def evaluate(
     inputs: Inputs,
@@ -42,7 +40,11 @@ def evaluate(
     ] = "first",
     fail_if: Annotated[
         list[str],
-        typer.Option("--fail-if", metavar="CONDITION", help="Exit 4 if a figure meets it: 'rmse_m>5'. Repeatable."),
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help="Exit 4 if a figure of some method meets it: 'rmse_m>5', of one method: 'ml:rmse_m>5'. Repeatable.",
+        ),
     ] = [],  # noqa: B006 - typer copies it
     input_format: InputFormat = None,
     json: Json = False,
@@ -80,8 +82,8 @@ def evaluate(
     else:
         truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
         evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
-    content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall}
-    reasons = list(filter(None, (condition.met(evaluation.groups) for condition in conditions)))
+    reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
+    content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": reasons}
     if json:
         print_json(content)
     else:
@@ -112,9 +114,9 @@ def _render(evaluation: Evaluation) -> None:
 
 
 def _title(group: dict[str, Any], number: int) -> str:
-    labels = [str(group[label]) for label in _LABELS if label in group]
-    labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
-    return " ".join(labels) or ("all" if number == 0 else f"group {number}")
+    from nlosctl.pipeline.evaluating import group_title
+
+    return group_title(group) or ("all" if number == 0 else f"group {number}")
 
 
 def _figure(value: float) -> str:

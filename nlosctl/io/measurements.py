@@ -24,6 +24,7 @@ from nlosctl.io.problems import BadRowSink, ProblemLog
 from nlosctl.io.read_options import ReadOptions
 from nlosctl.io.read_report import ReadReport
 from nlosctl.io.runs import ReturnWatch, run_starts
+from nlosctl.io.several_methods import METHOD, are_flags_by_method, refuse_several_methods
 from nlosctl.io.sort_hint import sort_hint
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
@@ -172,7 +173,10 @@ class MeasurementReader:
             )
 
     def _chunk(self, pieces: Sequence[Piece], group: Input) -> Chunk:
-        whole = drop_duplicates(pieces, join_pieces(pieces), self._found.table.row_key, self._log, self.report)
+        joined = join_pieces(pieces)
+        if METHOD in joined.table.column_names and are_flags_by_method(self.column_names):
+            refuse_several_methods(joined.table, joined.starts, group.name)
+        whole = drop_duplicates(pieces, joined, self._found.table.row_key, self._log, self.report)
         self._refuse_huge(int(np.diff(whole.starts, append=len(whole.ids)).max()), group)
         return Chunk(
             table=whole.table,

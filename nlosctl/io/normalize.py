@@ -19,6 +19,7 @@ from nlosctl.io.columns import SNAPSHOT, ColumnPlan, FoundColumn
 from nlosctl.io.faults import Describe, Fault
 from nlosctl.io.names import NULL_CODE, NameCodes, plain, text_at
 from nlosctl.io.placement import placement_faults
+from nlosctl.io.together import half_filled_faults
 
 __all__ = ["Normalized", "Normalizer", "RunNames"]
 
@@ -77,6 +78,7 @@ class Normalizer:
         self._check_booleans(batch, faults)
         left_out = np.zeros(batch.num_rows, dtype=np.bool_) if self._all_rows else self._left_out(batch)
         faults += placement_faults(self._names.scene, self._plan, columns)
+        faults += half_filled_faults(self._plan, columns)
         return Normalized(columns=columns, left_out=left_out, faults=faults)
 
     def _column(

@@ -15,6 +15,8 @@ from nlosctl.io.columns import SNAPSHOT, ColumnPlan, contract_names, kind_of_col
 from nlosctl.io.inputs import Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.raw import RawSource
+from nlosctl.io.several_methods import METHOD, are_flags_by_method
+from nlosctl.io.together import require_together
 
 __all__ = ["OpenedPart", "TableOptions", "open_table", "plain_type", "plan_table", "unified_schema"]
 
@@ -77,6 +79,7 @@ def _plan(part: Part, source: RawSource, table: Table | None, options: TableOpti
     table = table or kind_table(kind_of_columns([*source.names, *options.renames]))
     names = rename(source.names, options.renames, table, part.name)
     plan = plan_columns(names, table, options.constants, options.scene, part.name)
+    require_together(plan, part.name)
     kept = _kept(names, plan, options.extra_columns)
     original = dict(zip(names, source.names, strict=True))
     schema = source.start(
@@ -103,6 +106,8 @@ def _kept(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[str] | None)
         for name, found in plan.found.items()
         if not found.column.carried or name in ("los", "ip") or name == SNAPSHOT
     }
+    if are_flags_by_method(names):
+        used.add(METHOD)
     beginnings = tuple(name[:-1] for name in extra if name.endswith("*"))
     return tuple(name for name in names if name in used or name in extra or name.startswith(beginnings))
 

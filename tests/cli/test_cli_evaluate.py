@@ -214,7 +214,15 @@ def test_only_the_first_alternative_counts_unless_told(cli: Cli, tmp_path: Path)
         (["rmse_m>5", "fix_rate<1"], 4),
         (["p95_m>1e9"], 4),
         (["coverage_95<0.95"], 4),
+        (["ml:rmse_m>3"], 4),
+        ([" ml : rmse_m > 5 "], 0),
+        (["rows==8"], 4),
+        (["rows!=8"], 0),
+        (["rows!=8", "ml:rows==8"], 4),
         (["rmse>5"], 2),
+        (["ls:rmse_m>5"], 2),
+        (["rmse_m>nan"], 2),
+        (["rmse_m>5", "method>1"], 2),
         (["rmse_m=5"], 2),
         (["rmse_m>five"], 2),
         (["statuses>5"], 2),
@@ -235,6 +243,39 @@ def test_a_condition_holds_for_every_method(cli: Cli, tmp_path: Path) -> None:
     outcome = cli("evaluate", "e.csv", "--fail-if", "rmse_m>6")
     assert outcome.code == 4
     assert "ls" in outcome.err
+
+
+def test_every_reason_is_told(cli: Cli, tmp_path: Path) -> None:
+    """Each condition says of each group that meets it why: on standard error, in ``--json`` and in the report."""
+    write(tmp_path, method=["ml", "ls"] * 4)
+    words = ["--fail-if", "rows>3", "--fail-if", "ls:rows>=4", "--fail-if", "ml:rows>4"]
+    outcome = cli("evaluate", "e.csv", "--json", "--report", "r.json", *words)
+    told = [line.removeprefix("nlosctl: ") for line in outcome.err.splitlines()]
+    assert [line.split(" is ")[0] for line in told] == ["rows of ml", "rows of ls", "rows of ls"]
+    assert told[2] == "rows of ls is 4, which meets 'ls:rows>=4'"
+    assert outcome.json["failed"] == json.loads((tmp_path / "r.json").read_text())["failed"] == told
+
+
+@pytest.mark.parametrize(
+    ("condition", "told"),
+    [
+        ("rmse>5", "no figure 'rmse' (did you mean 'rmse_m'?); there are: rows, "),
+        ("mle:rmse_m>5", "no method 'mle' in the input (did you mean 'ml'?); there are: ml"),
+    ],
+)
+def test_a_name_that_is_not_there_is_told_with_the_nearest(cli: Cli, tmp_path: Path, condition: str, told: str) -> None:
+    """An unknown figure or method of a condition is exit 2, with the nearest name and all there are."""
+    write(tmp_path)
+    outcome = cli("evaluate", "e.csv", "--fail-if", condition)
+    assert (outcome.code, outcome.out) == (2, b"")
+    assert told in outcome.err
+
+
+def test_a_sweep_is_named_in_the_reason(cli: Cli, tmp_path: Path) -> None:
+    """The reason names the value of a sweep too, and a sweep's value is no figure."""
+    write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
+    assert "rows of ml sigma_deg=1.0 is 4" in cli("evaluate", "e.csv", "--fail-if", "rows<5").err
+    assert cli("evaluate", "e.csv", "--fail-if", "sweep_sigma_deg>0").code == 2
 
 
 def test_a_condition_that_is_none_is_told_before_the_table(cli: Cli, tmp_path: Path) -> None:

@@ -54,7 +54,8 @@ class Table:
     """A table: its name, title and columns in order.
 
     ``row_key`` names the columns that, besides ``snapshot``, no two measurements may have all equal.
-    ``measurement_name`` names the column that estimates of single measurements carry.
+    ``measurement_name`` names the column that estimates of single measurements carry. ``together`` names groups of
+    optional columns that say something only together: a file has all of a group or none, and so has every row.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Table:
     columns: tuple[Column, ...]
     row_key: tuple[str, ...] = ()
     measurement_name: str = ""
+    together: tuple[tuple[str, ...], ...] = ()
 
     def column(self, name: str) -> Column:
         """Return the column called ``name``; raise KeyError where there is none."""

@@ -96,6 +96,7 @@ BEARINGS = Table(
     name="bearings",
     title="Bearings: directions from sensors to where a wave comes from",
     row_key=("sensor", "sensor_x_m", "sensor_y_m", "path", "reflector"),
+    together=(tuple(column.name for column in _PRIOR),),
     columns=(
         _SNAPSHOT,
         *_SENSOR,
