@@ -34,14 +34,16 @@ from nlosctl.plotting.series import (
 __all__ = ["draw_panels"]
 
 _PANEL_IN = (5.0, 3.8)
-_IN_A_ROW = 2
+_NARROW_PANEL_IN = (3.7, 3.2)
+_HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----")
 
 
+@figure_style()
 def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
-    """Return a figure with all panels, two in a row."""
-    columns = min(len(panels), _IN_A_ROW)
+    """Return a figure with all panels, two in a row, or three narrower ones where that fills all rows."""
+    columns = 3 if len(panels) % 3 == 0 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
-    width, height = _PANEL_IN
+    width, height = _NARROW_PANEL_IN if columns == 3 else _PANEL_IN
     figure, places = new_figure(rows, columns, width_in=width * columns, height_in=height * rows + 0.3, title=title)
     for place, panel in zip(places, panels, strict=False):
         _draw(panel, place)
@@ -51,13 +53,15 @@ def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
     return figure
 
 
-@figure_style()
 def _finish(panel: Panel, axes: Axes) -> None:
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     axes.set_title(panel.title)
     if panel.equal_aspect:
         axes.set_aspect("equal")
+    legend = axes.get_legend()
+    if legend is not None and not panel.legend:
+        legend.remove()
 
 
 @singledispatch
@@ -104,24 +108,31 @@ def _(panel: HistogramPanel, axes: Axes) -> None:
 
 @_draw.register
 def _(panel: BarsPanel, axes: Axes) -> None:
-    width = 0.8 / max(len(panel.values), 1)
+    count = max(len(panel.values), 1)
+    width = 0.8 if panel.stacked else 0.8 / count
     place = np.arange(len(panel.groups), dtype=np.float64)
-    hatches = ("", "////", "....", "\\\\\\\\", "xxxx", "----")
-    with figure_style():
-        for number, (label, heights) in enumerate(panel.values.items()):
-            axes.bar(
-                place + (number - 0.5 * (len(panel.values) - 1)) * width,
-                heights,
-                width,
-                yerr=panel.errors.get(label),
-                label=label,
-                color=series_style(number).color,
-                hatch=hatches[number % len(hatches)],
-                edgecolor="white",
-                error_kw={"elinewidth": 0.8, "ecolor": "#404040"},
-            )
-        axes.set_xticks(place, panel.groups)
-    place_legend(axes)
+    base = np.zeros(place.shape)
+    for number, (label, values) in enumerate(panel.values.items()):
+        heights = np.nan_to_num(values)
+        axes.bar(
+            place if panel.stacked else place + (number - 0.5 * (count - 1)) * width,
+            heights,
+            width,
+            bottom=base if panel.stacked else 0.0,
+            yerr=panel.errors.get(label),
+            label=label,
+            color=series_style(number).color,
+            hatch=_HATCHES[number % len(_HATCHES)],
+            edgecolor="white",
+            error_kw={"elinewidth": 0.8, "ecolor": "#404040"},
+        )
+        base = base + heights
+    axes.set_xticks(place, panel.groups)
+    if panel.stacked:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, reverse=True)
+    else:
+        axes.margins(y=0.3)
+        place_legend(axes)
 
 
 def _outlines(axes: Axes, lines: Sequence[Line]) -> None:

@@ -43,12 +43,16 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What all panels have: axis labels as ``quantity [unit]`` and a title. ``width`` is relative to the others."""
+    """What all panels have: axis labels as ``quantity [unit]``, a title, a legend unless another panel has it.
+
+    ``width`` is relative to the others.
+    """
 
     x_label: str = ""
     y_label: str = ""
     title: str = ""
     equal_aspect: bool = False
+    legend: bool = True
     width: float = 1.0
 
 
@@ -114,8 +118,12 @@ class HistogramPanel(Panel):
 
 @dataclass(frozen=True, kw_only=True)
 class BarsPanel(Panel):
-    """Groups of bars side by side: ``values[label]`` (G,) over the ``groups``, with half-lengths of error bars."""
+    """Groups of bars: ``values[label]`` (G,) over the ``groups``, with half-lengths of error bars; NaN: no bar.
+
+    Side by side, or one upon the other where ``stacked``.
+    """
 
     groups: tuple[str, ...]
     values: Mapping[str, FloatArray]
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    stacked: bool = False

@@ -16,6 +16,7 @@ __all__ = ["chosen_names", "experiment_names", "find_experiment"]
 _ITEMS = {
     "song": ("fig8",),
     "madhow": ("fig3",),
+    "liang": ("fig2", "fig3", "fig4", "table1", "table2"),
 }
 """Figures and tables by paper, in the order of the paper; the module is ``PAPER_ITEM``."""
 
@@ -28,7 +29,9 @@ def experiment_names() -> list[str]:
 def find_experiment(name: str) -> Experiment:
     """Return the experiment ``name``; raise UsageError with the nearest name where there is none."""
     if name not in experiment_names():
-        raise UsageError(f"no figure or table {name!r}{did_you_mean(name, experiment_names())}; 'nlosctl reproduce' lists them")
+        raise UsageError(
+            f"no figure or table {name!r}{did_you_mean(name, experiment_names())}; 'nlosctl reproduce' lists them"
+        )
     experiment: Experiment = import_module(f"nlosctl.reproduce.{name.replace('-', '_')}").EXPERIMENT
     return experiment
 
