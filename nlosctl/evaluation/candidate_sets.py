@@ -78,7 +78,7 @@ def _cases(sets: StructuredSets, target: IntArray, los: BoolArray) -> tuple[IntA
     case = np.where(direct, 3, np.where(some_direct, 4, 5))
     larger = np.ones(case.shape, dtype=bool)
     for tip in tips:
-        shares: BoolArray = (sets.points == sets.points[tip]).any(axis=1)
+        shares = np.asarray((sets.points == sets.points[tip]).any(axis=1))
         case[shares] = np.where(direct[shares], 1, 2)
         larger &= ~shares | (sets.spread_m > float(sets.spread_m[tip]))
     case[tips] = 0

@@ -103,7 +103,7 @@ class Identified:
 
 
 def echo_trials(condition: Condition, chunk: Chunk) -> Simulated:
-    """Draw the chunk's trials; a condition has ``sensors``, ``noise_db``, and may have other parameters of ``liang``."""
+    """Draw the chunk's trials; a condition has ``noise_db``, the rest of it are parameters of ``liang``."""
     parameters: dict[str, Any] = dict(condition)
     std = 10.0 ** (float(parameters.pop("noise_db")) / 10.0)
     return simulated("liang", chunk, range_std_m=std, targets=TARGETS, scatterer_seed=chunk.number, **parameters)
