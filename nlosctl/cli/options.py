@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.cli.settings import take_config
+from nlosctl.errors import UsageError
 
 __all__ = [
+    "CONFIG_HELP",
     "AllRows",
     "BadRows",
     "BearingStdDeg",
@@ -45,51 +45,6 @@ __all__ = [
     "Verbose",
     "key_values",
 ]
-
-
-_COMMANDS = ("localize", "detect-ip", "simulate", "evaluate", "reproduce", "validate", "schema", "methods")
-
-
-def _load_config(context: typer.Context, value: str | None) -> str | None:
-    """Take defaults from a TOML file: one table per command, keys as the long options."""
-    if value is None:
-        return None
-    try:
-        content = tomllib.loads(Path(value).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"--config {value}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DataError(f"--config {value}: not TOML: {error}") from error
-    command = context.info_name or ""
-    for name in content:
-        if name not in _COMMANDS:
-            raise UsageError(f"--config {value}: no command {name!r}{did_you_mean(name, _COMMANDS)}")
-    section = content.get(command, {})
-    if not isinstance(section, dict):
-        raise UsageError(f"--config {value}: {command}: got {section!r}, expected a table headed [{command}]")
-    known = {_long_name(parameter): parameter for parameter in context.command.params}
-    defaults: dict[str, Any] = {}
-    for key, setting in section.items():
-        parameter = known.get(key.replace("_", "-"))
-        if parameter is None:
-            raise UsageError(f"--config {value}: [{command}] has no setting {key!r}{did_you_mean(key, known)}")
-        defaults[str(parameter.name)] = _setting(setting, repeatable=bool(getattr(parameter, "multiple", False)))
-    context.default_map = defaults
-    return value
-
-
-def _long_name(parameter: Any) -> str:
-    return max((str(word).lstrip("-") for word in parameter.opts), key=len)
-
-
-def _setting(setting: Any, *, repeatable: bool) -> Any:
-    if isinstance(setting, dict):
-        return [f"{word}={_text(item)}" for word, item in setting.items()]
-    return [setting] if repeatable and not isinstance(setting, list) else setting
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def key_values(words: list[str], option: str) -> dict[str, str]:
@@ -207,7 +162,9 @@ Seed = Annotated[
         "--seed", min=0, max=2**63 - 1, help="Seed of everything random; each snapshot draws its own from it."
     ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", min=0, help="How many to work on at once; 0: as many as the machine gives.")
+]
 BlockSize = Annotated[
     int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")
 ]
@@ -222,14 +179,10 @@ Json = Annotated[bool, typer.Option("--json", help="Tell it as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more on standard error.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+CONFIG_HELP = (
+    "Defaults from TOML, a table per command (or NLOSCTL_CONFIG). A flag beats NLOSCTL_<COMMAND>_<OPTION>, that beats "
+    "FILE; 'nlosctl config show' tells which holds."
+)
 ConfigFile = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        metavar="FILE",
-        envvar="NLOSCTL_CONFIG",
-        is_eager=True,
-        callback=_load_config,
-        help="Defaults from TOML, a table per command. A flag beats NLOSCTL_<COMMAND>_<OPTION>, and that beats FILE.",
-    ),
+    str | None, typer.Option("--config", metavar="FILE", is_eager=True, callback=take_config, help=CONFIG_HELP)
 ]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from nlosctl.cli.options import ConfigFile, Debug, Json, Overwrite, Quiet, Seed
+from nlosctl.cli.options import ConfigFile, Debug, Jobs, Json, Overwrite, Quiet, Seed
 from nlosctl.cli.terminal import Terminal, print_json, print_table
 from nlosctl.errors import UsageError
 
@@ -43,15 +42,11 @@ def reproduce(
         int | None,
         typer.Option("--trials", "-n", min=1, help="Trials for each condition; unless given, each experiment's own."),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few trials: seconds in place of minutes, wide errors.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few trials: seconds in place of minutes, wide errors.")
+    ] = False,
     seed: Seed = 0,
-    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Processes; 0: as many as the machine gives.")] = 1,
-    report: Annotated[
-        str | None,
-        typer.Option(
-            "--report", metavar="FILE", help="Write a page (Markdown) of all that was run; pictures go beside it."
-        ),
-    ] = None,
+    jobs: Jobs = 1,
     overwrite: Overwrite = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -64,22 +59,18 @@ def reproduce(
     same files whatever the number of jobs, interrupted or not.
     """
     if not names:
-        if output is not None or report is not None or trials is not None or quick:
+        if output is not None or trials is not None or quick:
             raise UsageError("name a figure or table, or all; 'nlosctl reproduce' alone lists them")
         _list(json)
         return
     if quick and trials is not None:
         raise UsageError("--quick and --trials both say the number of trials; give one")
-    if report is not None and output is None:
-        raise UsageError("--report needs -o FOLDER, where the results and pictures are")
-    from nlosctl.io.write import check_targets
     from nlosctl.pipeline.workers import usable_jobs
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
     from nlosctl.reproduce.run import output_folder, run_experiment
     from nlosctl.reproduce.sampling import worker_pool
 
     experiments = [find_experiment(name) for name in chosen_names(names)]
-    check_targets([report], overwrite=overwrite, inputs=[])
     folder = None if output is None else output_folder(output)
     terminal = Terminal(quiet=quiet)
     outcomes = []
@@ -101,10 +92,6 @@ def reproduce(
     missing = next((outcome.without_pictures for outcome in outcomes if outcome.without_pictures), None)
     if missing:
         terminal.note(f"no pictures: {missing}")
-    if report is not None:
-        from nlosctl.reproduce.report import write_report
-
-        write_report(Path(report), outcomes)
     _tell(outcomes, json)
 
 
@@ -113,10 +100,9 @@ def _note(terminal: Terminal, outcome: Outcome) -> None:
     there = ""
     if outcome.resumed:
         there = ", all there already" if outcome.resumed == total else f", {outcome.resumed} of them there already"
-    terminal.note(
-        f"{outcome.experiment.name}: {outcome.trials} trials in each of {len(outcome.experiment.conditions)} conditions, "
-        f"seed {outcome.seed}{there}" + "".join(f"\n  {path}" for path in outcome.files)
-    )
+    conditions = f"{outcome.trials} trials in each of {len(outcome.experiment.conditions)} conditions"
+    files = "".join(f"\n  {path}" for path in outcome.files)
+    terminal.note(f"{outcome.experiment.name}: {conditions}, seed {outcome.seed}{there}{files}")
 
 
 def _list(json: bool) -> None:

@@ -71,9 +71,9 @@ class Chunk:
 class Claim:
     """A statement of the paper, and how our samples are held against it.
 
-    ``ours`` is a number from the samples; ``expected`` is the range in which it must lie for the paper to be right, or
-    None where the text has neither a number nor a statement that could be wrong (then ours is told alone). ``note`` says
-    where the text is in error, or why the claim does not reproduce.
+    ``ours`` is a number from the samples; ``expected`` is the range in which it must lie for the paper to be
+    right, or None where the text has neither a number nor a statement that could be wrong (then ours is told alone).
+    ``note`` says where the text is in error, or why the claim does not reproduce.
     """
 
     says: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
+from nlosctl.reproduce.experiment import Chunk, Paper
 from nlosctl.reproduce.simulated import Fixes, Simulated, fixes, simulated
 
 __all__ = ["FIELD", "PAPER", "ring", "solve"]

@@ -37,8 +37,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         "crlb": "Cramer-Rao bound",
     }
     lines = tuple(
-        curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb")
-        for name, label in names.items()
+        curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb") for name, label in names.items()
     )
     return [LinesPanel(x_label="AoA spread [deg]", y_label="rms error [radii of the field]", lines=lines)]
 
@@ -50,8 +49,7 @@ EXPERIMENT = Experiment(
     conditions=conditions(bearing_std_deg=tuple(float(degrees) for degrees in range(1, 11))),
     sample=_sample,
     quantities={
-        f"rms_{name}": rms_of(name)
-        for name in ("crlb", "ml", *(f"sequential_{count}" for count in _BOOTSTRAPS))
+        f"rms_{name}": rms_of(name) for name in ("crlb", "ml", *(f"sequential_{count}" for count in _BOOTSTRAPS))
     },
     claims=(
         Claim(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.reproduce.experiment import Experiment
-from nlosctl.reproduce.samples import Drawn, measure
+from nlosctl.reproduce.samples import Drawn, Statistic, measure
 from nlosctl.reproduce.verdicts import Verdict, verdict
 
 __all__ = ["ClaimRow", "claim_rows", "figure_columns", "with_error"]
@@ -80,11 +80,15 @@ def figure_columns(experiment: Experiment, drawn: Drawn) -> Mapping[str, npt.NDA
         alone = Drawn(conditions=[condition], samples=[samples], random=drawn.random)
         row: dict[str, Any] = {**condition, "trials": next(iter(samples.values())).shape[0]}
         for name, statistic in experiment.quantities.items():
-            ours = measure(lambda part, statistic=statistic: statistic(part.samples[0]), alone)
+            ours = measure(_of_one(statistic), alone)
             row |= {name: ours.value, f"{name}_se": ours.standard_error}
         for name, value in row.items():
             columns.setdefault(name, []).append(value)
     return {name: np.array(values) for name, values in columns.items()}
+
+
+def _of_one(statistic: Statistic) -> Callable[[Drawn], float]:
+    return lambda drawn: statistic(drawn.samples[0])
 
 
 def with_error(value: float, standard_error: float, unit: str = "") -> str:

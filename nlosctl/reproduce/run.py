@@ -80,8 +80,9 @@ def _pictures(experiment: Experiment, drawn: Drawn, folder: Path) -> list[Path]:
     from nlosctl.plotting.panel_drawing import draw_panels
 
     paths = [folder / f"{experiment.name}.{extension}" for extension in ("png", "svg")]
+    figure = draw_panels(experiment.title, experiment.panels(drawn))
     for path in paths:
-        save_figure(draw_panels(experiment.title, experiment.panels(drawn)), path, overwrite=True)
+        save_figure(figure, path, overwrite=True)
     return paths
 
 

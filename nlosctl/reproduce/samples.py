@@ -77,7 +77,8 @@ class _Without(Mapping[str, FloatArray]):
 
     def __getitem__(self, name: str) -> FloatArray:
         values = self._samples[name]
-        return values[np.arange(values.shape[0]) % GROUPS != self._group]
+        left: FloatArray = values[np.arange(values.shape[0]) % GROUPS != self._group]
+        return left
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._samples)

@@ -102,7 +102,7 @@ def _gathered(experiment: Experiment, parts: dict[tuple[int, int], Samples], chu
 
 @contextmanager
 def worker_pool(jobs: int) -> Iterator[Executor | None]:
-    """Give a pool of ``jobs`` processes, or None for one job. On an error, and at Ctrl-C, what has not begun is dropped."""
+    """Give a pool of ``jobs`` processes, or None for one job; at an error or Ctrl-C, what has not begun is dropped."""
     if jobs == 1:
         yield None
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -50,8 +51,7 @@ def _bias_share(drawn: Drawn, method: str) -> float:
 def _panels(drawn: Drawn) -> Sequence[Panel]:
     names = {"ls": "least squares", "stansfield": "Stansfield", "ml": "maximum likelihood", "crlb": "Cramer-Rao bound"}
     lines = tuple(
-        curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb")
-        for name, label in names.items()
+        curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb") for name, label in names.items()
     )
     return [LinesPanel(x_label="bearing error, std [deg]", y_label="RMSE [m]", lines=lines)]
 
@@ -62,15 +62,13 @@ EXPERIMENT = Experiment(
     title="RMSE over the bearing error, flat mirrors",
     conditions=conditions(bearing_std_deg=_SIGMAS_DEG),
     sample=_sample,
-    quantities={
-        f"rmse_{name}_m": rms_of(name) for name in (*_METHODS, "crlb")
-    },
+    quantities={f"rmse_{name}_m": rms_of(name) for name in (*_METHODS, "crlb")},
     claims=(
         *(
             Claim(
                 says=f"The RMSE of {method} depends linearly on sigma: largest over least RMSE per degree",
                 where="Section 5.1, first observation",
-                ours=lambda drawn, method=method: _spread_of_slope(drawn, method),
+                ours=partial(_spread_of_slope, method=method),
                 expected=between(1.0, 1.05, "1"),
             )
             for method in _METHODS

@@ -1,7 +1,7 @@
 """The samples of an experiment in a folder, so that an interrupted run goes on where it stopped.
 
-While it runs: a file for each chunk of each condition in ``NAME.parts/``; when all are there: ``NAME.samples.parquet``. Each
-carries the fingerprint of what it depends on, and one with another fingerprint is never used.
+While it runs: a file for each chunk of each condition in ``NAME.parts/``; when all are there:
+``NAME.samples.parquet``. Each carries the fingerprint of what it depends on, and one with another is never used.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class SampleStore:
         self._parts = folder / f"{experiment.name}.parts"
 
     def open(self, *, overwrite: bool) -> None:
-        """Make ready: parts of another run go; raises DataError where its whole samples are there, without overwrite."""
+        """Make ready for a run; raises DataError where the whole samples of another are there and must stay."""
         if overwrite:
             self._whole.unlink(missing_ok=True)
         elif self._whole.exists() and not self.complete:
@@ -81,7 +81,9 @@ class SampleStore:
         columns, _ = read_arrays(self._whole)
         place = columns.pop(_CONDITION)
         conditions = self._experiment.conditions
-        samples = [{name: values[place == number] for name, values in columns.items()} for number in range(len(conditions))]
+        samples = [
+            {name: values[place == number] for name, values in columns.items()} for number in range(len(conditions))
+        ]
         return Drawn(conditions=conditions, samples=samples, random=self._experiment.random)
 
     def _part_path(self, condition: int, chunk: int) -> Path:
