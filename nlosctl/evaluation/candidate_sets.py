@@ -72,14 +72,14 @@ def _cases(sets: StructuredSets, target: IntArray, los: BoolArray) -> tuple[IntA
 
     ``target`` and ``los`` (S, N) are of the circles of each set.
     """
-    direct, some_direct = los.all(axis=1), los.any(axis=1)
+    direct, some_direct = np.asarray(los.all(axis=1)), np.asarray(los.any(axis=1))
     of_one = direct & (target == target[:, :1]).all(axis=1)
     tips = [np.flatnonzero(of_one & (target[:, 0] == number))[0] for number in np.unique(target[of_one, 0])]
     case = np.where(direct, 3, np.where(some_direct, 4, 5))
     larger = np.ones(case.shape, dtype=bool)
     for tip in tips:
-        shares = np.asarray((sets.points == sets.points[tip]).any(axis=1))
+        shares = (sets.points == sets.points[tip]).any(axis=1)
         case[shares] = np.where(direct[shares], 1, 2)
-        larger &= ~shares | (sets.spread_m > float(sets.spread_m[tip]))
+        larger &= ~shares | (sets.spread_m > sets.spread_m[tip])
     case[tips] = 0
     return case, larger
