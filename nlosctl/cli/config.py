@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.completion import complete_command
 from nlosctl.cli.options import CONFIG_HELP, Debug, Json
 from nlosctl.cli.settings import (
     CONFIG_VARIABLE,
@@ -34,7 +35,10 @@ config_app = typer.Typer(help="Tell which settings hold, and where each comes fr
 @config_app.command("show", context_settings={"ignore_unknown_options": True})
 def show(
     context: typer.Context,
-    command: Annotated[str | None, typer.Argument(metavar="[COMMAND]", help="A command; none: all of them.")] = None,
+    command: Annotated[
+        str | None,
+        typer.Argument(metavar="[COMMAND]", autocompletion=complete_command, help="A command; none: all of them."),
+    ] = None,
     flags: Annotated[
         list[str] | None, typer.Argument(metavar="[FLAGS]...", help="Flags of the command, as they would be given.")
     ] = None,

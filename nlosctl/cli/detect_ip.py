@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from nlosctl.cli.options import (
     AllRows,
     BadRows,
@@ -24,6 +20,7 @@ from nlosctl.cli.options import (
     Inputs,
     Jobs,
     MaxSnapshotRows,
+    Methods,
     Output,
     Overwrite,
     Params,
@@ -43,9 +40,7 @@ __all__ = ["detect_ip"]
 
 def detect_ip(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["chi2"],  # noqa: B006 - typer copies it
+    method: Methods = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,

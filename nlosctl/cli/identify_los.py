@@ -21,6 +21,7 @@ from nlosctl.cli.options import (
     Inputs,
     Jobs,
     MaxSnapshotRows,
+    Methods,
     Output,
     Overwrite,
     Params,
@@ -43,9 +44,7 @@ __all__ = ["identify_los"]
 
 def identify_los(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["assignment"],  # noqa: B006 - typer copies it
+    method: Methods = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,

@@ -24,6 +24,7 @@ from nlosctl.cli.options import (
     Jobs,
     Kind,
     MaxSnapshotRows,
+    Methods,
     Output,
     Overwrite,
     Params,
@@ -47,9 +48,7 @@ __all__ = ["localize"]
 
 def localize(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["ml"],  # noqa: B006 - typer copies it
+    method: Methods = ["ml"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
     output: Output = "-",
     flags_out: Annotated[

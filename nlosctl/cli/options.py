@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from nlosctl.cli.completion import complete_column, complete_format, complete_kind, complete_method, complete_parameter
 from nlosctl.cli.settings import take_config
 from nlosctl.errors import UsageError
 
@@ -31,6 +32,7 @@ __all__ = [
     "Json",
     "Kind",
     "MaxSnapshotRows",
+    "Methods",
     "Output",
     "Overwrite",
     "Params",
@@ -71,15 +73,31 @@ Inputs = Annotated[
 Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
 Format = Annotated[
     str | None,
-    typer.Option("--format", metavar="FORMAT", help="Format of the output, where its name does not tell."),
+    typer.Option(
+        "--format",
+        metavar="FORMAT",
+        autocompletion=complete_format,
+        help="Format of the output, where its name does not tell.",
+    ),
 ]
 InputFormat = Annotated[
     str | None,
-    typer.Option("--input-format", metavar="FORMAT", help="Format of the input, where neither name nor bytes tell."),
+    typer.Option(
+        "--input-format",
+        metavar="FORMAT",
+        autocompletion=complete_format,
+        help="Format of the input, where neither name nor bytes tell.",
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
 Kind = Annotated[
-    str | None, typer.Option("--kind", metavar="KIND", help="Kind of the measurements, where the columns mislead.")
+    str | None,
+    typer.Option(
+        "--kind",
+        metavar="KIND",
+        autocompletion=complete_kind,
+        help="Kind of the measurements, where the columns mislead.",
+    ),
 ]
 SceneFile = Annotated[
     str | None,
@@ -91,7 +109,12 @@ SceneFile = Annotated[
 ]
 Columns = Annotated[
     list[str],
-    typer.Option("--column", metavar="NAME=HEADER", help="Read the column HEADER of the file as NAME. Repeatable."),
+    typer.Option(
+        "--column",
+        metavar="NAME=HEADER",
+        autocompletion=complete_column,
+        help="Read the column HEADER of the file as NAME. Repeatable.",
+    ),
 ]
 BearingStdDeg = Annotated[
     float | None,
@@ -142,12 +165,23 @@ BadRows = Annotated[
 AllRows = Annotated[
     bool, typer.Option("--all-rows", help="Use also the rows that an earlier step flagged (los false, ip true).")
 ]
+Methods = Annotated[
+    list[str],
+    typer.Option(
+        "--method",
+        "-m",
+        metavar="NAME",
+        autocompletion=complete_method,
+        help="Method (see 'nlosctl methods'). Repeatable.",
+    ),
+]
 Params = Annotated[
     list[str],
     typer.Option(
         "--param",
         "-p",
         metavar="KEY=VALUE",
+        autocompletion=complete_parameter,
         help="A parameter ('nlosctl methods show NAME' or 'simulate NAME --show' lists them); METHOD:KEY=VALUE for one "
         "of several methods. Repeatable.",
     ),

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.completion import complete_scenario
 from nlosctl.cli.options import ConfigFile, Debug, Format, Json, Output, Overwrite, Params, Quiet, Seed, key_values
 from nlosctl.cli.reading import open_output
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
@@ -16,7 +17,10 @@ __all__ = ["simulate"]
 
 def simulate(
     scenario: Annotated[
-        str | None, typer.Argument(metavar="SCENARIO", help="Name of a scenario; none: list them.")
+        str | None,
+        typer.Argument(
+            metavar="SCENARIO", autocompletion=complete_scenario, help="Name of a scenario; none: list them."
+        ),
     ] = None,
     trials: Annotated[int, typer.Option("--trials", "-n", min=1, help="Snapshots to draw.")] = 1000,
     seed: Seed = 0,

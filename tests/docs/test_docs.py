@@ -19,7 +19,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.scenarios.catalogue import scenarios
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+WRITTEN = [path for path in sorted((ROOT / "docs").rglob("*.md")) if path.name != "commands.md"]  # that is generated
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *WRITTEN]
 PROGRAM = typer.main.get_command(app)
 
 
