@@ -85,7 +85,12 @@ def _(panel: PointsPanel, axes: Axes) -> None:
 @_draw.register
 def _(panel: RegionsPanel, axes: Axes) -> None:
     draw_regions(axes, panel.x, panel.y, panel.region, panel.labels, equal_aspect=panel.equal_aspect)
+    areas = axes.get_legend()
     _outlines(axes, panel.outlines)
+    lines, _ = axes.get_legend_handles_labels()
+    if areas is not None and lines:
+        handles = [*areas.legend_handles, *lines]
+        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
 @_draw.register

@@ -27,6 +27,7 @@ __all__ = [
     "printed_share",
     "rate",
     "rate_in",
+    "rates",
     "triplet_trials",
 ]
 
@@ -87,10 +88,11 @@ RULES: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
     **{f"lambda{rule}": (f"lambda {rule}", "tdaj", {"rule": f"lambda{rule}"}) for rule in range(1, 7)},
     **{f"fusion{k}": (f"fusion, K = {k}", "tdaj", {"rule": "fusion", "k": k}) for k in (0, 1, 5)},
     "chi2": ("chi2 (recommended)", "chi2", {}),
+    "chi2_miss": ("chi2, rays_miss=true", "chi2", {"rays_miss": True}),
 }
 """Label, method and parameters of each rule."""
 
-READINGS = {"rays": "Algorithm 1", "lines": "as simulated"}
+READINGS = {"rays": "rays, Algorithm 1", "lines": "lines, as simulated"}
 """Rays, as Algorithm 1 has it; or lines, those that meet behind a node being indirect, as the paper's simulator."""
 
 
@@ -102,24 +104,29 @@ def triplet_trials(chunk: Chunk, *, indirect: bool, reading: str = "rays", **par
 
 def p_values(given: Simulated, chunk: Chunk, rule: str, *, reading: str = "rays") -> FloatArray:
     """Return each path's p-value (T,) by a rule, 1 where it can't judge."""
-    _, method, parameters = RULES[rule]
-    behind = {"behind_is_ip": True} if reading == "lines" and method == "tdaj" else {}
-    flags = detect_ip(given.table, method=method, seed=chunk.seed, **parameters, **behind).flags
-    return np.nan_to_num(flags.column("p_value").to_numpy(zero_copy_only=False).astype(float), nan=1.0)
+    _, method, options = RULES[rule]
+    parameters: dict[str, Any] = {**options, **({"behind_is_ip": True} if reading == "lines" else {})}
+    flags = detect_ip(given.table, method=method, seed=chunk.seed, **parameters).flags
+    return np.nan_to_num(np.asarray(flags.column("p_value").to_numpy(zero_copy_only=False), dtype=np.float64), nan=1.0)
 
 
 def detection_samples(condition: Condition, chunk: Chunk, *, number: int, rules: Sequence[str]) -> Samples:
     """Return for direct and indirect paths and each rule the place in `LEVELS` from which a path is flagged.
 
-    The condition may have a ``reading``; the rest of it are parameters of ``shen``.
+    The condition may have a ``reading``, which is for the paper's rules alone; the rest are parameters of ``shen``.
     """
-    parameters = {"number": number, **condition}
-    reading = str(parameters.get("reading", "rays"))
+    parameters: dict[str, Any] = {"number": number, **condition}
+    wanted = str(parameters.pop("reading", "rays"))
     samples = {}
     for truth in ("direct", "indirect"):
-        given = triplet_trials(chunk, indirect=truth == "indirect", **parameters)
+        indirect = truth == "indirect"
+        given = {
+            reading: triplet_trials(chunk, indirect=indirect, reading=reading, **parameters)
+            for reading in {"rays", wanted}
+        }
         for rule in rules:
-            p_value = p_values(given, chunk, rule, reading=reading)
+            reading = wanted if RULES[rule][1] == "tdaj" else "rays"
+            p_value = p_values(given[reading], chunk, rule, reading=reading)
             samples[f"{truth}_{rule}"] = np.searchsorted(LEVELS, p_value, side="right").astype(float)
     return samples
 
@@ -138,3 +145,10 @@ def printed_share(shown: str, trials: int = TRIALS) -> Expected:
     """Return a printed share of the paper's trials, with its binomial error."""
     probability = float(shown)
     return printed(shown, standard_error=math.sqrt(probability * (1.0 - probability) / trials))
+
+
+def rates(samples: Samples, *, truth: str, rule: str) -> FloatArray:
+    """Return the `rate` at each of `LEVELS`."""
+    places = samples[f"{truth}_{rule}"].astype(np.int64)
+    counts = np.bincount(places, minlength=len(LEVELS) + 1)[: len(LEVELS)]
+    return np.asarray(np.cumsum(counts) / places.shape[0])

@@ -10,5 +10,5 @@ EXPERIMENT = roc_experiment(
     figure=6,
     scenario=3,
     detection_note="",
-    alarm_note="One in a hundred direct paths has lines that meet behind a node by noise; called indirect, they add to P_f.",
+    alarm_note="One in a hundred direct paths has lines that meet behind a node, by noise, and is called indirect.",
 )

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from nlosctl.plotting.panels import Line, LinesPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Claim, Experiment
 from nlosctl.reproduce.samples import Drawn, conditions
 from nlosctl.reproduce.shen import (
     CHUNK_TRIALS,
-    LEVELS,
     PAPER,
     READINGS,
     RULES,
@@ -20,13 +20,17 @@ from nlosctl.reproduce.shen import (
     detection_samples,
     rate,
     rate_in,
+    rates,
 )
 from nlosctl.reproduce.verdicts import about, at_least
 
 __all__ = ["roc_experiment"]
 
+FloatArray = npt.NDArray[np.float64]
+
 _INDIVIDUAL = tuple(f"lambda{rule}" for rule in range(1, 7))
-_RULES = (*_INDIVIDUAL, "fusion0", "fusion5", "chi2")
+_RULES = (*_INDIVIDUAL, "fusion0", "fusion5", "chi2", "chi2_miss")
+_SHOWN = (*_INDIVIDUAL, "fusion0", "chi2")
 _LARGEST_SHOWN = 0.2
 
 
@@ -53,6 +57,10 @@ def roc_experiment(*, figure: int, scenario: int, detection_note: str, alarm_not
             Beside(
                 says="chi2: P_d at P_f = 0.1",
                 ours=partial(_detected, rule="chi2", false_alarm=0.1, reading="rays"),
+            ),
+            Beside(
+                says="chi2 with rays_miss=true: P_d at P_f = 0.1",
+                ours=partial(_detected, rule="chi2_miss", false_alarm=0.1, reading="rays"),
             ),
             Beside(
                 says="chi2: P_f at an expected 0.05",
@@ -95,13 +103,10 @@ def _claims(where: str, reading: str, detection_note: str, alarm_note: str) -> t
     )
 
 
-def _curve(drawn: Drawn, rule: str, reading: str) -> tuple[list[float], list[float]]:
+def _curve(drawn: Drawn, rule: str, reading: str) -> tuple[FloatArray, FloatArray]:
     """Return P_f and P_d over `LEVELS`."""
     samples = drawn.of(reading=reading)
-    return (
-        [rate(samples, truth="direct", rule=rule, level=level) for level in LEVELS],
-        [rate(samples, truth="indirect", rule=rule, level=level) for level in LEVELS],
-    )
+    return rates(samples, truth="direct", rule=rule), rates(samples, truth="indirect", rule=rule)
 
 
 def _detected(drawn: Drawn, *, rule: str, false_alarm: float, reading: str) -> float:
@@ -118,8 +123,8 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
     panels = []
     for reading, told in READINGS.items():
         lines = []
-        for rule in _RULES:
-            p_f, p_d = (np.array(values) for values in _curve(drawn, rule, reading))
+        for rule in _SHOWN:
+            p_f, p_d = _curve(drawn, rule, reading)
             shown = p_f <= _LARGEST_SHOWN
             lines.append(Line(label=RULES[rule][0], x=p_f[shown], y=p_d[shown]))
         panels.append(
