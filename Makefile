@@ -17,7 +17,7 @@ demo: .venv/runtime ## solve a bundled file of bearings and compare with its tru
 	mkdir -p out
 	$(BIN)/nlosctl localize --method ml fixtures/good_bearings.parquet -o out/fixes.csv --overwrite
 	head -6 out/fixes.csv | cut -d, -f1,2,5,6,13,14,15
-	$(BIN)/nlosctl evaluate out/fixes.csv
+	$(BIN)/nlosctl evaluate out/fixes.csv --format text
 
 test: .venv/dev ## lint, format, types, import contract, tests
 	$(BIN)/ruff check .

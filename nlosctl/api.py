@@ -48,6 +48,7 @@ def localize(
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 4096,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
     """Estimate positions from a table of measurements; the same results to the bit as ``nlosctl localize``.
@@ -55,8 +56,8 @@ def localize(
     ``table`` is a pyarrow Table (or anything that `pyarrow.table` takes). ``scene`` is a Scene or the path of a scene
     file; else the one in the table's metadata. ``columns`` reads a column under another name (the contract's name ->
     the table's), ``constants`` gives missing std columns, in radians or metres; ``field`` is in the
-    words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``parameters`` are the
-    method's.
+    words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``sweep`` gives parameters
+    in turn several values, told in columns ``sweep_KEY``; ``parameters`` are the method's.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
@@ -80,7 +81,9 @@ def localize(
         target_z_m=target_z_m,
         want_flags=True,
     )
-    return _localization(MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters), settings))
+    return _localization(
+        MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters, sweep), settings)
+    )
 
 
 def bound(
@@ -139,6 +142,7 @@ def detect_ip(
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 4096,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Detection:
     """Flag indirect paths in a table of triplets; the same results to the bit as ``nlosctl detect-ip``.
@@ -153,7 +157,7 @@ def detect_ip(
     )
     reader = MeasurementReader([input_of_table(table)], options)
     names = [method] if isinstance(method, str) else list(method)
-    runs = method_runs(names, reader.kind, "detect-ip", parameters)
+    runs = method_runs(names, reader.kind, "detect-ip", parameters, sweep)
     settings = RunSettings(
         seed=seed,
         jobs=usable_jobs(jobs),
@@ -187,6 +191,7 @@ def identify_los(
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 4096,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
     """Tell the direct echoes of several targets from all others; the same to the bit as ``nlosctl identify-los``.
@@ -216,7 +221,9 @@ def identify_los(
         target_z_m=target_z_m,
         want_flags=True,
     )
-    return _localization(MeasurementRun(reader, method_runs(names, reader.kind, "identify-los", parameters), settings))
+    return _localization(
+        MeasurementRun(reader, method_runs(names, reader.kind, "identify-los", parameters, sweep), settings)
+    )
 
 
 def _localization(run: MeasurementRun) -> Localization:
@@ -228,12 +235,20 @@ def _localization(run: MeasurementRun) -> Localization:
     )
 
 
-def simulate(scenario: str, *, trials: int = 1000, seed: int = 0, **parameters: Any) -> Any:
+def simulate(
+    scenario: str,
+    *,
+    trials: int = 1000,
+    seed: int = 0,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
+    **parameters: Any,
+) -> Any:
     """Draw a table of measurements with their truth; its metadata carries the scene.
 
-    Raises UsageError for an unknown scenario or parameter.
+    ``sweep`` gives parameters in turn several values, ``trials`` snapshots of each; see ``nlosctl simulate``. Raises
+    UsageError for an unknown scenario or parameter.
     """
-    simulation = Simulation(scenario, parameters, seed=seed, trials=trials)
+    simulation = Simulation(scenario, parameters, seed=seed, trials=trials, sweep=sweep)
     return gather(list(simulation.tables()), simulation.schema, simulation.metadata)
 
 

@@ -27,7 +27,9 @@ from nlosctl.cli.options import (
     PathLengthStdM,
     Quiet,
     Report,
+    Resume,
     Seed,
+    Sweeps,
     Verbose,
     key_values,
 )
@@ -42,6 +44,7 @@ def detect_ip(
     inputs: Inputs,
     method: Methods = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     details: Details = False,
@@ -55,6 +58,7 @@ def detect_ip(
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     block_size: BlockSize = 4096,
@@ -92,10 +96,13 @@ def detect_ip(
         overwrite=overwrite,
         one_thread=jobs == 1,
         config=config,
-        outputs=(output, estimates_out, None if report == "-" else report),
+        tables=(output, estimates_out),
+        outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "detect-ip", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "detect-ip", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         if estimates_out is not None:
             require_estimates(runs)
         settings = RunSettings(
@@ -111,12 +118,13 @@ def detect_ip(
         for line in run.plan():
             terminal.detail(line)
         outputs = Outputs(
-            main=output,
-            other=estimates_out,
-            estimates_first=False,
+            tables={"flags": output, "estimates": estimates_out},
             format=format,
             overwrite=overwrite,
+            resume=resume,
+            bad_rows=bad_rows,
             with_hash=hash,
+            jobs=jobs,
             report=report,
         )
         solve_and_write(run, opened, outputs, "detect-ip", terminal)

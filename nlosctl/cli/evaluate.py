@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Overwrite, Quiet, Report
-from nlosctl.cli.terminal import print_json, print_table, write_report
+from nlosctl.cli.options import ConfigFile, Debug, Format, InputFormat, Inputs, Json, Output, Overwrite, Quiet, Report
+from nlosctl.cli.reading import open_output
+from nlosctl.cli.terminal import Preview, print_json, print_table, write_report
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["evaluate"]
 
 _CONDITION_MET = 4
+_TEXT = "text"
 
 
 def evaluate(
@@ -46,6 +50,8 @@ def evaluate(
             help="Exit 4 if a figure of some method meets it: 'rmse_m>5', of one method: 'ml:rmse_m>5'. Repeatable.",
         ),
     ] = [],  # noqa: B006 - typer copies it
+    output: Output = "-",
+    format: Format = None,
     input_format: InputFormat = None,
     json: Json = False,
     report: Report = None,
@@ -58,8 +64,9 @@ def evaluate(
 
     Flags of identify-los with --estimates: number of targets right, exact identification, precision and recall, OSPA
     and GOSPA, matched RMSE, cases (i) to (vi). A row without a fix counts in the fix rate and is infinite in the
-    percentiles; RMSE, bias and NEES are of the rows with one. Exit codes: 0 done, 1 bad data or files, 2 the words of
-    the command line, 4 a --fail-if condition is met.
+    percentiles; RMSE, bias and NEES are of the rows with one. A terminal gets a line per figure (so does any output
+    with --format text), a pipe or -o a table with a row per method and swept values, as plot draws it. Exit codes: 0
+    done, 1 bad data or files, 2 the words of the command line, 4 a --fail-if condition is met.
     """
     from nlosctl.io.evaluation_rows import TruthTable
     from nlosctl.io.file_format import format_named
@@ -72,7 +79,7 @@ def evaluate(
     conditions = [parse_condition(words) for words in fail_if]
     given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
     paths = [part.path for table in given for part in table.parts if part.path is not None]
-    check_targets([None if report == "-" else report], overwrite=overwrite, inputs=paths)
+    check_targets([output, None if report == "-" else report], overwrite=overwrite, inputs=paths)
     if estimates is not None:
         if len(given) > 1:
             raise UsageError("--estimates goes with one file of flags; evaluate several one by one")
@@ -86,13 +93,28 @@ def evaluate(
     content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": reasons}
     if json:
         print_json(content)
-    else:
-        _render(evaluation)
+    if output != "-" or not json:
+        _write(evaluation, output, format, overwrite, paths)
     if report is not None:
         write_report(report, content)
     for reason in reasons:
         sys.stderr.write(f"nlosctl: {reason}\n")
     return _CONDITION_MET if reasons else 0
+
+
+def _write(evaluation: Evaluation, output: str, format: str | None, overwrite: bool, inputs: Sequence[Path]) -> None:
+    from nlosctl.io.score_tables import score_table
+
+    if format == _TEXT and output != "-":
+        raise UsageError("--format text goes to standard output; leave out -o")
+    if format == _TEXT or Preview.wanted(output, format) is not None:
+        _render(evaluation)
+        return
+    table = score_table(evaluation.of, evaluation.groups)
+    with open_output(
+        output, table.schema, format_name=format, overwrite=overwrite, inputs=inputs, metadata={}
+    ) as writer:
+        writer.write(table)
 
 
 def _render(evaluation: Evaluation) -> None:

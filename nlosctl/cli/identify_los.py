@@ -28,9 +28,11 @@ from nlosctl.cli.options import (
     Quiet,
     RangeStdM,
     Report,
+    Resume,
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
@@ -46,6 +48,7 @@ def identify_los(
     inputs: Inputs,
     method: Methods = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     alternatives: Annotated[
@@ -63,6 +66,7 @@ def identify_los(
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     block_size: BlockSize = 4096,
@@ -100,10 +104,13 @@ def identify_los(
         overwrite=overwrite,
         one_thread=jobs == 1,
         config=config,
-        outputs=(output, estimates_out, None if report == "-" else report),
+        tables=(output, estimates_out),
+        outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "identify-los", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,
@@ -118,12 +125,13 @@ def identify_los(
         for line in run.plan():
             terminal.detail(line)
         outputs = Outputs(
-            main=output,
-            other=estimates_out,
-            estimates_first=False,
+            tables={"flags": output, "estimates": estimates_out},
             format=format,
             overwrite=overwrite,
+            resume=resume,
+            bad_rows=bad_rows,
             with_hash=hash,
+            jobs=jobs,
             report=report,
         )
         solve_and_write(run, opened, outputs, "identify-los", terminal)

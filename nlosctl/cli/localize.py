@@ -32,9 +32,11 @@ from nlosctl.cli.options import (
     Quiet,
     RangeStdM,
     Report,
+    Resume,
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
@@ -50,6 +52,7 @@ def localize(
     inputs: Inputs,
     method: Methods = ["ml"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     flags_out: Annotated[
         str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
@@ -78,6 +81,7 @@ def localize(
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     block_size: BlockSize = 4096,
@@ -121,10 +125,13 @@ def localize(
         one_thread=jobs == 1,
         config=config,
         extra_columns=None if flags_out is not None else carried_names(carry),
-        outputs=(output, flags_out, trace_out, None if report == "-" else report),
+        tables=(output, flags_out, trace_out),
+        outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "localize", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,
@@ -140,14 +147,14 @@ def localize(
         for line in run.plan():
             terminal.detail(line)
         outputs = Outputs(
-            main=output,
-            other=flags_out,
-            estimates_first=True,
+            tables={"estimates": output, "flags": flags_out, "trace": trace_out},
             format=format,
             overwrite=overwrite,
+            resume=resume,
+            bad_rows=bad_rows,
             with_hash=hash,
+            jobs=jobs,
             report=report,
-            trace=trace_out,
         )
         solve_and_write(run, opened, outputs, "localize", terminal)
     return exit_code(run, strict=strict)

@@ -40,6 +40,7 @@ __all__ = [
     "Quiet",
     "RangeStdM",
     "Report",
+    "Resume",
     "SceneFile",
     "SearchField",
     "Seed",
@@ -70,7 +71,12 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Output = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout, FOLDER/ takes a file per part."
+    ),
+]
 Format = Annotated[
     str | None,
     typer.Option(
@@ -90,6 +96,9 @@ InputFormat = Annotated[
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
 Kind = Annotated[
     str | None,
     typer.Option(
@@ -184,6 +193,16 @@ Params = Annotated[
         autocompletion=complete_parameter,
         help="A parameter ('nlosctl methods show NAME' or 'simulate NAME --show' lists them); METHOD:KEY=VALUE for one "
         "of several methods. Repeatable.",
+    ),
+]
+Sweeps = Annotated[
+    list[str],
+    typer.Option(
+        "--sweep",
+        metavar="KEY=V1,V2,...",
+        autocompletion=complete_parameter,
+        help="A parameter in turn at several values, told in the column sweep_KEY; several sweeps make a grid. "
+        "Repeatable.",
     ),
 ]
 Carry = Annotated[

@@ -24,7 +24,8 @@ __all__ = ["Opened", "ReadWords", "open_measurements", "open_output"]
 class ReadWords:
     """The words of the command line that say what to read and how.
 
-    ``extra_columns`` are those that will be needed beside the measurement's own; None: all.
+    ``outputs`` are files that will be written, ``tables`` files or folders. ``extra_columns`` are those that will be
+    needed beside the measurement's own; None: all.
     """
 
     inputs: Sequence[str]
@@ -44,6 +45,7 @@ class ReadWords:
     one_thread: bool = False
     config: str | None = None
     outputs: Sequence[str | None] = ()
+    tables: Sequence[str | None] = ()
     extra_columns: Sequence[str] | None = None
 
     @property
@@ -89,7 +91,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
     from nlosctl.io.measurements import MeasurementReader, ReadOptions
-    from nlosctl.io.write import BadRowWriter, TableWriter, check_targets
+    from nlosctl.io.write import BadRowWriter, TableWriter, check_targets, is_folder_target
 
     input_format = None if words.input_format is None else format_named(words.input_format)
     inputs = expand_inputs(words.inputs, input_format)
@@ -108,8 +110,10 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
         stack.callback(reader.close)
         others = [Path(name) for name in (words.scene, words.config) if name is not None]
         opened = Opened(reader=reader, inputs=inputs, others=others)
-        check_targets([*words.outputs, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths)
-        if words.bad_rows is not None:
+        check_targets(
+            words.outputs, tables=[*words.tables, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths
+        )
+        if words.bad_rows is not None and not is_folder_target(words.bad_rows):
             schema = BadRowWriter.schema(reader.schema.names)
             writer = TableWriter(words.bad_rows, schema, overwrite=words.overwrite, inputs=opened.paths)
             reader.set_bad_rows_aside(BadRowWriter(stack.enter_context(writer)))

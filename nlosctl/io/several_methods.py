@@ -1,4 +1,5 @@
-"""Flags of several methods in one file: every measurement is there once for each, so they can't be solved together."""
+"""Flags of several methods, or of a method's sweep, in one file: every measurement is there once for each, so they
+can't be solved together."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ import pyarrow.compute as pc
 from nlosctl.contract.batches import IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.names import plain
+from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["METHOD", "are_flags_by_method", "refuse_several_methods"]
 
@@ -23,13 +25,24 @@ def are_flags_by_method(names: Iterable[str]) -> bool:
 
 
 def refuse_several_methods(table: Any, starts: IntArray, file: str) -> None:
-    """Raise DataError where a snapshot (beginning at ``starts``) of flags has rows of several methods."""
-    names = plain(table.column(METHOD).combine_chunks())
-    codes = pc.fill_null(pc.dictionary_encode(names).indices, -1).to_numpy(zero_copy_only=False)
-    if codes.shape[0] == 0 or not (np.maximum.reduceat(codes, starts) > np.minimum.reduceat(codes, starts)).any():
-        return
-    methods = [str(name) for name in pc.unique(names).drop_null().to_pylist()]
-    raise DataError(
-        f"{file}, column 'method': flags of several methods ({', '.join(methods)}), so every measurement is there more "
-        f"than once, expected those of one; run the earlier step with one --method, or keep the rows of one method"
-    )
+    """Raise DataError where a snapshot (beginning at ``starts``) of flags tells several methods or swept values."""
+    swept = [name for name in table.column_names if name.startswith(SWEEP_PREFIX)]
+    for column, what, cure in [
+        (METHOD, "methods", "run the earlier step with one --method, or keep the rows of one method"),
+        *(
+            (name, "values of a sweep", "run the earlier step without --sweep, or keep the rows of one")
+            for name in swept
+        ),
+    ]:
+        values = plain(table.column(column).combine_chunks())
+        if _differ_within_snapshots(values, starts):
+            told = ", ".join(str(value) for value in pc.unique(values).drop_null().to_pylist())
+            raise DataError(
+                f"{file}, column {column!r}: flags of several {what} ({told}), so every measurement is there more than "
+                f"once, expected those of one; {cure}"
+            )
+
+
+def _differ_within_snapshots(values: Any, starts: IntArray) -> bool:
+    codes = pc.fill_null(pc.dictionary_encode(values).indices, -1).to_numpy(zero_copy_only=False)
+    return bool(codes.size and (np.maximum.reduceat(codes, starts) > np.minimum.reduceat(codes, starts)).any())
