@@ -44,6 +44,7 @@ def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
     columns = 3 if len(panels) % 3 == 0 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
     width, height = _NARROW_PANEL_IN if columns == 3 else _PANEL_IN
+    height *= max(panel.height for panel in panels)
     figure, places = new_figure(rows, columns, width_in=width * columns, height_in=height * rows + 0.3, title=title)
     for place, panel in zip(places, panels, strict=False):
         _draw(panel, place)

@@ -45,7 +45,7 @@ class Line:
 class Panel:
     """What all panels have: axis labels as ``quantity [unit]``, a title, a legend unless another panel has it.
 
-    ``width`` is relative to the others.
+    ``height`` is in units of the usual height of a panel; a figure takes the largest of its panels.
     """
 
     x_label: str = ""
@@ -53,7 +53,7 @@ class Panel:
     title: str = ""
     equal_aspect: bool = False
     legend: bool = True
-    width: float = 1.0
+    height: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,7 @@ def _reflectors(trials: npt.NDArray[np.int64], total: int) -> FloatArray:
     """Return reflectors (T, 2) of a lattice of square cells over the region, x running fastest."""
     columns, step = _lattice(total)
     place = np.stack([trials % columns, trials // columns], axis=1)
-    return np.array([REGION_M[0], REGION_M[2]]) + (place + 0.5) * step
+    return np.asarray(np.array([REGION_M[0], REGION_M[2]]) + (place + 0.5) * step)
 
 
 def _lattice(total: int) -> tuple[int, float]:
@@ -127,8 +127,9 @@ def _map(drawn: Drawn, rule: str) -> Panel:
         x_label="reflector x [m]",
         y_label="reflector y [m]",
         equal_aspect=True,
-        x=REGION_M[0] + (np.arange(columns) + 0.5) * step,
-        y=REGION_M[2] + (np.arange(rows) + 0.5) * step,
+        height=0.8,
+        x=REGION_M[0] + (np.arange(float(columns)) + 0.5) * step,
+        y=REGION_M[2] + (np.arange(float(rows)) + 0.5) * step,
         region=region.reshape(rows, columns),
         labels=tuple(_CLASSES),
         outlines=tuple(

@@ -32,7 +32,7 @@ class Spot:
     def points(self, along: FloatArray) -> FloatArray:
         """Return points (N, 2) at shares (N,) of the way."""
         start, end = np.array(self.from_m), np.array(self.to_m)
-        return start + along[:, None] * (end - start)
+        return np.asarray(start + along[:, None] * (end - start))
 
 
 def _half_line(kind: str, order: Order, node: tuple[float, float], angle: float) -> Spot:
@@ -57,6 +57,8 @@ _DOD, _DOA = _angle(SCENE.tx_m), _angle(SCENE.rx_m)
 _ON_LINES = (
     Spot(kind="BS1", order=_FIRST, from_m=SCENE.tx_m, to_m=SCENE.target_m),
     Spot(kind="BS1", order=_SECOND, from_m=SCENE.rx_m, to_m=SCENE.target_m),
+    _half_line("BS1", _SECOND, SCENE.target_m, _DOD),
+    _half_line("BS1", _FIRST, SCENE.target_m, _DOA),
 )
 _PARALLEL = (_half_line("BS2", _FIRST, SCENE.tx_m, _DOA), _half_line("BS2", _SECOND, SCENE.rx_m, _DOD))
 _LEVEL_Y = 1e-3
