@@ -35,7 +35,7 @@ __all__ = ["draw_panels"]
 
 _PANEL_IN = (5.0, 3.8)
 _NARROW_PANEL_IN = (3.7, 3.2)
-_HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----")
+_HATCHES = ("", "////", "||||", "\\\\\\\\", "xxxx", "----")
 
 
 @figure_style()
@@ -135,7 +135,11 @@ def _(panel: BarsPanel, axes: Axes) -> None:
         base = base + heights
     axes.set_xticks(place, panel.groups)
     if panel.stacked:
+        axes.margins(y=0.0)
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, reverse=True)
+    elif panel.log_y:
+        axes.set_yscale("log")
+        place_legend(axes)
     else:
         axes.margins(y=0.3)
         place_legend(axes)

@@ -127,3 +127,4 @@ class BarsPanel(Panel):
     values: Mapping[str, FloatArray]
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
     stacked: bool = False
+    log_y: bool = False

@@ -52,6 +52,11 @@ def _lattice(total: int) -> tuple[int, float]:
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
     """Return P_d over each reflector by (33), the worse of both orders; for lambda also its mean in each order."""
     reflectors, rule = _reflectors(chunk.trials, chunk.total), str(condition["rule"])
+    with np.errstate(divide="ignore", invalid="ignore"):  # a reflector on the target
+        return _fields(reflectors, rule)
+
+
+def _fields(reflectors: FloatArray, rule: str) -> Samples:
     if rule == "chi2":
         found = [_consistency_detects(reflectors, order) for order in ORDERS]
         return {"p_d": np.minimum(*found)}
@@ -90,7 +95,7 @@ def _sectors_of_two_signs(drawn: Drawn) -> float:
     samples = drawn.of(rule="lambda5")
     return float(
         sum(
-            np.unique(np.sign(samples[mean][samples["sector"] == sector])).size > 1
+            np.unique(np.sign(samples[mean][(samples["sector"] == sector) & (samples[mean] != 0.0)])).size > 1
             for mean in ("first_mean_m", "second_mean_m")
             for sector in range(4)
         )
@@ -193,8 +198,8 @@ EXPERIMENT = Experiment(
     ),
     beside=(Beside(says="The same of chi2", ours=partial(_blind_share, rule="chi2")),),
     panels=_panels,
-    trials=16_000,
-    quick_trials=1000,
-    chunk_trials=4000,
+    trials=5760,
+    quick_trials=1440,
+    chunk_trials=1440,
     random=False,
 )

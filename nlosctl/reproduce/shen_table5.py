@@ -190,7 +190,7 @@ def _besides(target: tuple[float, float]) -> tuple[Beside, ...]:
 
 
 def _panels(drawn: Drawn) -> Sequence[Panel]:
-    rules = {"none": "ours, no detection", "flagged": "ours, lambda 5", "chi2": "chi2", "joint": "joint"}
+    rules = {"none": "ours, no detection", "flagged": "ours, lambda 5", "chi2": "chi2", "joint": "joint, 8 paths"}
     paper = np.array([values[:2] for values in _PRINTED.values()], dtype=float).T
     values = {"paper, no detection": paper[0], "paper, lambda 5": paper[1]}
     errors = {}
@@ -199,7 +199,11 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         values[label] = np.array([one.value for one in ours])
         errors[label] = np.nan_to_num(np.array([one.standard_error for one in ours]))
     groups = tuple(f"({x:g}, {y:g})" for x, y in _PRINTED)
-    return [BarsPanel(x_label="target, x and y [m]", y_label="RMSE [m]", groups=groups, values=values, errors=errors)]
+    return [
+        BarsPanel(
+            x_label="target, x and y [m]", y_label="RMSE [m]", groups=groups, values=values, errors=errors, log_y=True
+        )
+    ]
 
 
 EXPERIMENT = Experiment(
