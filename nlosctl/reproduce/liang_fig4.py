@@ -136,6 +136,6 @@ EXPERIMENT = Experiment(
     ),
     panels=_panels,
     trials=1000,
-    quick_trials=8,
+    quick_trials=6,
     chunk_trials=CHUNK_TRIALS,
 )

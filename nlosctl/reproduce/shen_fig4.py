@@ -95,7 +95,7 @@ def _sectors_of_two_signs(drawn: Drawn) -> float:
     samples = drawn.of(rule="lambda5")
     return float(
         sum(
-            np.unique(np.sign(samples[mean][(samples["sector"] == sector) & (samples[mean] != 0.0)])).size > 1
+            np.unique(np.sign(samples[mean][(samples["sector"] == sector) & (np.abs(samples[mean]) > 1e-9)])).size > 1
             for mean in ("first_mean_m", "second_mean_m")
             for sector in range(4)
         )
