@@ -19,7 +19,10 @@ from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
 from nlosctl.io.sweep_columns import SweepColumns
+from nlosctl.pipeline.flat_plane import FlatPlaneTally
+from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
@@ -45,11 +48,15 @@ class RunSettings:
     want_flags: bool = False
     want_details: bool = False
     want_trace: bool = False
+    ellipse: float | None = None
+    add: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
             if getattr(self, name) < least:
                 raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+        if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:
+            raise UsageError(f"--ellipse must be a probability between 0 and 1. Got {self.ellipse!r} instead.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +86,8 @@ class MeasurementRun:
     def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
         self._reader, self._runs, self._settings = reader, tuple(runs), settings
         methods = tuple(run.spec.name for run in self._runs)
+        if "gdop" in settings.add:
+            refuse_gdop(reader.kind, self._runs)
         refuse_swept_columns([run.sweep for run in self._runs], reader.column_names)
         sweeps = SweepColumns([run.sweep for run in self._runs])
         self._estimates_layout = EstimatesLayout(
@@ -88,6 +97,8 @@ class MeasurementRun:
             measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
+            frame=None if reader.scene.frame is None else reader.scene.frame.words,
+            wanted=precision_columns(settings.ellipse, settings.add),
             sweeps=sweeps,
         )
         self._flags_layout = FlagsLayout(
@@ -104,6 +115,7 @@ class MeasurementRun:
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
             raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
         self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
+        self._flat_plane = FlatPlaneTally(reader.scene.frame, self.report.flat_plane)
 
     @property
     def reader(self) -> MeasurementReader:
@@ -164,7 +176,13 @@ class MeasurementRun:
     def choices(self) -> dict[str, Any]:
         """Return what else must be the same for two runs to write the same tables, as plain values."""
         settings = self._settings
-        return {"alternatives": settings.alternatives, "carry": list(settings.carry), "details": settings.want_details}
+        return {
+            "alternatives": settings.alternatives,
+            "carry": list(settings.carry),
+            "details": settings.want_details,
+            "ellipse": settings.ellipse,
+            "add": list(settings.add),
+        }
 
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
@@ -193,13 +211,17 @@ class MeasurementRun:
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
-            want_flags=settings.want_flags,
+            want_flags=settings.want_flags or "gdop" in settings.add,
             want_details=settings.want_details,
             want_trace=settings.want_trace,
         )
         named: dict[str, Any] = {}
         if settings.want_estimates and estimates is not None:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+            arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
+            arrays |= precision_of(estimates, settings.ellipse, settings.add)
+            if "gdop" in settings.add:
+                arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
             named["estimates"] = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
@@ -214,6 +236,7 @@ class MeasurementRun:
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
             named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
+        self._flat_plane.add(problem, estimates)
         return estimates, flags, ChunkTables(named=named, rows=chunk.table.num_rows)
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
@@ -261,6 +284,7 @@ class MeasurementRun:
         self.report.notes += [
             *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
+            *self._flat_plane.remarks(),
             *self._unused_ranges(),
             *self._edge_remarks(),
             *self._hopeless(),
