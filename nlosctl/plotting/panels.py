@@ -28,7 +28,8 @@ IntArray = npt.NDArray[np.int64]
 class Line:
     """A labelled series ``x`` and ``y`` (N,), with half-lengths of error bars (N,); NaN leaves a gap.
 
-    ``style`` numbers the styles of `nlosctl.plotting.figures`; its place in the panel unless given. ``marker`` false:
+    ``style`` numbers the styles of `nlosctl.plotting.figures`; its place in the panel unless given. A label that begins
+    with ``_`` is not in the legend. ``marker`` false:
     the line alone, ``line`` false: the markers alone.
     """
 
@@ -43,15 +44,17 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What all panels have: axis labels as ``quantity [unit]``, a title, a legend unless another panel has it.
+    """What all panels have: axis labels as ``quantity [unit]``, a title, and limits where the data don't set them.
 
-    ``height`` is in units of the usual height of a panel; a figure takes the largest of its panels.
+    ``legend`` false: that of another panel holds. ``height`` is in units of the usual one; the largest counts.
     """
 
     x_label: str = ""
     y_label: str = ""
     title: str = ""
     equal_aspect: bool = False
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
     legend: bool = True
     height: float = 1.0
 
@@ -95,6 +98,7 @@ class MapPanel(Panel):
     values: FloatArray
     label: str
     log: bool = False
+    contours: bool = True
     points: tuple[Line, ...] = ()
 
 

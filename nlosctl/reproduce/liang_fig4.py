@@ -75,7 +75,6 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 for shown, count in counts.items()
             },
             stacked=True,
-            legend=sensors == SENSORS[-1],
         )
         for name, (label, _, _) in _METHODS.items()
         for sensors in SENSORS

@@ -141,7 +141,6 @@ def _map(drawn: Drawn, rule: str) -> Panel:
             _outline([spot for spot in SPOTS[rule] if spot.kind == kind], label, style)
             for kind, label, style in (("BS1", "BS1", 2), ("BS2", "BS2", 1), ("BS3", "BS3", 0))
         ),
-        legend=rule in ("lambda3", "lambda6"),
     )
 
 

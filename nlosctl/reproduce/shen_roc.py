@@ -133,7 +133,6 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 x_label="P_f [-]",
                 y_label="P_d [-]",
                 lines=tuple(lines),
-                legend=reading == list(READINGS)[-1],
             )
         )
     return panels

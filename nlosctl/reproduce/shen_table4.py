@@ -74,9 +74,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         samples = drawn.of(reading="rays")
         y = np.array([rate(samples, truth=truth, rule="chi2", level=level) for level in _LEVELS])
         lines.append(Line(label=RULES["chi2"][0], x=np.array(_LEVELS), y=y, style=6))
-        panels.append(
-            LinesPanel(x_label="expected P_f [-]", y_label=f"{kind} [-]", lines=tuple(lines), legend=kind == "P_d")
-        )
+        panels.append(LinesPanel(x_label="expected P_f [-]", y_label=f"{kind} [-]", lines=tuple(lines)))
     return panels
 
 

@@ -101,9 +101,9 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             region=np.where(np.isfinite(region), region, 0.0).astype(np.int64) - 1,
             labels=("A1: neither", "A2: by reflection", "A3: directly too"),
             outlines=(
-                Line(label="", x=_GROUND_M * edge / 1e3, y=edge_height / 1e3, marker=False, style=1),
-                Line(label="", x=_GROUND_M * horizon / 1e3, y=edge_height / 1e3, marker=False, style=0),
-                Line(label="", x=np.zeros(1), y=np.zeros(1), line=False, style=2),
+                Line(label="reach, Lemma 2", x=_GROUND_M * edge / 1e3, y=edge_height / 1e3, marker=False, style=1),
+                Line(label="horizon", x=_GROUND_M * horizon / 1e3, y=edge_height / 1e3, marker=False, style=0),
+                Line(label="sensor", x=np.zeros(1), y=np.zeros(1), line=False, style=2),
             ),
         )
     ]
@@ -112,7 +112,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
 EXPERIMENT = Experiment(
     name="song-fig6",
     paper=PAPER,
-    title="Visible regions of a sensor on the ground (at 0, 0)",
+    title="Visible regions of a sensor on the ground",
     conditions=({"ground_radius_m": _GROUND_M, "reflector_radius_m": _REFLECTOR_M},),
     sample=_sample,
     quantities={f"share_of_a{number}": partial(_share_of_region, number=number) for number in (1, 2, 3)},

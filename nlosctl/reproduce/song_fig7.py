@@ -111,7 +111,8 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
     for flat, style, name in ((True, 1, "flat"), (False, 0, "circle")):
         for sigmas in (2.0, -2.0):
             x, y = _cone(flat, sigmas)
-            cones.append(Line(label=f"{name}, {sigmas:+.0f} sigma", x=x, y=y, style=style, marker=False))
+            label = f"{name}, ±2 sigma" if sigmas > 0.0 else f"_{name}"
+            cones.append(Line(label=label, x=x, y=y, style=style, marker=False))
     cones.append(Line(label="target", x=np.array([target_km]), y=np.zeros(1), line=False, style=2))
     lines = tuple(
         curve(drawn, "share_of_leg", label, rms_of(name), style=style)

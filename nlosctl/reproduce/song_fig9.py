@@ -94,7 +94,7 @@ def _claims(parameter_set: str) -> tuple[Claim, ...]:
             where=first,
             ours=partial(ratio, name="stansfield", other="ls", epsilon_deg=1.0),
             expected=at_least(1.0, ">= 1"),
-            note="Worse up to 3 deg (A), 4 deg (B): the spreads are nearly equal, as LS assumes; the distances are not.",
+            note="Worse up to 3 deg (A), 4 deg (B): the spreads are nearly equal, as LS assumes; distances are not.",
         ),
         Claim(
             says=f"{name}: no significant difference at small noise: RMSE of LS over that of grid ML, at 0.1 deg",
@@ -121,7 +121,7 @@ def _claims(parameter_set: str) -> tuple[Claim, ...]:
             ours=partial(slope, name="ml-grid"),
             expected=at_least(1.25, "> 1.25"),
             note="Linear within a few per cent. A search field about the true target saturates near half its size, and "
-            "would show both this and a large gain of ML; that the paper's was there is our inference, not in its text.",
+            "would show both this and a large gain of ML; that the paper's was there is our inference alone.",
         ),
         Claim(
             says=f"{name}: RMSE of grid ML at 1 deg",
