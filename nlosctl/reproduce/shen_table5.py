@@ -201,7 +201,13 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
     groups = tuple(f"({x:g}, {y:g})" for x, y in _PRINTED)
     return [
         BarsPanel(
-            x_label="target, x and y [m]", y_label="RMSE [m]", groups=groups, values=values, errors=errors, log_y=True
+            x_label="target, x and y [m]",
+            y_label="RMSE [m]",
+            groups=groups,
+            values=values,
+            errors=errors,
+            log_y=True,
+            y_range=(1e-3, 60.0),
         )
     ]
 
