@@ -7,6 +7,9 @@ import sys
 
 __all__ = ["main"]
 
+_THREADS_OF_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Held to one unless the user says otherwise: ``--jobs`` is what uses the cores, and threads of threads slow it."""
+
 
 def main() -> int:
     """Run the program and return its exit code.
@@ -14,6 +17,8 @@ def main() -> int:
     Once interrupted and tidied up it leaves at once: threads of the libraries may still wait for an input that never
     ends, and the interpreter would wait for them.
     """
+    for variable in _THREADS_OF_LIBRARIES:
+        os.environ.setdefault(variable, "1")
     try:
         from nlosctl.cli.main import run
 
