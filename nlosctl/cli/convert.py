@@ -55,6 +55,9 @@ def convert(
         typer.Option("--window", metavar="TIME", help="How long a snapshot of an imported log lasts: 0.1s, 2min, all."),
     ] = None,
     output: Output = "-",
+    scene_out: Annotated[
+        str | None, typer.Option("--scene-out", metavar="FILE", help="Write the scene as TOML.")
+    ] = None,
     list_formats: Annotated[
         bool, typer.Option("--list", help="List importers, exporters and formats of tables.")
     ] = False,
@@ -97,9 +100,12 @@ def convert(
             conversion.read_foreign(source, given if target is None else {}, input_format)
         else:
             conversion.read_table(input_format)
+        conversion.write_scene(scene_out)
         rows, kept = conversion.write(output, target, format, given if source is None or target else {})
     bad = f", {kept} bad rows set aside" if kept else ""
     terminal.note(f"{inputs[0]}: {rows} rows{bad}")
+    if conversion.loses_scene and scene_out is None:
+        terminal.note("note: this format has no room for the scene: --scene-out FILE writes it, --scene FILE reads it")
 
 
 class _Conversion:
@@ -115,6 +121,7 @@ class _Conversion:
         self._log: Any = None
         self.schema: Any = None
         self.metadata: dict[str, str] = {}
+        self.loses_scene = False
 
     def read_foreign(self, importer: str, parameters: dict[str, str], input_format: str | None) -> None:
         """Read another program's file."""
@@ -140,13 +147,13 @@ class _Conversion:
         """Read a table as it is."""
         from nlosctl.io.file_format import format_named
         from nlosctl.io.inputs import expand_inputs
-        from nlosctl.pipeline.converting import Conversion
+        from nlosctl.io.table_copy import TableCopy
 
         chosen = None if input_format is None else format_named(input_format)
         (given, *more) = expand_inputs(self._words.inputs, chosen)
         if more:
             raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
-        copy = Conversion(given, scene_file=self._words.scene, frame=self._words.frame)
+        copy = TableCopy(given, scene_file=self._words.scene, frame=self._words.frame)
         self._stack.callback(copy.close)
         sink = self._aside(copy.schema.names)
         if sink is not None:
@@ -158,7 +165,7 @@ class _Conversion:
         self, output: str, exporter: str | None, format: str | None, parameters: dict[str, str]
     ) -> tuple[int, int]:
         """Write all rows; return how many, and how many were bad."""
-        from nlosctl.io.file_format import format_named
+        from nlosctl.io.file_format import FileFormat, format_named, format_of_path
         from nlosctl.io.write import TableWriter
         from nlosctl.pipeline.exporting import MapWriter, exporter_of
 
@@ -171,6 +178,8 @@ class _Conversion:
             if parameters:
                 raise UsageError("--param is for importers and exporters; a table has none")
             chosen = None if format is None else format_named(format)
+            kind = chosen or (FileFormat.CSV if output == "-" else format_of_path(output))
+            self.loses_scene = self._scene_text is not None and preview is None and not kind.carries_metadata
             writer = preview or TableWriter(output, self.schema, format=chosen, **common)
         rows = 0
         with ExitStack() as stack:
@@ -181,6 +190,18 @@ class _Conversion:
         if preview is not None:
             preview.show()
         return rows, self._log.total
+
+    def write_scene(self, target: str | None) -> None:
+        """Write the scene, if that is wanted."""
+        from nlosctl.io.write import check_targets, write_text
+
+        if target is not None:
+            check_targets([target], overwrite=self._overwrite, inputs=self._paths)
+            write_text(target, self._scene_text or "")
+
+    @property
+    def _scene_text(self) -> str | None:
+        return self.metadata.get("nlosctl.scene")
 
     def _aside(self, names: Any) -> Any:
         from nlosctl.io.write import BadRowWriter, TableWriter

@@ -31,6 +31,8 @@ def lines(file: ForeignFile) -> Iterator[tuple[int, str]]:
                 yield number, line.rstrip("\r\n")
     except UnicodeDecodeError as error:
         raise DataError(f"{file.name}, after line {number}: not UTF-8 text; save it as UTF-8") from error
+    finally:
+        text.detach()
 
 
 def take_apart(numbered: Iterator[tuple[int, str]], parse: Callable[[int, str], Row | None]) -> Iterator[Row | BadLine]:
@@ -51,8 +53,19 @@ def read_header(file: ForeignFile) -> tuple[dict[str, int], Iterator[tuple[int, 
     first = next(numbered, None)
     if first is None:
         raise DataError(f"{file.name}: no rows: the file is empty")
-    names = [name.strip() for name in _cells(first[1])]
-    return {name: place for place, name in reversed(list(enumerate(names)))}, numbered
+    places: dict[str, int] = {}
+    for place, name in enumerate(_header(first[1], file)):
+        if name.strip() in places:
+            raise DataError(f"{file.name}: column {name.strip()!r} is there twice; rename or drop one")
+        places[name.strip()] = place
+    return places, numbered
+
+
+def _header(text: str, file: ForeignFile) -> list[str]:
+    try:
+        return _cells(text)
+    except UnfitError as unfit:
+        raise DataError(f"{file.name}, line 1: the header can't be read: {unfit.fault}") from None
 
 
 def read_table(

@@ -1,6 +1,7 @@
 """Readings that KrakenSDR writes for df-aggregator: DATA elements, one to a document, any number of documents.
 
-Parsed by expat as the bytes come. A document type, and with it every entity, is refused.
+Parsed by expat as the lines come, within an element of our own: a document type, and with it every entity, is no XML
+there.
 """
 
 from __future__ import annotations
@@ -33,14 +34,10 @@ class _Readings:
         self._line = 0
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
-        self.parser.StartDoctypeDeclHandler = self._refuse_doctype
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.CharacterDataHandler = self._text
         self.parser.Parse("<LOG>", False)
-
-    def _refuse_doctype(self, *_: object) -> None:
-        raise DataError("holds a document type (<!DOCTYPE>), expected none: entities are not read")
 
     def _start(self, name: str, _: object) -> None:
         self._path.append(name)
@@ -73,6 +70,8 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLi
     readings, line, found = _Readings(), 0, False
     try:
         for line, text in lines(file):
+            if "<!DOCTYPE" in text or "<!ENTITY" in text:
+                raise DataError("holds a document type or an entity, expected none: they are not read")
             behind = line - readings.parser.CurrentLineNumber
             readings.parser.Parse("\n" * behind + _without_declaration(text), False)
             for begun, fields in readings.done:

@@ -69,9 +69,7 @@ class MapWriter:
 
     def __enter__(self) -> MapWriter:
         opened = open_bytes_out(self._target, overwrite=self._overwrite, inputs=self._inputs)
-        sink = self._stack.enter_context(opened)
-        with self._blamed():
-            self._writer = self._spec.start(sink, self._options)
+        self._sink = self._stack.enter_context(opened)
         return self
 
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
@@ -79,12 +77,11 @@ class MapWriter:
 
     def write(self, table: Any) -> None:
         """Take estimates."""
-        assert self._writer is not None  # noqa: S101 - entered
         if table.num_rows:
             self.rows += table.num_rows
-            places = self._places(table)
+            places = self._places(table)  # at fault before anything is written
             with self._blamed():
-                self._writer.write(places)
+                self._started().write(places)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -92,9 +89,14 @@ class MapWriter:
         with self._stack:  # what goes wrong here leaves no file either
             if kind is not None:
                 self._stack.__exit__(kind, error, trace)
-            elif self._writer is not None:
+            else:
                 with self._blamed():
-                    self._writer.close()
+                    self._started().close()
+
+    def _started(self) -> PlacesWriter:
+        if self._writer is None:
+            self._writer = self._spec.start(self._sink, self._options)
+        return self._writer
 
     @contextmanager
     def _blamed(self) -> Iterator[None]:
@@ -109,7 +111,9 @@ class MapWriter:
     def _places(self, table: Any) -> Places:
         missing = [name for name in _ESTIMATED if name not in table.column_names]
         if missing:
-            raise DataError(f"{self._spec.name} takes estimates, and a column {missing[0]!r} is missing")
+            raise DataError(
+                f"{self._spec.name} takes estimates, and there is no column {missing[0]!r}; localize measurements first"
+            )
         columns = {name: table.column(name).to_pylist() for name in table.column_names}
         x, y, xx, xy, yy = (
             np.array([np.nan if value is None else value for value in columns[name]], dtype=np.float64)
