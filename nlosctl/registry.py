@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
-from nlosctl.errors import MethodError, UsageError, did_you_mean
+from nlosctl.errors import MethodError, UsageError, did_you_mean, in_one_line
 
 if TYPE_CHECKING:
     from nlosctl.contract.formats import ExporterSpec, ImporterSpec
@@ -84,36 +85,47 @@ def resolve_format(name: str, way: str) -> ImporterSpec | ExporterSpec:
 
 def load(entry: MethodEntry) -> MethodSpec:
     """Import a method and check that it is what its entry point says; raises MethodError that tells the fault."""
-    from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
+    from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec, contract_fault
 
-    spec: MethodSpec = _load(entry, "method", MethodSpec, CONTRACT_VERSION)
+    spec: MethodSpec = _load(entry, "method", MethodSpec, CONTRACT_VERSION, contract_fault)
     return spec
 
 
 def load_format(entry: MethodEntry) -> ImporterSpec | ExporterSpec:
     """Import an importer or exporter and check it, as `load` does a method."""
-    from nlosctl.contract.formats import FORMATS_VERSION, ExporterSpec, ImporterSpec
+    from nlosctl.contract.formats import FORMATS_VERSION, ExporterSpec, ImporterSpec, formats_fault
 
     wanted = {"import": ImporterSpec, "export": ExporterSpec}.get(entry.kind)
     if wanted is None:
         raise MethodError(f"format {entry.full_name!r} of {entry.distribution}: expected import.NAME or export.NAME")
-    spec: ImporterSpec | ExporterSpec = _load(entry, "format", wanted, FORMATS_VERSION)
+    spec: ImporterSpec | ExporterSpec = _load(entry, "format", wanted, FORMATS_VERSION, formats_fault)
     return spec
 
 
-def _load(entry: MethodEntry, what: str, wanted: type[Any], version: int) -> Any:
+def _load(
+    entry: MethodEntry, what: str, wanted: type[Any], version: int, find_fault: Callable[[int | None], str]
+) -> Any:
     where = f"{what} {entry.full_name!r} of {entry.distribution} {entry.version}"
     try:
         spec = entry.entry_point.load()
-    except Exception as error:  # whatever a plugin raises on import is its fault, not ours
-        raise MethodError(f"{where} can't be loaded: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:  # whatever a plugin raises on import is its fault, not ours
+        hint = f" (this nlosctl has contract version {version})" if _touches_contract(error, wanted) else ""
+        raise MethodError(f"{where} can't be loaded: {in_one_line(error)}{hint}") from error
     if not isinstance(spec, wanted):
         raise MethodError(f"{where} is a {type(spec).__name__}, not a {wanted.__module__}.{wanted.__name__}")
     if spec.full_name != entry.full_name:
         raise MethodError(f"{where} calls itself {spec.full_name!r}; entry point and spec must agree")
-    if spec.contract_version != version:
-        raise MethodError(f"{where} was written for contract version {spec.contract_version}, this is {version}")
+    built_in = entry.distribution == DISTRIBUTION and spec.contract_version is None
+    fault = "" if built_in else find_fault(spec.contract_version)
+    if fault:
+        raise MethodError(f"{where} {fault}")
     return spec
+
+
+def _touches_contract(error: BaseException, wanted: type[Any]) -> bool:
+    """Whether what went wrong may come from another version of the contract: a name or an argument that it lacks."""
+    missing = isinstance(error, ImportError) and str(error.name).startswith(DISTRIBUTION)
+    return missing or (isinstance(error, TypeError) and wanted.__name__ in str(error))
 
 
 def _single(matches: list[MethodEntry], what: str) -> MethodEntry:

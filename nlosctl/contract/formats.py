@@ -9,11 +9,13 @@ from typing import IO, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.methods import version_fault
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import ColumnType
 
 __all__ = [
     "FORMATS_VERSION",
+    "OLDEST_FORMATS_VERSION",
     "BadLine",
     "ExporterSpec",
     "ForeignFile",
@@ -22,10 +24,14 @@ __all__ = [
     "PlacesWriter",
     "Row",
     "UnfitError",
+    "formats_fault",
 ]
 
 FORMATS_VERSION = 1
-"""Raised when a plugin written for the version before would no longer work."""
+"""The version of this contract, raised with every addition; plugins say for which they were written."""
+
+OLDEST_FORMATS_VERSION = 1
+"""The oldest version whose plugins still work."""
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -88,7 +94,7 @@ class ImporterSpec:
     kind: Callable[[Any], str]
     rows: Callable[[ForeignFile, Any], Iterator[Row | BadLine]]
     extra: Mapping[str, ColumnType] = field(default_factory=dict)
-    contract_version: int = FORMATS_VERSION
+    contract_version: int | None = None
 
     @property
     def full_name(self) -> str:
@@ -147,9 +153,14 @@ class ExporterSpec:
     reference: str
     options: type[Any]
     start: Callable[[IO[bytes], Any], PlacesWriter]
-    contract_version: int = FORMATS_VERSION
+    contract_version: int | None = None
 
     @property
     def full_name(self) -> str:
         """The name of its entry point."""
         return f"export.{self.name}"
+
+
+def formats_fault(version: int | None) -> str:
+    """Return in words why a plugin written for a version can't be used here; empty where it can."""
+    return version_fault(version, FORMATS_VERSION, OLDEST_FORMATS_VERSION, "spec")
