@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.completion import complete_exporter, complete_importer
 from nlosctl.cli.options import (
     BadRows,
     ConfigFile,
@@ -19,13 +20,14 @@ from nlosctl.cli.options import (
     Origin,
     Output,
     Overwrite,
+    Params,
     Quiet,
     SceneFile,
     key_values,
 )
 from nlosctl.cli.reading import ReadWords
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
-from nlosctl.errors import MethodError, UsageError
+from nlosctl.errors import UsageError
 
 __all__ = ["convert"]
 
@@ -36,20 +38,24 @@ def convert(
         typer.Argument(metavar="INPUT...", help="File (or - for standard input); none: list the formats."),
     ] = None,
     source: Annotated[
-        str | None, typer.Option("--from", metavar="NAME", help="Importer of another program's file; none: a table.")
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="NAME",
+            autocompletion=complete_importer,
+            help="Importer of another program's file; none: a table.",
+        ),
     ] = None,
     target: Annotated[
-        str | None, typer.Option("--to", metavar="NAME", help="Exporter of estimates, where the extension tells none.")
-    ] = None,
-    param: Annotated[
-        list[str],
+        str | None,
         typer.Option(
-            "--param",
-            "-p",
-            metavar="KEY=VALUE",
-            help="A parameter of the importer or exporter ('nlosctl convert --show NAME' lists them). Repeatable.",
+            "--to",
+            metavar="NAME",
+            autocompletion=complete_exporter,
+            help="Exporter of estimates, where the extension tells none.",
         ),
-    ] = [],  # noqa: B006 - typer copies it
+    ] = None,
+    param: Params = [],  # noqa: B006 - typer copies it
     window: Annotated[
         str | None,
         typer.Option("--window", metavar="TIME", help="How long a snapshot of an imported log lasts: 0.1s, 2min, all."),
@@ -61,9 +67,7 @@ def convert(
     list_formats: Annotated[
         bool, typer.Option("--list", help="List importers, exporters and formats of tables.")
     ] = False,
-    show: Annotated[
-        str | None, typer.Option("--show", metavar="NAME", help="Show an importer's or exporter's parameters and stop.")
-    ] = None,
+    show: Annotated[bool, typer.Option("--show", help="Show the parameters and stop.")] = False,
     scene: SceneFile = None,
     crs: Crs = None,
     origin: Origin = None,
@@ -81,8 +85,8 @@ def convert(
     Tables pass as they are, with their scene, between Parquet, CSV, Arrow and JSON Lines. The extension of the output
     tells its format; .geojson, .kml, .czml and .geoparquet take estimates, as 'localize -o' does too.
     """
-    if show is not None:
-        _show(show, json)
+    if show:
+        _show(source, target, json)
         return
     if list_formats or not inputs:
         if param or source or target or output != "-" or (list_formats and inputs):
@@ -228,20 +232,13 @@ def _list(json: bool) -> None:
         print_table(rows, ["way", "name", "distribution", "version"])
 
 
-def _show(name: str, json: bool) -> None:
+def _show(importer: str | None, exporter: str | None, json: bool) -> None:
     from nlosctl import registry
     from nlosctl.contract.options import describe_options
 
-    known = registry.format_entries()
-    matches = [entry for entry in known if name in (entry.name, entry.full_name)]
-    if not matches:
-        from nlosctl.errors import did_you_mean
-
-        names = sorted({entry.name for entry in known})
-        raise UsageError(f"no importer or exporter {name!r}{did_you_mean(name, names)}; there are: {', '.join(names)}")
-    if len(matches) > 1:
-        raise MethodError(f"{name!r} is provided more than once: {', '.join(e.distribution for e in matches)}")
-    spec = registry.load_format(matches[0])
+    if (importer is None) == (exporter is None):
+        raise UsageError("--show tells of one format: name it with --from or --to")
+    spec = registry.resolve_format(importer or exporter or "", "import" if exporter is None else "export")
     told = {
         "name": spec.full_name,
         "summary": spec.summary,

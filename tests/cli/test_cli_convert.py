@@ -26,13 +26,13 @@ def test_alone_it_lists_what_there_is(cli: Any) -> None:
 
 def test_show_tells_the_parameters(cli: Any) -> None:
     """A format's parameters have type, default and meaning, and the document it was taken from."""
-    told = cli("convert", "--show", "uwb", "--json").json
+    told = cli("convert", "--from", "uwb", "--show", "--json").json
     assert told["name"] == "import.uwb"
     assert "window" in {item["name"] for item in told["parameters"]}
-    assert "UBX-21004616" in cli("convert", "--show", "uudf").text
-    wrong = cli("convert", "--show", "uwd")
+    assert "UBX-21004616" in cli("convert", "--from", "uudf", "--show").text
+    wrong = cli("convert", "--from", "uwd", "--show")
     assert (wrong.code, wrong.out) == (2, b"")
-    assert "no importer or exporter 'uwd' (did you mean 'uwb'?)" in wrong.err
+    assert "no importer 'uwd' (did you mean 'uwb'?)" in wrong.err
 
 
 @pytest.mark.parametrize("extension", ["csv", "csv.gz", "jsonl", "arrow", "arrows", "parquet"])
