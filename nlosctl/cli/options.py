@@ -221,7 +221,7 @@ Params = Annotated[
         "-p",
         metavar="KEY=VALUE",
         autocompletion=complete_parameter,
-        help="A parameter ('nlosctl methods show NAME', 'simulate NAME --show', 'convert --from NAME --show' tell them); "
+        help="A parameter ('nlosctl methods show NAME', 'simulate NAME --show', 'convert --from NAME --show' tell); "
         "METHOD:KEY=VALUE for one of several methods. Repeatable.",
     ),
 ]
