@@ -23,9 +23,9 @@ def main() -> int:
         from nlosctl.cli.main import run
 
         code = run()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         sys.stderr.write("nlosctl: interrupted\n")
-        code = 130
+        code = 128 + getattr(stop, "number", 2)
     if code > 128:
         sys.stderr.flush()
         os._exit(code)
