@@ -64,8 +64,9 @@ class RunFolder:
         return {}
 
     def keep(self, number: int, record: Mapping[str, Any]) -> None:
-        """Remember that a part is done."""
-        write_text(str(self._record_path(number)), json.dumps(record))
+        """Remember that a part is done, where a plan was begun."""
+        if self._state.is_dir():
+            write_text(str(self._record_path(number)), json.dumps(record))
 
     def finish(
         self, plan: Mapping[str, Any], records: Mapping[int, Mapping[str, Any]], report: Mapping[str, Any]
