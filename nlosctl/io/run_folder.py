@@ -73,6 +73,7 @@ class RunFolder:
     ) -> None:
         """Write the manifest of each table's folder, that of the first last; the run is finished then."""
         parts = [records[number] for number in sorted(records)]
+        self._remove_temporary_files(plan)
         for table, root in reversed(self.roots.items()):
             manifest = make_manifest(table, plan, parts, report, is_main=Path(root) == self.main)
             text = json.dumps(manifest, indent=2, ensure_ascii=False)

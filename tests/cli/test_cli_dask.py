@@ -9,8 +9,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import pairwise
 from pathlib import Path
 
+import pyarrow.parquet
 import pytest
 from cli_support import PROGRAM, Outcome, plain_environment, process
 
@@ -19,7 +21,9 @@ from nlosctl.cli.main import run
 pytest.importorskip("distributed")
 
 Cli = Callable[..., Outcome]
-PARTS = 10
+PARTS = 8
+SNAPSHOTS = 800  # in each
+WORDS = ["localize", "in", "-m", "mixture-ml", "-q"]
 
 
 class Cluster:
@@ -74,20 +78,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The current folder, with parts of measurements with outliers, and what a local run makes of them."""
     monkeypatch.chdir(tmp_path)
     parameters = ("-p", "nlos_receivers=2", "-p", "nlos_span_deg=360", "-p", "bearing_std_deg=2")
-    for number in range(PARTS):
-        assert (
-            run(["simulate", "madhow-ring", "-n", "1500", "--seed", str(number), *parameters, "-o", "m.csv", "-q"]) == 0
-        )
-        text = Path("m.csv").read_text().splitlines(keepends=True)
-        Path("in").mkdir(exist_ok=True)
-        shifted = [f"{int(row.partition(',')[0]) + 1500 * number},{row.partition(',')[2]}" for row in text[1:]]
-        Path(f"in/p{number}.csv").write_text(text[0] + "".join(shifted))
-        Path("m.csv").unlink()
+    assert run(["simulate", "madhow-ring", "-n", str(PARTS * SNAPSHOTS), *parameters, "-o", "m.parquet", "-q"]) == 0
+    table = pyarrow.parquet.read_table("m.parquet")
+    cuts = [place * table.num_rows // PARTS + (3 if 0 < place < PARTS else 0) for place in range(PARTS + 1)]
+    Path("in").mkdir()
+    for number, (first, behind) in enumerate(pairwise(cuts)):  # within snapshots
+        pyarrow.parquet.write_table(table.slice(first, behind - first), f"in/p{number}.parquet")
+    Path("m.parquet").unlink()
     assert run([*WORDS, "-o", "local/", "--flags-out", "local_flags/"]) == 0
     return tmp_path
-
-
-WORDS = ["localize", "in", "-m", "mixture-ml", "-q"]
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -142,8 +141,11 @@ def test_a_killed_driver_is_gone_on_with(cluster: Cluster, folder: Path) -> None
 
 def test_errors_of_a_worker_are_told_as_here(cli: Cli, cluster: Cluster, folder: Path) -> None:
     """A bad row on a worker is the same line and exit code as in a local run."""
-    path = folder / "in" / "p4.csv"
-    path.write_text(path.read_text().replace("\n6003,", '\n6003,"",', 1).replace("\n6004,", "\nx,", 1))
+    path = folder / "in" / "p4.parquet"
+    table = pyarrow.parquet.read_table(path)
+    spoilt = pyarrow.array([-0.5] * table.num_rows)
+    place = table.column_names.index("bearing_std_rad")
+    pyarrow.parquet.write_table(table.set_column(place, "bearing_std_rad", spoilt), path)
     local = cli(*WORDS, "-o", "bad/")
     there = cli(*WORDS, "-o", "bad2/", *cluster.words)
     assert (there.code, there.err) == (local.code, local.err)
@@ -155,7 +157,7 @@ def test_errors_of_a_worker_are_told_as_here(cli: Cli, cluster: Cluster, folder:
     [
         (["--engine", "dusk"], 2, "did you mean 'dask'"),
         (["--scheduler", "tcp://127.0.0.1:1"], 2, "--engine dask"),
-        (["--engine", "dask", "--bad-rows", "bad.csv"], 2, "FOLDER"),
+        (["--engine", "dask", "--bad-rows", "bad.csv"], 2, "a folder each"),
     ],
 )
 def test_words_that_do_not_fit(cli: Cli, tmp_path: Path, words: list[str], code: int, told: str) -> None:
