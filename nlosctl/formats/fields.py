@@ -88,7 +88,7 @@ def read_table(
 def column(places: Mapping[str, int], name: str, file: ForeignFile) -> int:
     """Return the place of a column; raise DataError that names those there are."""
     if name not in places:
-        known = ", ".join(places)
+        known = ", ".join(known if known.isprintable() else repr(known) for known in places)
         raise DataError(
             f"{file.name}: no column {name!r}{did_you_mean(name, places)}. The file has: {known}; --param names others"
         )
