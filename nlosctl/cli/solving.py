@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.reading import Opened, open_output
-from nlosctl.cli.terminal import Preview, Terminal, write_report
+from nlosctl.cli.terminal import Preview, Terminal, tell, write_report
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -124,6 +123,6 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
 def exit_code(run: MeasurementRun, *, strict: bool = False) -> int:
     """Return how the command ends after a run: 1 where every row was bad, 3 where ``strict`` misses an estimate."""
     if not run.report.snapshots:
-        sys.stderr.write("nlosctl: nothing to do: every row is bad\n")
+        tell("nlosctl: nothing to do: every row is bad")
         return _NOTHING_TO_DO
     return _UNANSWERED if strict and run.report.unanswered else 0

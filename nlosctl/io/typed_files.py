@@ -8,8 +8,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet
 
+from nlosctl.contract.limits import limit
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
+from nlosctl.io.byte_streams import FREE_EXPANSION_BYTES, expansion_fault
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Part
 from nlosctl.io.raw import RawBatch, readable, rebatch
@@ -65,13 +67,26 @@ class ParquetSource:
         self._part, self._batch_rows, self._use_threads = part, batch_rows, use_threads
         with readable(part.name, "Parquet file"):
             self._file = self._open(())
-        self._schema = self._file.schema_arrow
-        self.names: tuple[str, ...] = tuple(self._schema.names)
-        self.metadata: Mapping[bytes, bytes] = {
-            **(self._schema.metadata or {}),
-            **(self._file.metadata.metadata or {}),  # what was added at the end of writing is here alone
-        }
+            self._schema = self._file.schema_arrow
+            self.names: tuple[str, ...] = tuple(self._schema.names)
+            self.metadata: Mapping[bytes, bytes] = {
+                **(self._schema.metadata or {}),
+                **(self._file.metadata.metadata or {}),  # what was added at the end of writing is here alone
+            }
         self._columns: list[str] | None = None
+        self._refuse_bomb()
+
+    def _refuse_bomb(self) -> None:
+        """Refuse pages that unpack to far more than they are, before any is unpacked."""
+        metadata, most = self._file.metadata, limit("expansion")
+        groups = [metadata.row_group(place) for place in range(metadata.num_row_groups)]
+        unpacked = sum(group.total_byte_size for group in groups)
+        if unpacked <= FREE_EXPANSION_BYTES:
+            return
+        columns = range(metadata.num_columns)
+        packed = sum(group.column(place).total_compressed_size for group in groups for place in columns)
+        if unpacked > most * packed:
+            raise DataError(expansion_fault(self._part.name, most))
 
     def _open(self, dictionary: Sequence[str]) -> Any:
         source = self._part.stream if self._part.stream is not None else str(self._part.path)
@@ -115,6 +130,7 @@ class ParquetSource:
                 ),
                 self._batch_rows,
             ):
+                batch.validate(full=True)
                 wanted = _without_views(batch.schema)
                 yield RawBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
                 row += batch.num_rows
@@ -132,11 +148,12 @@ class ArrowSource:
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "Arrow file"):
-            self._handle = part.stream if part.stream is not None else pa.memory_map(str(part.path))
+            # not mapped into memory: a file that is cut short meanwhile would end the process
+            self._handle = part.stream if part.stream is not None else pa.OSFile(str(part.path))
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
-        self._schema = _without_views(self._reader.schema)
-        self.names: tuple[str, ...] = tuple(self._schema.names)
+            self._schema = _without_views(self._reader.schema)
+            self.names: tuple[str, ...] = tuple(self._schema.names)
         self.metadata: Mapping[bytes, bytes] = self._schema.metadata or {}
         self._columns: list[str] | None = None
 
@@ -161,7 +178,7 @@ class ArrowSource:
         else:
             found = iter(self._reader)
         for batch in found:
-            batch.validate()
+            batch.validate(full=True)  # offsets that point outside would be read as they are
             batch = batch if self._columns is None else batch.select(self._columns)
             wanted = _without_views(batch.schema)
             yield batch if batch.schema.equals(wanted) else batch.cast(wanted)
