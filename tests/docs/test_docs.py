@@ -11,12 +11,15 @@ from typing import Any
 
 import pytest
 import typer.main
+import yaml
 
 from nlosctl import registry
 from nlosctl.cli.main import app
 from nlosctl.cli.main import run as run_program
+from nlosctl.cli.papers import papers_of
 from nlosctl.contract.statuses import Status
 from nlosctl.scenarios.catalogue import scenarios
+from nlosctl.version import __version__
 
 ROOT = Path(__file__).parents[2]
 WRITTEN = [path for path in sorted((ROOT / "docs").rglob("*.md")) if path.name != "commands.md"]  # that is generated
@@ -189,6 +192,39 @@ def test_references_of_methods_are_in_the_bibliography() -> None:
     references += [spec.reference for spec in scenarios().values() if spec.reference != "generic"]
     authors = {reference.split(",")[0].split()[0].lower() for reference in references}
     assert [author for author in authors if author not in text] == []
+
+
+def test_the_bibliography_is_whole() -> None:
+    """Every entry of docs/references.bib ends with its brace before the next begins, and has a title and authors."""
+    entries = re.split(r"^@", (ROOT / "docs" / "references.bib").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    assert len(entries) > 5
+    for entry in entries:
+        assert entry.count("{") == entry.count("}"), entry
+        assert entry.rstrip().endswith("}")
+        assert re.search(r"^  author +=", entry, re.MULTILINE)
+        assert re.search(r"^  title +=", entry, re.MULTILINE)
+
+
+@pytest.mark.parametrize("entry", [one for one in registry.entries() if one.distribution == "nlosctl"], ids=str)
+def test_every_method_names_its_paper_and_place(entry: registry.MethodEntry) -> None:
+    """``methods show`` tells the paper in full, and the section or equation in it."""
+    reference = registry.load(entry).reference
+    assert papers_of(reference)
+    assert re.search(r"equations? \(\d+\)|[Ss]ections? [IVX\d]|Algorithm \d", reference)
+    plain = re.sub(r"[{}]", "", (ROOT / "docs" / "references.bib").read_text(encoding="utf-8"))
+    for paper in papers_of(reference):
+        title = paper.split(", ")[1:]
+        assert any(part in plain for part in title if len(part) > 20), paper
+
+
+def test_the_citation_file_is_that_of_this_version() -> None:
+    """CITATION.cff names the version, the licence and the entity that wrote it."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= citation.keys()
+    assert citation["authors"] == [{"name": "The nlosctl developers"}]
+    assert (citation["version"], citation["license"]) == (__version__, project["license"])
 
 
 def test_the_changelog_tells_this_version() -> None:
