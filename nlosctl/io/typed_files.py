@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -17,7 +19,7 @@ from nlosctl.io.inputs import Part
 from nlosctl.io.raw import RawBatch, readable, rebatch
 from nlosctl.io.to_text import without_views
 
-__all__ = ["ArrowSource", "ParquetSource", "fits_type"]
+__all__ = ["ArrowSource", "ParquetSource", "fits_type", "parquet_end_value", "parquet_metadata"]
 
 _BUFFER_BYTES = 1 << 20
 
@@ -60,6 +62,17 @@ def _without_views(schema: Any) -> Any:
     return pa.schema([column.with_type(without_views(column.type)) for column in schema], metadata=schema.metadata)
 
 
+def parquet_metadata(path: Path) -> Any:
+    """Return what the end of a Parquet file tells of it; it is read once for a number of openings of the same file."""
+    status = path.stat()
+    return _parquet_metadata(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _parquet_metadata(path: Path, size: int, modified: int) -> Any:
+    return pyarrow.parquet.read_metadata(path)
+
+
 class ParquetSource:
     """A Parquet file, read in batches whatever the size of its row groups."""
 
@@ -89,9 +102,13 @@ class ParquetSource:
             raise DataError(expansion_fault(self._part.name, most))
 
     def _open(self, dictionary: Sequence[str]) -> Any:
-        source = self._part.stream if self._part.stream is not None else str(self._part.path)
+        path = self._part.path
         return pa.parquet.ParquetFile(
-            source, read_dictionary=list(dictionary), pre_buffer=False, buffer_size=_BUFFER_BYTES
+            self._part.stream if path is None else str(path),
+            metadata=None if path is None else parquet_metadata(path),
+            read_dictionary=list(dictionary),
+            pre_buffer=False,
+            buffer_size=_BUFFER_BYTES,
         )
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
@@ -140,6 +157,25 @@ class ParquetSource:
         self._file.close()
         if self._part.stream is not None:
             self._part.stream.close()
+
+
+def parquet_end_value(part: Part, column: str, place: int) -> Any:
+    """Return the value of ``column`` in the first (0) or last (-1) row of a part, or None where that takes more.
+
+    That is where the part is no Parquet file on disk, has no row, or the column is not there or null in that row.
+    """
+    if part.format is not FileFormat.PARQUET or part.path is None:
+        return None
+    told = parquet_metadata(part.path)
+    first, behind = part.row_groups or (0, told.num_row_groups)
+    if first == behind or column not in told.schema.to_arrow_schema().names:
+        return None
+    with readable(part.name, "Parquet file"), pa.parquet.ParquetFile(str(part.path), metadata=told) as file:
+        if place == 0:
+            batch = next(file.iter_batches(1, row_groups=[first], columns=[column], use_threads=False), None)
+        else:
+            batch = file.read_row_group(behind - 1, columns=[column], use_threads=False)
+        return None if batch is None or not batch.num_rows else batch.column(0)[place].as_py()
 
 
 class ArrowSource:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import multiprocessing
 import os
 import pty
 import resource
@@ -55,11 +56,13 @@ def shell(script: str, folder: Path, **settings: Any) -> tuple[int, bytes, str]:
 
 
 def in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, action: Callable[[], Any]) -> None:
-    """Do something between two chunks of a run."""
-    solve, calls = run_module.solve_flat, itertools.count()
+    """Do something between two chunks of a run, in whichever process."""
+    solve, calls = run_module.solve_flat, multiprocessing.Value("i", 0)
 
     def solve_then(*arguments: Any, **settings: Any) -> Any:
-        if next(calls) == number:
+        with calls.get_lock():
+            mine, calls.value = calls.value, calls.value + 1
+        if mine == number:
             action()
         return solve(*arguments, **settings)
 
