@@ -166,7 +166,7 @@ def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file
     plural = "s" if len(missing) > 1 else ""
     return (
         f"{file}: missing column{plural} {'; '.join(told)}. The file has: {', '.join(names) or 'no columns'}; "
-        f"--column NAME=COLUMN reads one under another name{comment}"
+        f"--column NAME=COLUMN reads one under another name, --kind another kind than {table.name}{comment}"
     )
 
 

@@ -9,9 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow.csv
 import pytest
 import typer.main
 import yaml
+from doc_pages import run_shell
 
 from nlosctl import registry
 from nlosctl.cli.main import app
@@ -240,3 +242,37 @@ def test_the_installed_program_is_there() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     module, _, function = project["scripts"]["nlosctl"].partition(":")
     assert callable(getattr(importlib.import_module(module), function))
+
+def readme_block(begin: str) -> str:
+    """Return an indented block of the README from the line that begins so."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    block = re.search(rf"^    {begin}(?:.*\n    )*.*\n", text, re.MULTILINE)
+    assert block is not None
+    return re.sub(r"^    ", "", block[0], flags=re.MULTILINE)
+
+
+def test_a_users_own_file_becomes_positions_on_earth(tmp_path: Path) -> None:
+    """With the README's line alone a log with headers of its own, compass bearings and places on earth is solved."""
+    rows = ["Time,Station,Lat,Lon,Bearing,Quality"]
+    for time, turn in (("2026-05-01 10:00:00", 0.0), ("2026-05-01 10:00:10", 1.0)):
+        for name, place, azimuth in (
+            ("Alpha", "47.3700,8.5400", 110.2),
+            ("Bravo", "47.4000,8.6000", 198.8),
+            ("Charlie", "47.3300,8.6200", 317.8),
+        ):
+            rows.append(f"{time},{name},{place},{azimuth + turn},85")
+    (tmp_path / "drive.csv").write_text("\n".join(rows) + "\n")
+    line = readme_block("nlosctl localize drive.csv --column sensor=Station")
+    done = run_shell(line, tmp_path)
+    assert done.returncode == 0, done.stderr
+    fixes = pyarrow.csv.read_csv(tmp_path / "fixes.csv").to_pylist()
+    assert [fix["status"] for fix in fixes] == ["ok", "ok"]
+    assert fixes[0]["lat_deg"] == pytest.approx(47.36, abs=0.002)
+    assert fixes[0]["lon_deg"] == pytest.approx(8.58, abs=0.002)
+
+
+def test_the_readmes_pipeline_runs(tmp_path: Path) -> None:
+    """The pipeline on the README's first screen ends with 0 as it stands."""
+    done = run_shell(readme_block("nlosctl simulate ring"), tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 4
