@@ -243,6 +243,7 @@ def test_the_installed_program_is_there() -> None:
     module, _, function = project["scripts"]["nlosctl"].partition(":")
     assert callable(getattr(importlib.import_module(module), function))
 
+
 def readme_block(begin: str) -> str:
     """Return an indented block of the README from the line that begins so."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
