@@ -16,7 +16,7 @@ try:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Wedge
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
 except ModuleNotFoundError as error:
     if error.name is None or error.name.partition(".")[0] != "matplotlib":
         raise
@@ -29,6 +29,7 @@ __all__ = [
     "Colormap",
     "Ellipse",
     "Figure",
+    "FuncFormatter",
     "Line2D",
     "LineCollection",
     "ListedColormap",

@@ -159,10 +159,10 @@ def draw_reference_lines(axes: Axes, levels: Mapping[str, float]) -> None:
         )
 
 
-def place_legend(axes: Axes) -> None:
-    """Put the legend inside where few entries leave room, else beside the panel."""
+def place_legend(axes: Axes, *, beside: bool = False) -> None:
+    """Put the legend inside where few entries leave room, else (or if told) beside the panel."""
     handles, labels = axes.get_legend_handles_labels()
-    if len(labels) > _INSIDE_ENTRIES:
+    if labels and (beside or len(labels) > _INSIDE_ENTRIES):
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     elif labels:
         axes.legend(handles, labels, loc="best")
