@@ -20,8 +20,7 @@ from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
-from nlosctl.cli.plot import EPILOG as plot_epilog
-from nlosctl.cli.plot import plot
+from nlosctl.cli.plot import PLOT_EPILOG, plot
 from nlosctl.cli.reproduce import reproduce
 from nlosctl.cli.schema import schema
 from nlosctl.cli.settings import SettingsCommand
@@ -91,7 +90,7 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, plot, reproduce, validate, schema):
-    _epilog = plot_epilog if _command is plot else None
+    _epilog = PLOT_EPILOG if _command is plot else None
     app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand, epilog=_epilog)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 app.add_typer(config_app, name="config")

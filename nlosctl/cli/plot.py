@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -27,9 +28,9 @@ from nlosctl.plotting.catalogue import VIEWS
 if TYPE_CHECKING:
     from nlosctl.io.drawn_files import DrawnFile
 
-__all__ = ["EPILOG", "plot"]
+__all__ = ["PLOT_EPILOG", "plot"]
 
-EPILOG = "\n\n".join(
+PLOT_EPILOG = "\n\n".join(
     [
         "Views: " + "; ".join(f"{view.name} ({view.shows})" for view in VIEWS.values()) + ".",
         "Examples: nlosctl plot bearings.parquet fixes.parquet --snapshot 7 -o snapshot.svg",
@@ -111,7 +112,10 @@ def plot(
 ) -> None:
     """Draw files: geometry and ellipses, errors, sweeps, ROC, bounds; the view is chosen by what they hold."""
     if views or not inputs:
-        _list_views(_opened(inputs or [], scene, kind, input_format), views, json)
+        if not views:
+            raise UsageError("name a file to draw; 'nlosctl plot --views' lists the views")
+        with _opened(inputs or [], scene, kind, input_format) as files:
+            _list_views(files, json)
         return
     if output is None:
         raise UsageError("name the picture: -o FILE.svg (or .png, .pdf), or -o - --format png for standard output")
@@ -124,23 +128,23 @@ def plot(
     from nlosctl.plotting.requests import Request
 
     chosen = picture_format(output, format)
-    files = _opened(inputs, scene, kind, input_format)
-    paths = [part.path for file in files for part in file.given.parts if part.path is not None]
-    check_targets([output], overwrite=overwrite, inputs=paths)
-    name = choose_view(files, view, one_snapshot=snapshot is not None)
-    request = Request(
-        files=files,
-        read=ReadOptions(kind=kind, renames=key_values(column, "--column"), scene_file=scene),
-        snapshot=snapshot,
-        paths=path,
-        x=x,
-        y=y,
-        linear=linear,
-        title=title,
-        size_in=None if size is None else _size(size),
-        max_rows=max_rows,
-    )
-    picture = draw_picture(request, name)
+    with _opened(inputs, scene, kind, input_format) as files:
+        paths = [part.path for file in files for part in file.given.parts if part.path is not None]
+        check_targets([output], overwrite=overwrite, inputs=paths)
+        name = choose_view(files, view, one_snapshot=snapshot is not None)
+        request = Request(
+            files=files,
+            read=ReadOptions(kind=kind, renames=key_values(column, "--column"), scene_file=scene),
+            snapshot=snapshot,
+            paths=path,
+            x=x,
+            y=y,
+            linear=linear,
+            title=title,
+            size_in=None if size is None else _size(size),
+            max_rows=max_rows,
+        )
+        picture = draw_picture(request, name)
     if output == "-":
         sys.stdout.buffer.write(figure_bytes(picture.figure, chosen))
     else:
@@ -153,20 +157,28 @@ def plot(
         print_json({"view": name, "output": output, "notes": list(picture.notes)})
 
 
-def _opened(inputs: Sequence[str], scene: str | None, kind: str | None, input_format: str | None) -> list[DrawnFile]:
+@contextmanager
+def _opened(
+    inputs: Sequence[str], scene: str | None, kind: str | None, input_format: str | None
+) -> Iterator[list[DrawnFile]]:
+    """Open the inputs; nothing heavy is imported where there are none."""
     if not inputs:
-        return []
+        yield []
+        return
     from nlosctl.io.drawn_files import open_drawn
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
 
     given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
-    return [open_drawn(one, scene, kind) for one in given]
+    with ExitStack() as stack:
+        files = []
+        for one in given:
+            files.append(open_drawn(one, scene, kind))
+            stack.callback(files[-1].close)
+        yield files
 
 
-def _list_views(files: Sequence[DrawnFile], wanted: bool, json: bool) -> None:
-    if not files and not wanted:
-        raise UsageError("name a file to draw; 'nlosctl plot --views' lists the views")
+def _list_views(files: Sequence[DrawnFile], json: bool) -> None:
     names = list(VIEWS)
     if files:
         from nlosctl.plotting.fitting_views import fitting_views

@@ -64,6 +64,11 @@ class DrawnFile:
             return self.given
         return _rewound(self.given, self.spool)
 
+    def close(self) -> None:
+        """Forget what standard input held."""
+        if self.spool is not None:
+            self.spool.close()
+
 
 @dataclass(frozen=True, kw_only=True)
 class SampledRows:
@@ -79,7 +84,7 @@ class SampledRows:
     @property
     def count(self) -> int:
         """The number of rows here."""
-        return next(iter(self.columns.values())).shape[0]
+        return len(next(iter(self.columns.values())))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,14 +198,15 @@ def read_rows_of_snapshot(file: DrawnFile, snapshot: str | None) -> tuple[str, C
 
 
 def as_array(column: Any) -> npt.NDArray[Any]:
-    """Return a column (N,) as numbers (null is NaN), booleans as 1, 0 and -1 (null), the rest as text (null is empty)."""
+    """Return a column (N,) as numbers (null: NaN), booleans as 1, 0 and -1 (null), the rest as text (null: empty)."""
     if pa.types.is_boolean(column.type):
         return boolean_codes(column)
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         return numbers(column)
     encoded = pa.chunked_array(column.cast(pa.string())).combine_chunks().dictionary_encode()
     words = np.array([*encoded.dictionary.to_pylist(), ""], dtype=object)
-    return words[np.asarray(encoded.indices.fill_null(len(words) - 1))]
+    told: npt.NDArray[Any] = words[np.asarray(encoded.indices.fill_null(len(words) - 1))]
+    return told
 
 
 def _content(names: Sequence[str]) -> str:
@@ -238,7 +244,7 @@ def _only(part: Columns, chosen: npt.NDArray[np.bool_]) -> Columns:
 
 def _spooled(given: Input) -> IO[bytes]:
     stream = given.parts[0].stream
-    spool = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the file that it stands for
+    spool = tempfile.TemporaryFile()  # noqa: SIM115 - DrawnFile.close closes it
     assert stream is not None  # noqa: S101 - asked before
     shutil.copyfileobj(stream, spool)
     stream.close()

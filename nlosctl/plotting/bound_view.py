@@ -7,6 +7,7 @@ import numpy as np
 from nlosctl.contract.tables import BOUND
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.drawn_files import read_sampled
+from nlosctl.plotting.close_ups import map_size_in
 from nlosctl.plotting.figures import axis_label, figure_style
 from nlosctl.plotting.maps import draw_map
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, finish_map, scene_sensors
@@ -41,22 +42,18 @@ def draw_bound_map(request: Request) -> Picture:
     values[row, column] = columns[quantity]
     good = values[np.isfinite(values)]
     log = bool(good.size and good.min() > 0.0 and good.max() > _LOG_FROM * good.min()) and not request.linear
-    figure, (axes,) = request.figure(size_in=(6.8, 4.8))
-    unit = next(column.unit for column in BOUND.columns if column.name == quantity)
-    draw_map(axes, x, y, values, axis_label(_QUANTITIES[quantity], unit), log=log)
     extent = Extent()
+    extent.include(np.array([[x[0], y[0]], [x[-1], y[-1]]]))
+    figure, (axes,) = request.figure(size_in=map_size_in(extent))
+    unit = BOUND.column(quantity).unit
+    draw_map(axes, x, y, values, axis_label(_QUANTITIES[quantity], unit), log=log)
     draw_reflectors(axes, file.scene.reflectors)
     names, sensors = scene_sensors(file.scene)
     low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
-    extent.include(np.stack([low, high]))
-    near = [
-        place
-        for place, at in enumerate(sensors)
-        if np.all(at >= low - (high - low)) and np.all(at <= high + (high - low))
-    ]
-    if near:
-        draw_sensors(axes, [names[place] for place in near], sensors[near])
-        extent.include(sensors[near])
+    close = np.flatnonzero(((sensors >= 2.0 * low - high) & (sensors <= 2.0 * high - low)).all(axis=1))
+    if close.size:
+        draw_sensors(axes, [names[place] for place in close], sensors[close])
+        extent.include(sensors[close])
     finish_map(axes, extent)
     notes = [] if np.isfinite(values).all() else ["white: no bound, too few rows see the position"]
     return Picture(figure=figure, notes=notes)

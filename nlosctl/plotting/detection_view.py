@@ -170,4 +170,5 @@ def _draw_reliability(axes: Axes, detectors: list[_Detector]) -> None:
     axes.set_ylim(-0.02, 1.02)
     axes.set_xlabel(axis_label("stated probability of line of sight", ""))
     axes.set_ylabel(axis_label("share in line of sight", ""))
-    place_legend(axes)
+    if len(told) > 1:
+        place_legend(axes)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from nlosctl.io.drawn_files import DrawnSnapshot
+from nlosctl.plotting.close_ups import draw_with_close_up
 from nlosctl.plotting.figures import figure_style, series_style
 from nlosctl.plotting.library import Axes
-from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, finish_map
+from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors
 from nlosctl.plotting.requests import Picture, Request
 from nlosctl.plotting.scene_view import draw_range_circle, first_measurements, sensor_positions
-from nlosctl.plotting.series import place_legend
 from nlosctl.plotting.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 
 __all__ = ["draw_echo_view"]
@@ -24,18 +24,19 @@ def draw_echo_view(request: Request) -> Picture:
     measured = first_measurements(request)
     assert measured is not None  # noqa: S101 - the view is chosen by such a file
     _, found = estimate_rows_of(request.of("estimates"), measured.id)
-    figure, (axes,) = request.figure(size_in=(7.4, 5.4), title=f"Snapshot {measured.id}")
-    extent = Extent()
-    sensors, names = sensor_positions(measured)
-    extent.include(sensors)
-    draw_truth(axes, measured.file_columns, extent)
-    notes = draw_estimates_of_snapshot(axes, found, extent)
-    draw_reflectors(axes, measured.scene.reflectors)
-    draw_sensors(axes, names, sensors)
-    notes += _draw_circles(axes, measured, extent, whole=not found)
-    finish_map(axes, extent)
-    place_legend(axes, beside=True)
-    return Picture(figure=figure, notes=notes)
+    names, sensors = sensor_positions(measured)
+
+    def draw(axes: Axes) -> tuple[Extent, Extent, list[str]]:
+        extent = Extent()
+        extent.include(sensors)
+        draw_truth(axes, measured.file_columns, extent)
+        notes = draw_estimates_of_snapshot(axes, found, extent)
+        draw_reflectors(axes, measured.scene.reflectors)
+        draw_sensors(axes, names, sensors)
+        notes += _draw_circles(axes, measured, extent, whole=not found)
+        return extent, Extent(), notes
+
+    return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
 
 
 def _draw_circles(axes: Axes, measured: DrawnSnapshot, extent: Extent, *, whole: bool) -> list[str]:
@@ -44,7 +45,7 @@ def _draw_circles(axes: Axes, measured: DrawnSnapshot, extent: Extent, *, whole:
     sensor = np.stack([columns["sensor_x_m"], columns["sensor_y_m"]], axis=1)
     target = measured.file_columns.get("target", np.full(sensor.shape[0], np.nan))
     direct = (measured.file_columns.get("los", np.zeros(sensor.shape[0])) == 1) & ~np.isnan(target)
-    order = np.concatenate([np.flatnonzero(~direct), np.flatnonzero(direct)])
+    order = np.lexsort((np.where(direct, target, 0.0), direct))
     told: set[str] = set()
     for row in order[np.isfinite(columns["range_m"][order])]:
         radius = float(columns["range_m"][row])

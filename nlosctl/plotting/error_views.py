@@ -79,23 +79,24 @@ def draw_sweep(request: Request) -> Picture:
     x_name = _swept_column(groups, request.x)
     y_name = _figure_name(groups, request.y)
     values = list(dict.fromkeys(group[x_name] for group in groups if group.get(x_name) is not None))
-    places = (
-        {value: float(value) for value in values} if _are_numbers(values) else dict(zip(values, range(len(values))))
-    )
+    places = {value: float(value if _are_numbers(values) else place) for place, value in enumerate(values)}
     lines = _lines(groups, x_name, y_name, places)
     flat = {
         _title(group, x_name): float(group[y_name])
         for group in groups
         if group.get(x_name) is None and group[y_name] is not None
     }
-    lines += [_bound_line(file, x_name, places) for file in request.of("bound")] if y_name == "rmse_m" else []
+    bounds = [_bound_at(file, x_name, places) for file in request.of("bound")] if y_name == "rmse_m" else []
     figure, (axes,) = request.figure()
     log_x = _are_numbers(values) and _spans(np.array(list(places.values()))) and not request.linear
-    y = np.concatenate([line.y for line in lines])
+    y = np.concatenate([*(line.y for line in lines), *bounds])
     log_y = y_name.endswith("_m") and _spans(y) and not request.linear
     draw_series(axes, lines, log_x=log_x, log_y=log_y, legend=False)
+    for bound in bounds:
+        axes.plot(sorted(places.values()), bound, color="#c0c0c0", linewidth=4.5, label="Cramér-Rao bound", zorder=1.6)
     draw_reference_lines(axes, flat)
-    place_legend(axes) if len(lines) > 1 or lines[0].label else None
+    if len(lines) + len(bounds) > 1:
+        place_legend(axes)
     axes.set_xlabel(parameter_label(x_name))
     axes.set_ylabel(figure_label(y_name))
     _label_values(axes, places, log_x)
@@ -168,17 +169,17 @@ def _lines(groups: Sequence[Group], x_name: str, y_name: str, places: Mapping[An
     return lines
 
 
-def _bound_line(file: DrawnFile, x_name: str, places: Mapping[Any, float]) -> Series:
-    """Return the root mean square of the bounds at each swept value; without the column, over all."""
+def _bound_at(file: DrawnFile, x_name: str, places: Mapping[Any, float]) -> FloatArray:
+    """Return the root mean square of the bounds at each swept value, rising; without the column, over all."""
     columns = read_sampled(file, ("rms_m", x_name), None).columns
     square = columns["rms_m"] ** 2
-    x = np.array(sorted(places.values()))
-    label = "Cramér-Rao bound"
-    if x_name not in columns:
-        return Series(label=label, x=x, y=np.full(x.shape, np.sqrt(np.nanmean(square))), marker=False, style=7)
-    at = np.array([places.get(_plain(value), np.nan) for value in columns[x_name]])
-    y = [np.sqrt(np.nanmean(square[at == place])) if (at == place).any() else np.nan for place in x]
-    return Series(label=label, x=x, y=np.array(y), marker=False, style=7)
+    known = ~np.isnan(square)
+    if x_name in columns:
+        at = np.array([places.get(_plain(value), np.nan) for value in columns[x_name]])
+        chosen = [known & (at == place) for place in sorted(places.values())]
+    else:
+        chosen = [known] * len(places)
+    return np.array([np.sqrt(square[mine].mean()) if mine.any() else np.nan for mine in chosen])
 
 
 def _are_numbers(values: Sequence[Any]) -> bool:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from nlosctl.errors import DataError
 from nlosctl.io.drawn_files import DrawnFile, SampledRows, read_sampled
+from nlosctl.plotting.close_ups import map_size_in
 from nlosctl.plotting.figures import axis_label, figure_style, series_style
 from nlosctl.plotting.library import Axes, LogNorm
 from nlosctl.plotting.plane import Extent, draw_ellipses, draw_reflectors, draw_sensors, finish_map, scene_sensors
@@ -49,7 +50,7 @@ def draw_estimates_view(request: Request) -> Picture:
     extent, far = _extent(files[0], [clouds[label][0] for label in labels], truth)
     columns = min(len(labels), 3)
     lines = -(-len(labels) // columns)
-    figure, panels = request.figure(lines, columns, size_in=(1.6 + 4.4 * columns, 0.6 + 4.0 * lines))
+    figure, panels = request.figure(lines, columns, size_in=map_size_in(extent, columns, lines))
     for place, (axes, label) in enumerate(zip(panels, labels, strict=False)):
         _draw_cloud(axes, files[0], place, label, *clouds[label], truth, extent)
     for axes in panels[len(labels) :]:
@@ -111,7 +112,7 @@ def _draw_cloud(
             *position.T,
             linestyle="none",
             marker=look.marker,
-            markersize=3.5,
+            markersize=4.0 if position.shape[0] < 200 else 2.0,
             color=look.color,
             markerfacecolor="none",
             markeredgewidth=0.7,
@@ -141,7 +142,7 @@ def _draw_density(axes: Axes, position: FloatArray, extent: Extent) -> None:
     low, high = extent.framed()
     side = float(np.max(high - low)) / _CELLS
     edges = [np.arange(low[axis], high[axis] + side, side) for axis in (0, 1)]
-    counts, *_ = np.histogram2d(*position.T, bins=edges)
+    counts, *_ = np.histogram2d(position[:, 0], position[:, 1], bins=(edges[0], edges[1]))
     shown = np.ma.masked_equal(counts.T, 0.0)
     mesh = axes.pcolormesh(
         *edges, shown, cmap="cividis_r", norm=LogNorm(1.0, max(float(counts.max()), 2.0)), rasterized=True

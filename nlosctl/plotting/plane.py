@@ -39,27 +39,37 @@ class Extent:
             self.low = np.minimum(self.low, (points_m - radius)[good].min(axis=0))
             self.high = np.maximum(self.high, (points_m + radius)[good].max(axis=0))
 
+    def include_all(self, other: Extent) -> None:
+        """Put all that another box has into view."""
+        self.include(np.stack([other.low, other.high]))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether anything is to be seen."""
+        return bool(np.isfinite(self.low).all())
+
     @property
     def span_m(self) -> float:
         """The larger side; 1 where there is nothing to see."""
         span = float(np.max(self.high - self.low))
         return span if np.isfinite(span) and span > 0.0 else 1.0
 
-    def framed(self) -> tuple[FloatArray, FloatArray]:
-        """Return the corners with a margin, the shorter side lengthened where the box is very flat."""
-        if not np.isfinite(self.low).all():
+    def framed(self, *, square: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return the corners with a margin, the shorter side lengthened where the box is very flat, or to a square."""
+        if not self.is_known:
             return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
         center, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        half = np.maximum(half * (1.0 + 2.0 * _MARGIN), 0.5 * _FLATTEST * self.span_m)
+        half = (1.0 + 2.0 * _MARGIN) * np.maximum(half, 0.5 * (1.0 if square else _FLATTEST) * self.span_m)
         return center - half, center + half
 
 
-def finish_map(axes: Axes, extent: Extent) -> None:
+def finish_map(axes: Axes, extent: Extent, *, square: bool = False) -> None:
     """Set the limits, equal scales, and labels with the unit that suits the size."""
-    low, high = extent.framed()
+    low, high = extent.framed(square=square)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
+    axes.locator_params(axis="x", nbins=6)
     kilometres = extent.span_m >= _KILOMETRES_FROM_M
     axes.set_xlabel(axis_label("x", "km" if kilometres else "m"))
     axes.set_ylabel(axis_label("y", "km" if kilometres else "m"))
@@ -81,8 +91,9 @@ def draw_reflectors(axes: Axes, reflectors: Sequence[Reflector]) -> None:
 
     for reflector in reflectors:
         if isinstance(reflector, CircleReflector):
-            circle = {"fill": False, "edgecolor": _MIRROR_COLOR, "zorder": 1.2}
-            axes.add_patch(Circle(reflector.center, reflector.radius, linewidth=2.0, label=once("mirror"), **circle))
+            outline = Circle(reflector.center, reflector.radius, fill=False, edgecolor=_MIRROR_COLOR, linewidth=2.0)
+            axes.add_patch(outline).set_zorder(1.2)
+            axes.plot([], [], color=_MIRROR_COLOR, linewidth=2.0, label=once("mirror"))
             if reflector.blocker_radius is not None:
                 axes.add_patch(
                     Circle(

@@ -37,12 +37,18 @@ class Request:
         return [file for file in self.files if file.content in contents]
 
     def figure(
-        self, rows: int = 1, columns: int = 1, *, size_in: tuple[float, float] = (6.4, 4.4), title: str | None = None
+        self,
+        rows: int = 1,
+        columns: int = 1,
+        *,
+        size_in: tuple[float, float] = (6.4, 4.4),
+        title: str | None = None,
+        width_ratios: Sequence[float] | None = None,
     ) -> tuple[Figure, list[Axes]]:
         """Return a figure of the size and with the title that are asked for, else of ``size_in`` and ``title``."""
         width, height = self.size_in or size_in
         told = title if self.title is None else self.title
-        return new_figure(rows, columns, width_in=width, height_in=height, title=told)
+        return new_figure(rows, columns, width_in=width, height_in=height, title=told, width_ratios=width_ratios)
 
 
 @dataclass(frozen=True, kw_only=True)

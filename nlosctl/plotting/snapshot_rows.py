@@ -20,7 +20,7 @@ Columns = Mapping[str, npt.NDArray[np.generic]]
 
 
 def estimate_rows_of(files: Sequence[DrawnFile], snapshot: str | None) -> tuple[str | None, list[tuple[str, Columns]]]:
-    """Return the snapshot's id, and its rows in each file of estimates under the file's name where there are several."""
+    """Return the snapshot's id, and its rows in each file of estimates, under its name where there are several."""
     found: list[tuple[str, Columns]] = []
     for file in files:
         snapshot, columns = read_rows_of_snapshot(file, snapshot)

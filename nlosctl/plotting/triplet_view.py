@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,20 +11,21 @@ import numpy.typing as npt
 from nlosctl.errors import DataError
 from nlosctl.geometry.triplets import AXES, baseline_frames
 from nlosctl.io.drawn_files import DrawnSnapshot
+from nlosctl.plotting.close_ups import draw_with_close_up
 from nlosctl.plotting.figures import SeriesStyle, figure_style, series_style
 from nlosctl.plotting.library import Axes, Ellipse
-from nlosctl.plotting.plane import Extent, finish_map
+from nlosctl.plotting.plane import Extent
 from nlosctl.plotting.requests import Picture, Request
 from nlosctl.plotting.scene_view import first_measurements
-from nlosctl.plotting.series import place_legend
 from nlosctl.plotting.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 
 __all__ = ["draw_triplet_view"]
 
 FloatArray = npt.NDArray[np.float64]
+Columns = Mapping[str, npt.NDArray[Any]]
 
 _MOST_PATHS = 4
-_POINT_MARKERS = ("o", "s", "^")
+_POINT_MARKERS = ("o", "v", "<")
 _POINT_WORDS = ("1: the rays cross", "2: departing ray on the ellipse", "3: arriving ray on the ellipse")
 _FARTHEST = 4.0
 """A point this many path lengths away (rays nearly parallel) is told, not drawn."""
@@ -37,19 +39,22 @@ def draw_triplet_view(request: Request) -> Picture:
     names = _path_names(measured)
     rows, notes = _chosen(names, request.paths)
     _, found = estimate_rows_of(request.of("estimates"), measured.id)
-    figure, (axes,) = request.figure(size_in=(7.8, 5.2), title=f"Snapshot {measured.id}")
-    extent = Extent()
-    draw_truth(axes, {name: values[rows] for name, values in measured.file_columns.items()}, extent)
-    notes += draw_estimates_of_snapshot(axes, _of_paths(found, [names[row] for row in rows]), extent)
-    for node, label, marker in (("tx", "transmitter", "D"), ("rx", "receiver", "^")):
-        _draw_node(axes, measured, rows, node, label, marker, extent)
-    for place, row in enumerate(rows):
-        notes += _draw_path(axes, measured, row, names[row], series_style(place + 1), extent)
-    for marker, words in zip(_POINT_MARKERS, _POINT_WORDS, strict=True):
-        axes.plot([], [], linestyle="none", marker=marker, color="black", markerfacecolor="white", label=words)
-    finish_map(axes, extent)
-    place_legend(axes, beside=True)
-    return Picture(figure=figure, notes=notes)
+    found = _of_paths(found, [names[row] for row in rows])
+
+    def draw(axes: Axes) -> tuple[Extent, Extent, list[str]]:
+        extent, focus, told = Extent(), Extent(), list(notes)
+        draw_truth(axes, {name: values[rows] for name, values in measured.file_columns.items()}, focus)
+        told += draw_estimates_of_snapshot(axes, found, focus)
+        for node, label, marker in (("tx", "transmitter", "D"), ("rx", "receiver", "^")):
+            _draw_node(axes, measured, rows, node, label, marker, extent)
+        for place, row in enumerate(rows):
+            told += _draw_path(axes, measured, row, names[row], series_style(place + 2), (extent, focus))
+        extent.include_all(focus)
+        for marker, words in zip(_POINT_MARKERS, _POINT_WORDS, strict=True):
+            axes.plot([], [], linestyle="none", marker=marker, color="black", markerfacecolor="white", label=words)
+        return extent, focus, told
+
+    return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
 
 
 def _path_names(measured: DrawnSnapshot) -> list[str]:
@@ -67,9 +72,7 @@ def _chosen(names: Sequence[str], wanted: Sequence[str]) -> tuple[list[int], lis
     return rows[:_MOST_PATHS], [f"the first {_MOST_PATHS} of {len(rows)} paths are drawn; --path names others"]
 
 
-def _of_paths(
-    found: Sequence[tuple[str, dict[str, FloatArray]]], names: Sequence[str]
-) -> list[tuple[str, dict[str, FloatArray]]]:
+def _of_paths(found: Sequence[tuple[str, Columns]], names: Sequence[str]) -> list[tuple[str, Columns]]:
     """Return the estimates of the drawn paths, where they are solved path by path."""
     kept = []
     for prefix, columns in found:
@@ -92,17 +95,16 @@ def _draw_node(
 
 
 def _draw_path(
-    axes: Axes, measured: DrawnSnapshot, row: int, name: str, look: SeriesStyle, extent: Extent
+    axes: Axes, measured: DrawnSnapshot, row: int, name: str, look: SeriesStyle, views: tuple[Extent, Extent]
 ) -> list[str]:
+    extent, focus = views
     columns = {key: values[[row]] for key, values in measured.columns.items()}
     tx, rx = (np.array([columns[f"{node}_x_m"][0], columns[f"{node}_y_m"][0]]) for node in ("tx", "rx"))
     frame = baseline_frames(*(columns[f"{node}_{axis}_m"] for node in ("tx", "rx") for axis in AXES))
     length = float(columns["path_length_m"][0])
     rays = frame.rays(columns["dod_rad"], columns["doa_rad"], columns["path_length_m"])
-    points = [
-        np.array(frame.to_global(*(rays.coordinate(number, axis).value_m for axis in AXES))).ravel()
-        for number in (1, 2, 3)
-    ]
+    in_frame = [[rays.coordinate(number, axis).value_m for axis in AXES] for number in (1, 2, 3)]
+    points = [np.array(frame.to_global(*point)).ravel() for point in in_frame]
     has_ellipse = bool(rays.has_ellipse[0])
     drawn = [bool(np.isfinite(point).all()) and (number == 0 or has_ellipse) for number, point in enumerate(points)]
     drawn[0] = drawn[0] and float(np.hypot(*(points[0] - tx))) < _FARTHEST * length
@@ -132,7 +134,7 @@ def _draw_path(
                 linestyle="none",
                 zorder=3.4,
             )
-            extent.include(point[None])
+            focus.include(point[None])
     notes = [] if drawn[0] else [f"path {name}: the rays cross nowhere near (nearly parallel)"]
     return notes if has_ellipse else [*notes, f"path {name}: no ellipse, it is not longer than the baseline"]
 

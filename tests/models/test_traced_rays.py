@@ -32,7 +32,9 @@ def test_a_noise_free_ray_ends_at_its_source(reflector: Reflector) -> None:
 def test_a_direct_ray_starts_at_its_sensor() -> None:
     """Without a reflector a ray goes from the sensor along its bearing."""
     rays = trace_back(SENSOR, np.array([0.0, np.pi / 2, np.pi]), None)
-    np.testing.assert_allclose(rays.points_at(2.0), SENSOR + [[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(
+        rays.points_at(2.0), SENSOR + np.array([[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0]]), atol=1e-12
+    )
 
 
 def test_a_ray_that_never_meets_its_mirror_has_no_hit() -> None:
