@@ -53,6 +53,7 @@ def test_each_library_has_its_room() -> None:
     assert importers("pyarrow") <= {"io", "formats"}
     assert importers("typer") == {"cli"}
     assert importers("rich") <= {"cli"}
+    assert importers("pyproj") == {"geometry"}
     assert {path.name for path in MODULES if "matplotlib" in imported(path)} <= {"library.py"}
     assert importers("matplotlib") == {"plotting"}
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BlockSize,
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     Details,
     DoaStdDeg,
     DodStdDeg,
+    Ellipse,
     EstimatesOut,
     Format,
     Hash,
@@ -21,6 +24,7 @@ from nlosctl.cli.options import (
     Jobs,
     MaxSnapshotRows,
     Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -33,7 +37,7 @@ from nlosctl.cli.options import (
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -48,11 +52,15 @@ def detect_ip(
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     details: Details = False,
+    crs: Crs = None,
+    origin: Origin = None,
     column: Columns = [],  # noqa: B006
     dod_std_deg: DodStdDeg = None,
     doa_std_deg: DoaStdDeg = None,
     path_length_std_m: PathLengthStdM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     format: Format = None,
@@ -86,6 +94,8 @@ def detect_ip(
         inputs=inputs,
         input_format=input_format,
         kind="triplets",
+        crs=crs,
+        origin=origin,
         columns=column,
         dod_std_deg=dod_std_deg,
         doa_std_deg=doa_std_deg,
@@ -110,6 +120,8 @@ def detect_ip(
             jobs=jobs,
             block_size=block_size,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             want_estimates=estimates_out is not None,
             want_flags=True,
             want_details=details,

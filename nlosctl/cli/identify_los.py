@@ -7,13 +7,16 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BlockSize,
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
+    Ellipse,
     EstimatesOut,
     Format,
     Hash,
@@ -22,6 +25,7 @@ from nlosctl.cli.options import (
     Jobs,
     MaxSnapshotRows,
     Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -37,7 +41,7 @@ from nlosctl.cli.options import (
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -57,9 +61,13 @@ def identify_los(
     field: SearchField = "sensors:1",
     target_z_m: TargetZM = None,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     column: Columns = [],  # noqa: B006
     range_std_m: RangeStdM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
@@ -96,6 +104,8 @@ def identify_los(
         input_format=input_format,
         kind="ranges",
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         range_std_m=range_std_m,
         all_rows=all_rows,
@@ -117,6 +127,8 @@ def identify_los(
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=True,

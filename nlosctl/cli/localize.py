@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BearingStdDeg,
@@ -14,9 +15,11 @@ from nlosctl.cli.options import (
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     DoaStdDeg,
     DodStdDeg,
+    Ellipse,
     Format,
     Hash,
     InputFormat,
@@ -25,6 +28,7 @@ from nlosctl.cli.options import (
     Kind,
     MaxSnapshotRows,
     Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -41,7 +45,7 @@ from nlosctl.cli.options import (
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -65,6 +69,8 @@ def localize(
         int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
     ] = 1,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     kind: Kind = None,
     column: Columns = [],  # noqa: B006
     bearing_std_deg: BearingStdDeg = None,
@@ -75,6 +81,8 @@ def localize(
     field: SearchField = "sensors:1",
     target_z_m: TargetZM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
@@ -112,6 +120,8 @@ def localize(
         input_format=input_format,
         kind=kind,
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         bearing_std_deg=bearing_std_deg,
         range_std_m=range_std_m,
@@ -138,6 +148,8 @@ def localize(
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=flags_out is not None,

@@ -12,6 +12,7 @@ from nlosctl.errors import UsageError
 
 __all__ = [
     "CONFIG_HELP",
+    "Add",
     "AllRows",
     "BadRows",
     "BearingStdDeg",
@@ -19,10 +20,12 @@ __all__ = [
     "Carry",
     "Columns",
     "ConfigFile",
+    "Crs",
     "Debug",
     "Details",
     "DoaStdDeg",
     "DodStdDeg",
+    "Ellipse",
     "EstimatesOut",
     "Format",
     "Hash",
@@ -33,6 +36,7 @@ __all__ = [
     "Kind",
     "MaxSnapshotRows",
     "Methods",
+    "Origin",
     "Output",
     "Overwrite",
     "Params",
@@ -115,6 +119,32 @@ SceneFile = Annotated[
         metavar="FILE",
         help="Scene (TOML). Else the one in the table, STEM.scene.toml, or scene.toml beside the input.",
     ),
+]
+Crs = Annotated[
+    str | None,
+    typer.Option(
+        "--crs", metavar="CODE", help="Projected CRS of x and y (EPSG:32632), for places on earth in and out."
+    ),
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(
+        "--origin",
+        metavar="LAT,LON",
+        help="Where the plane of x and y touches the earth (degrees, WGS 84), for places on earth in and out.",
+    ),
+]
+Ellipse = Annotated[
+    float | None,
+    typer.Option(
+        "--ellipse",
+        metavar="P",
+        help="Add semi-axes and orientation of the ellipse that holds the share P of Gaussian errors, such as 0.95.",
+    ),
+]
+Add = Annotated[
+    str,
+    typer.Option("--add", metavar="NAMES", help="Further columns of the estimates: cep50, gdop, or both: cep50,gdop."),
 ]
 Columns = Annotated[
     list[str],

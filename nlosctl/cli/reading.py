@@ -13,11 +13,12 @@ from nlosctl.cli.options import key_values
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
+    from nlosctl.contract.scene import EarthFrame
     from nlosctl.io.inputs import Input
     from nlosctl.io.measurements import MeasurementReader
     from nlosctl.io.write import TableWriter
 
-__all__ = ["Opened", "ReadWords", "open_measurements", "open_output"]
+__all__ = ["Opened", "ReadWords", "added_columns", "open_measurements", "open_output"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +33,8 @@ class ReadWords:
     input_format: str | None = None
     kind: str | None = None
     scene: str | None = None
+    crs: str | None = None
+    origin: str | None = None
     columns: Sequence[str] = ()
     bearing_std_deg: float | None = None
     range_std_m: float | None = None
@@ -47,6 +50,17 @@ class ReadWords:
     outputs: Sequence[str | None] = ()
     tables: Sequence[str | None] = ()
     extra_columns: Sequence[str] | None = None
+
+    @property
+    def frame(self) -> EarthFrame | None:
+        """The plane on earth that --crs or --origin names."""
+        from nlosctl.contract.scene import parse_frame
+
+        if self.crs is not None and self.origin is not None:
+            raise UsageError("--crs and --origin both say how the plane lies on earth; give one")
+        if self.origin is not None:
+            return parse_frame(self.origin, "--origin")
+        return None if self.crs is None else parse_frame(self.crs, "--crs")
 
     @property
     def constants(self) -> dict[str, float]:
@@ -82,6 +96,11 @@ class Opened:
         return [*parts, *(given.path for given in self.inputs if given.path is not None), *self.others]
 
 
+def added_columns(words: str) -> tuple[str, ...]:
+    """Return the words of ``--add``."""
+    return tuple(word.strip() for word in words.split(",") if word.strip())
+
+
 @contextmanager
 def open_measurements(words: ReadWords) -> Iterator[Opened]:
     """Open the inputs; with ``bad_rows`` the rows set aside are written when the block ends well.
@@ -100,6 +119,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
         renames=key_values(list(words.columns), "--column"),
         constants=words.constants,
         scene_file=words.scene,
+        frame=words.frame,
         all_rows=words.all_rows,
         max_snapshot_rows=words.max_snapshot_rows,
         use_threads=not words.one_thread,

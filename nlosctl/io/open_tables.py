@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +13,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT, ColumnPlan, contract_names, kind_of_columns, kind_table, plan_columns, rename
+from nlosctl.io.earth_columns import EarthSource, with_places
 from nlosctl.io.inputs import Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.raw import RawSource
@@ -48,6 +50,20 @@ class OpenedPart:
     all_names: tuple[str, ...]
     schema: Any
 
+    @property
+    def kept_schema(self) -> Any:
+        """The schema without positions that latitudes and longitudes gave, but for true ones."""
+        return pa.schema([field for field in self.schema if field.name not in self._unkept()])
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """All columns of the file, after renaming, and true positions that latitudes and longitudes gave."""
+        return tuple(name for name in self.all_names if name not in self._unkept())
+
+    def _unkept(self) -> set[str]:
+        derived = self.source.derived if isinstance(self.source, EarthSource) else ()
+        return {name for name in derived if not name.startswith("truth")}
+
     def file_name(self, name: str) -> str:
         """Return the name that the file itself has for a column."""
         return dict(zip(self.names, self.file_names, strict=True)).get(name, name)
@@ -63,6 +79,7 @@ def open_table(part: Part, table: Table | None, options: TableOptions) -> Opened
 
 def plan_table(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
     """Plan the columns of a file that is open already; as `open_table` otherwise."""
+    source = with_places(source, options.renames, options.scene.frame)
     try:
         return _plan(part, source, table, options)
     except BaseException:
@@ -73,7 +90,7 @@ def plan_table(part: Part, source: RawSource, table: Table | None, options: Tabl
 def _plan(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
     if not source.names:
         raise DataError(f"{part.name}: no rows: the file has neither columns nor rows")
-    twice = sorted({name for name in source.names if source.names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(source.names).items() if count > 1)
     if twice:
         raise DataError(f"{part.name}: column {twice[0]!r} is there twice; rename or drop one")
     table = table or kind_table(kind_of_columns([*source.names, *options.renames]))

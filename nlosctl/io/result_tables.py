@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, FLAGS, TRACE, Column
+from nlosctl.contract.tables import ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, Column
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.sweep_columns import SWEEP_PREFIX, SweepColumns
 
@@ -24,7 +24,9 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 Said = Mapping[str, npt.NDArray[Any] | Words]
 
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
-_TRUTH = ("truth_x_m", "truth_y_m")
+_TRUTH = ("truth_x_m", "truth_y_m", "truth_lat_deg", "truth_lon_deg")
+_ON_EARTH = ("lat_deg", "lon_deg", "frame")
+_ON_REQUEST = ("covariance_kind", *_ON_EARTH, *(column.name for column in (*ELLIPSE, *PRECISION)))
 _ALWAYS_CARRIED = (*_TRUTH, "scene")
 _KEPT_FLAGS = ("los", "ip")
 _NO_SWEEP = SweepColumns()
@@ -58,7 +60,8 @@ class EstimatesLayout:
     """How the estimates table of a run looks: same columns in every chunk.
 
     ``measurement_name`` is the input's column that an estimate of a single measurement carries, if there is one;
-    ``sweeps`` tells the swept values of each of ``methods``.
+    ``sweeps`` tells the swept values of each of ``methods``. ``frame`` is how the plane lies on earth, in words, where
+    it does. ``wanted`` are further columns of the contract: the ellipse, cep50_m, gdop.
     """
 
     methods: tuple[str, ...]
@@ -67,14 +70,19 @@ class EstimatesLayout:
     with_covariance_kind: bool
     with_source: bool
     measurement_name: str = ""
+    frame: str | None = None
+    wanted: tuple[str, ...] = ()
     sweeps: SweepColumns = _NO_SWEEP
 
     @property
     def schema(self) -> pa.Schema:
         """The Arrow schema."""
+        asked = {*self.wanted, *(() if self.frame is None else _ON_EARTH)}
+        if self.with_covariance_kind:
+            asked.add("covariance_kind")
         fields = [_snapshot_field(self.input_schema)]
         for column in ESTIMATES.columns[1:]:
-            if column.name in _ALWAYS_CARRIED or (column.name == "covariance_kind" and not self.with_covariance_kind):
+            if column.name in _ALWAYS_CARRIED or (column.name in _ON_REQUEST and column.name not in asked):
                 continue
             fields.append(pa.field(column.name, _TYPES[column.type]))
         if self.measurement_name:
@@ -107,6 +115,10 @@ class EstimatesLayout:
             values[name] = pa.array(arrays[name])
         if self.with_covariance_kind:
             values["covariance_kind"] = pa.array(arrays["covariance_kind"], pa.string())
+        if self.frame is not None:
+            values["frame"] = _repeated(self.frame, snapshot.shape[0])
+            values |= {name: _nullable(arrays[name]) for name in ("lat_deg", "lon_deg")}
+        values |= {name: _nullable(arrays[name]) for name in self.wanted}
         single = arrays["row"]
         places = pa.array(np.where(single >= 0, single, first_row[snapshot]))
         for name in self.sweeps.names:

@@ -79,7 +79,10 @@ class MethodTally:
 
 @dataclass
 class RunReport:
-    """Counts of a run over measurements. ``snapshots_lost`` had bad rows only: they are not among ``snapshots``."""
+    """Counts of a run over measurements. ``snapshots_lost`` had bad rows only: they are not among ``snapshots``.
+
+    ``flat_plane`` is the largest error of a plane on earth, by unit: see `nlosctl.pipeline.flat_plane`.
+    """
 
     kind: str
     inputs: list[dict[str, Any]]
@@ -89,6 +92,7 @@ class RunReport:
     snapshots: int = 0
     snapshots_lost: int = 0
     methods: dict[str, MethodTally] = field(default_factory=dict)
+    flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     _COUNTED: ClassVar[tuple[str, ...]] = ("rows", "rows_left_out", "bad_rows", "snapshots", "snapshots_lost")
@@ -96,7 +100,8 @@ class RunReport:
     def counts(self) -> dict[str, Any]:
         """Return all counts as plain values, for `take`."""
         methods = {name: tally.counts() for name, tally in self.methods.items()}
-        return {**{name: getattr(self, name) for name in self._COUNTED}, "methods": methods, "inputs": self.inputs}
+        counted = {name: getattr(self, name) for name in self._COUNTED}
+        return {**counted, "methods": methods, "inputs": self.inputs, "flat_plane": self.flat_plane}
 
     def take(self, counts: Mapping[str, Any]) -> None:
         """Add the counts of another part of the run, which follows those taken before."""
@@ -104,6 +109,8 @@ class RunReport:
             setattr(self, name, getattr(self, name) + counts[name])
         for name, tally in self.methods.items():
             tally.take(counts["methods"][name])
+        for unit, worst in counts["flat_plane"].items():
+            self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
         for given in counts["inputs"]:
             if self.inputs and self.inputs[-1]["name"] == given["name"]:
                 self.inputs[-1] = {**given, "rows": self.inputs[-1]["rows"] + given["rows"]}

@@ -19,13 +19,16 @@ from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
 from nlosctl.io.sweep_columns import SweepColumns
+from nlosctl.pipeline.flat_plane import FlatPlaneTally
+from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
 from nlosctl.pipeline.sweeps import refuse_swept_columns
-from nlosctl.pipeline.workers import map_in_order
+from nlosctl.pipeline.workers import map_in_processes
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
 
@@ -45,11 +48,15 @@ class RunSettings:
     want_flags: bool = False
     want_details: bool = False
     want_trace: bool = False
+    ellipse: float | None = None
+    add: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
             if getattr(self, name) < least:
                 raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+        if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:
+            raise UsageError(f"--ellipse must be a probability between 0 and 1. Got {self.ellipse!r} instead.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +86,8 @@ class MeasurementRun:
     def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
         self._reader, self._runs, self._settings = reader, tuple(runs), settings
         methods = tuple(run.spec.name for run in self._runs)
+        if "gdop" in settings.add:
+            refuse_gdop(reader.kind, self._runs)
         refuse_swept_columns([run.sweep for run in self._runs], reader.column_names)
         sweeps = SweepColumns([run.sweep for run in self._runs])
         self._estimates_layout = EstimatesLayout(
@@ -88,6 +97,8 @@ class MeasurementRun:
             measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
+            frame=None if reader.scene.frame is None else reader.scene.frame.words,
+            wanted=precision_columns(settings.ellipse, settings.add),
             sweeps=sweeps,
         )
         self._flags_layout = FlagsLayout(
@@ -103,7 +114,7 @@ class MeasurementRun:
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
             raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
-        self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
+        self.report = self._new_report()
 
     @property
     def reader(self) -> MeasurementReader:
@@ -116,9 +127,9 @@ class MeasurementRun:
         schemas = {"estimates": self.estimates_schema, "flags": self.flags_schema}
         return {**schemas, "trace": self.trace_schema} if self._settings.want_trace else schemas
 
-    def again(self, jobs: int) -> Callable[[MeasurementReader], MeasurementRun]:
-        """Return what starts an equal run over another reader; it can be sent to another process."""
-        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=jobs))
+    def again(self) -> Callable[[MeasurementReader], MeasurementRun]:
+        """Return what starts an equal run, of one job, over another reader; it can be sent to another process."""
+        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=1))
 
     @property
     def estimates_schema(self) -> Any:
@@ -164,20 +175,34 @@ class MeasurementRun:
     def choices(self) -> dict[str, Any]:
         """Return what else must be the same for two runs to write the same tables, as plain values."""
         settings = self._settings
-        return {"alternatives": settings.alternatives, "carry": list(settings.carry), "details": settings.want_details}
+        return {
+            "alternatives": settings.alternatives,
+            "carry": list(settings.carry),
+            "details": settings.want_details,
+            "ellipse": settings.ellipse,
+            "add": list(settings.add),
+        }
 
-    def tables(self) -> Iterator[ChunkTables]:
-        """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
-        solved = map_in_order(self._solve, self._reader.chunks(), self._settings.jobs)
-        for estimates, flags, tables in solved:
-            self.report.rows += tables.rows
-            if estimates is not None:
-                self._count(estimates)
-            self._count_flags(flags)
+    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order; raises what reading and solving raise.
+
+        ``jobs`` are those of the settings unless given.
+        """
+        chunks = (self._slimmed(chunk) for chunk in self._reader.chunks())
+        for tables, counts in map_in_processes(self._solve, chunks, jobs or self._settings.jobs):
+            self.report.take(counts)
             yield tables
         self._finish()
 
-    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates | None, list[FlatFlags], ChunkTables]:
+    def _slimmed(self, chunk: Chunk) -> Chunk:
+        """Return the chunk with those columns of its table alone that results carry: it may be sent far."""
+        if self._settings.want_flags or self._settings.want_trace:
+            return chunk
+        names = {*self._estimates_layout.carried, self._estimates_layout.measurement_name} - {""}
+        return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
+
+    def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
+        """Return the tables of a chunk, and its counts."""
         settings = self._settings
         problem = Problem(
             kind=self._reader.kind,
@@ -193,13 +218,17 @@ class MeasurementRun:
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
-            want_flags=settings.want_flags,
+            want_flags=settings.want_flags or "gdop" in settings.add,
             want_details=settings.want_details,
             want_trace=settings.want_trace,
         )
         named: dict[str, Any] = {}
         if settings.want_estimates and estimates is not None:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
+            arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
+            arrays |= precision_of(estimates, settings.ellipse, settings.add)
+            if "gdop" in settings.add:
+                arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
             named["estimates"] = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
@@ -214,7 +243,11 @@ class MeasurementRun:
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
             named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
-        return estimates, flags, ChunkTables(named=named, rows=chunk.table.num_rows)
+        rows = int(chunk.offsets[-1])
+        return ChunkTables(named=named, rows=rows), self._counted(problem, estimates, flags, rows)
+
+    def _new_report(self) -> RunReport:
+        return RunReport(kind=self._reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
@@ -233,19 +266,25 @@ class MeasurementRun:
         name = KINDS[self._reader.kind].measurement_name
         return name if name in self._reader.schema.names else ""
 
-    def _count_flags(self, flags: Sequence[FlatFlags]) -> None:
+    def _counted(
+        self, problem: Problem, estimates: FlatEstimates | None, flags: Sequence[FlatFlags], rows: int
+    ) -> dict[str, Any]:
+        """Return the counts of a chunk, for the report to take."""
+        report = self._new_report()
+        report.rows = rows
+        if estimates is not None:
+            best = estimates.alternative == 0
+            for number, run in enumerate(self._runs):
+                mine = best & (estimates.method == number)
+                cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
+                tally = report.methods[run.label]
+                tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+                tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
         for run, said in zip(self._runs, flags, strict=False):
             if run.spec.job != "localize":
-                self.report.methods[run.label].add_verdicts(said.columns)
-
-    def _count(self, estimates: FlatEstimates) -> None:
-        best = estimates.alternative == 0
-        for number, run in enumerate(self._runs):
-            mine = best & (estimates.method == number)
-            cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
-            tally = self.report.methods[run.label]
-            tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
-            tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
+                report.methods[run.label].add_verdicts(said.columns)
+        FlatPlaneTally(self._reader.scene.frame, report.flat_plane).add(problem, estimates)
+        return report.counts()
 
     def _finish(self) -> None:
         read = self._reader.report
@@ -254,13 +293,15 @@ class MeasurementRun:
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        self.add_notes(read.remarks)
+        if not self._reader.reads_one_part:
+            self.add_notes(read.remarks)
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add to the report what its counts say; ``remarks`` are the reader's."""
         self.report.notes += [
             *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
+            *FlatPlaneTally(self._reader.scene.frame, self.report.flat_plane).remarks(),
             *self._unused_ranges(),
             *self._edge_remarks(),
             *self._hopeless(),

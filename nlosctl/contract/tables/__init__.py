@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from nlosctl.contract.tables.columns import Column, ColumnType, Spelling, Table
-from nlosctl.contract.tables.measurements import BEARINGS, RANGES, TRIPLETS
-from nlosctl.contract.tables.results import BOUND, ESTIMATES, FLAGS, TRACE, TRUTH
+from nlosctl.contract.tables.measurements import BEARINGS, EARTH_PLACES, RANGES, TRIPLETS
+from nlosctl.contract.tables.results import BOUND, ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 
 __all__ = [
     "BEARINGS",
     "BOUND",
+    "EARTH_PLACES",
+    "ELLIPSE",
     "ESTIMATES",
     "FLAGS",
     "KINDS",
+    "PRECISION",
     "RANGES",
     "SCORES",
     "TABLES",

@@ -13,11 +13,15 @@ ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
 
 @dataclass(frozen=True, kw_only=True)
 class Spelling:
-    """Another name for a column, in another unit: ``canonical = value * scale + offset``."""
+    """Another name for a column, in another unit: ``canonical = value * scale + offset``.
+
+    With ``from_north`` it is a direction from true north, wherever the plane lies on the earth.
+    """
 
     name: str
     scale: float
     offset: float = 0.0
+    from_north: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +32,8 @@ class Column:
     option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
     the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
     or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
-    flags that are said only in a scene with circles.
+    flags that are said only in a scene with circles. ``earth_place`` names the place on earth (see `EARTH_PLACES`)
+    whose latitude and longitude can tell it.
     """
 
     name: str
@@ -46,6 +51,7 @@ class Column:
     names_reflector: bool = False
     carried: bool = False
     of_circles: bool = False
+    earth_place: str = ""
     spellings: tuple[Spelling, ...] = ()
 
 
