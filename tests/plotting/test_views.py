@@ -200,7 +200,7 @@ def test_reflected_rays_go_by_their_mirror(files: Any) -> None:
 def test_the_three_points_of_a_path(files: Any) -> None:
     """Points 2 and 3 lie on the path's ellipse: their distances from transmitter and receiver add up to its length."""
     row = next(row for row in made("paths").to_pylist() if row["path_length_m"] > 10.0)
-    axes = shown(picture(files("flags by chi2"), snapshot=str(row["snapshot"])).figure)[0]
+    axes = shown(picture(files("flags by chi2"), "triplets", snapshot=str(row["snapshot"])).figure)[0]
     markers = {
         line.get_marker(): np.column_stack(line.get_data())[0] for line in axes.lines if len(line.get_xdata()) == 1
     }
