@@ -14,6 +14,7 @@ import typer
 
 from nlosctl.cli.bound import bound
 from nlosctl.cli.config import config_app
+from nlosctl.cli.convert import convert
 from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
@@ -90,7 +91,8 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, plot, reproduce, validate, schema):
+_COMMANDS = (localize, bound, detect_ip, identify_los, simulate, evaluate, plot, reproduce, convert, validate, schema)
+for _command in _COMMANDS:
     _epilog = PLOT_EPILOG if _command is plot else None
     app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand, epilog=_epilog)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
