@@ -24,7 +24,7 @@ def main() -> None:
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     with tempfile.TemporaryDirectory() as folder:
         for line in commands():
-            subprocess.run(["/bin/sh", "-c", line], cwd=folder, env=environment, check=True)  # noqa: S603
+            subprocess.run(["/bin/sh", "-c", line], cwd=folder, env=environment, check=True)
         for picture in sorted(Path(folder).glob("*.svg")):
             target = ROOT / "docs" / "figures" / picture.name
             target.write_bytes(picture.read_bytes())
