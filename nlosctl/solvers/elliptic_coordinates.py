@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
-from nlosctl.solvers.triplet_problem import PathSums, TripletProblem, positive_hessian
+from nlosctl.solvers.triplet_problem import PathSums, TripletProblem
 
 __all__ = ["minimize_paths"]
 
@@ -51,11 +51,12 @@ class _EllipticProblem:
                 bend.xy - 0.5 * gradient_x * w * sine / length + 0.5 * gradient_y * cosine,
                 bend.yy - gradient_x * x - gradient_y * y,
             )
-            return Evaluation(
+            return Evaluation.of_newton(
                 0.5 * sums.cost,
                 gradient_x * x_w + gradient_y * y_w,
                 gradient_x * x_v + gradient_y * y_v,
-                positive_hessian(gauss_newton, bend),
+                Symmetric2x2(gauss_newton.xx + bend.xx, gauss_newton.xy + bend.xy, gauss_newton.yy + bend.yy),
+                gauss_newton,
             )
 
     def to_plane(self, w: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:

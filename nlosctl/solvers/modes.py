@@ -12,6 +12,7 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.crossings import Candidates
 from nlosctl.solvers.levenberg_marquardt import Evaluation, minimize
 from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.starts import Scores, choose_starts
 
 __all__ = ["Modes", "find_modes"]
 
@@ -23,8 +24,8 @@ Allowed = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 _POINTS = 8192
 """So many points are scored at once, that temporaries stay in the cache."""
 
-_APART = 1.0
-"""Starts are at least so many standard deviations apart."""
+_SECTION = 1 << 18
+"""So many points are kept at once: long blocks with many candidates are searched in sections."""
 
 _TIE_DIGITS = 5
 """Costs that agree to so many digits after the point, in nats, are equal."""
@@ -63,117 +64,103 @@ def find_modes(
 
     ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` tells
     which points (b, P) are in the search field. Candidates costlier than the best by more than ``gap`` nats are not
-    followed.
+    followed, nor those on the slope of a mode that is known.
     """
     size = mixture.obstructed.shape[0]
-    if size == 0 or points == 0:
-        return _no_modes(size, most)
-    block = max(1, _POINTS // max(points, 1))
-    starts = [
-        _starts(mixture, candidates, allowed, np.arange(first, min(first + block, size)), most, gap)
-        for first in range(0, size, block)
-    ]
-    x, y, usable = (np.concatenate([part[number] for part in starts]) for number in range(3))
-    return _polish(mixture, x, y, usable, allowed)
+    found = _Found.nothing(size, most)
+    if points > 0:
+        section = max(1, _SECTION // points)
+        for first in range(0, size, section):
+            rows = np.arange(first, min(first + section, size))
+            _search(mixture, _score(mixture, candidates, allowed, rows, points), rows, allowed, gap, found)
+        found.hold_back(mixture, allowed)
+    return _rank(found)
 
 
-def _no_modes(size: int, most: int) -> Modes:
-    nothing = [np.full((size, most), np.nan) for _ in range(5)]
-    none = np.zeros(size, dtype=bool)
-    return Modes(nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), none, none.copy())
-
-
-def _starts(
+def _score(
     mixture: Mixture,
     candidates: Callable[[IntArray], Candidates],
     allowed: Allowed,
     rows: IntArray,
-    most: int,
-    gap: float,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return up to ``most`` starts (b, T) of some snapshots: x, y, and whether there is one."""
-    part = mixture if rows.shape[0] == mixture.obstructed.shape[0] else mixture.take(rows)
-    found = candidates(rows)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-        cost = part.score(found.x, found.y)
-        cost[~(found.valid & allowed(rows, found.x, found.y))] = np.inf
-    shape = (rows.shape[0], most)
-    x, y = np.full(shape, np.nan), np.full(shape, np.nan)
-    usable = np.zeros(shape, dtype=bool)
-    best = np.full(rows.shape[0], np.nan)
-    active = np.arange(rows.shape[0])
-    points_x, points_y = found.x, found.y
-    for t in range(most):
-        place = np.argmin(cost, axis=1)
-        within = np.arange(place.shape[0])
-        lowest = cost[within, place]
-        if t == 0:
-            best = lowest
-        open_rows = np.isfinite(lowest) & ~(lowest > best + gap)
-        if not open_rows.all():
-            keep = np.flatnonzero(open_rows)
-            if not keep.size:
-                break
-            active, best, place, within = active[keep], best[keep], place[keep], np.arange(keep.size)
-            cost, points_x, points_y = _keep(cost, keep), _keep(points_x, keep), _keep(points_y, keep)
-            part = part.take(keep)
-        start_x, start_y = points_x[within, place], points_y[within, place]
-        x[active, t], y[active, t], usable[active, t] = start_x, start_y, True
-        cost[within, place] = np.inf
-        if t < most - 1:
-            _, information = part.responsibilities(start_x, start_y)
-            near = _squared_distance(information, points_x - start_x[:, None], points_y - start_y[:, None])
-            np.copyto(cost, np.inf, where=near < _APART * _APART)
-    return x, y, usable
+    points: int,
+) -> Scores:
+    """Return the candidates of some snapshots with their cost, infinite where there is none."""
+    scored = []
+    block = max(1, _POINTS // points)
+    for first in range(0, rows.shape[0], block):
+        part = rows[first : first + block]
+        found = candidates(part)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+            cost = mixture.take(part).score(found.x, found.y)
+            cost[~(found.valid & allowed(part, found.x, found.y))] = np.inf
+        scored.append((found.x, found.y, cost))
+    return Scores(*(np.concatenate([part[number].T for part in scored], axis=1).T for number in range(3)))
 
 
-def _keep(array: FloatArray, rows: IntArray) -> FloatArray:
-    return np.take(array.T, rows, axis=1).T if array.flags.f_contiguous else array[rows]
+@dataclass(frozen=True)
+class _Found:
+    """What was followed (B, T): where from, whether at all, and the ends, of infinite cost where there is none."""
 
+    start_x: FloatArray
+    start_y: FloatArray
+    usable: BoolArray
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    hessian: Symmetric2x2
+    held: BoolArray
 
-def _squared_distance(information: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
-    xx, xy, yy = information.xx[:, None], information.xy[:, None], information.yy[:, None]
-    with np.errstate(invalid="ignore", over="ignore"):
-        return xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
+    @classmethod
+    def nothing(cls, size: int, most: int) -> _Found:
+        start_x, start_y, x, y, xx, xy, yy = (np.full((size, most), np.nan) for _ in range(7))
+        usable, held = np.zeros((size, most), dtype=bool), np.zeros(size, dtype=bool)
+        return cls(start_x, start_y, usable, x, y, np.full((size, most), np.inf), Symmetric2x2(xx, xy, yy), held)
 
+    def follow(
+        self, mixture: Mixture, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray, allowed: Allowed
+    ) -> None:
+        """Follow starts (N,) of some snapshots downhill, and keep where they come to rest in the field."""
+        self.start_x[snapshot, place], self.start_y[snapshot, place] = x, y
+        self.usable[snapshot, place] = True
+        self._minimize(mixture, mixture.take_rows(snapshot), snapshot, place, allowed)
 
-def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, allowed: Allowed) -> Modes:
-    """Follow every start (B, T) downhill; rank what comes to rest in the field, without repetitions.
+    def hold_back(self, mixture: Mixture, allowed: Allowed) -> None:
+        """Follow the starts again where every way downhill left the field, held back at its edge."""
+        lost = self.usable.any(axis=1) & ~np.isfinite(self.cost).any(axis=1)
+        snapshot, place = np.nonzero(self.usable & lost[:, None])
+        if snapshot.size:
+            self.held[lost] = True
+            self._minimize(mixture, _Bounded(mixture.take(snapshot), snapshot, allowed), snapshot, place, allowed)
 
-    Where nothing does, the starts are followed again and held back at the field's edge.
-    """
-    cost = np.full(x.shape, np.inf)
-    parts = [np.full(x.shape, np.nan) for _ in range(5)]
-    held = np.zeros(x.shape[0], dtype=bool)
-    for edge in (False, True):
-        lost = usable.any(axis=1) & ~np.isfinite(cost).any(axis=1)
-        snapshot, place = np.nonzero(usable & lost[:, None])
-        if not snapshot.size:
-            break
-        followed = mixture.take(snapshot)
-        start_x, start_y = x[snapshot, place], y[snapshot, place]
-        if edge:
-            held |= lost
-            minimum = minimize(_Bounded(followed, snapshot, allowed), start_x, start_y)
-        else:
-            minimum = minimize(followed, start_x, start_y)
-        good = np.isfinite(minimum.cost) & allowed(snapshot, minimum.x[:, None], minimum.y[:, None])[:, 0]
-        cost[snapshot[good], place[good]] = (minimum.cost + mixture.least_cost[snapshot])[good]
-        values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
-        for part, value in zip(parts, values, strict=True):
+    def _minimize(
+        self, mixture: Mixture, problem: Mixture | _Bounded, snapshot: IntArray, place: IntArray, allowed: Allowed
+    ) -> None:
+        end = minimize(problem, self.start_x[snapshot, place], self.start_y[snapshot, place])
+        good = np.isfinite(end.cost) & allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
+        self.cost[snapshot, place] = np.where(good, end.cost + mixture.least_cost[snapshot], np.inf)
+        own = (self.x, self.y, self.hessian.xx, self.hessian.xy, self.hessian.yy)
+        for part, value in zip(own, (end.x, end.y, end.hessian.xx, end.hessian.xy, end.hessian.yy), strict=True):
             part[snapshot, place] = value
-    order = _order(cost, x=parts[0], y=parts[1])
-    parts = [np.take_along_axis(part, order, axis=1) for part in parts]
-    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), np.asarray(usable.any(axis=1)), held)
 
 
-def _order(cost: FloatArray, x: FloatArray, y: FloatArray) -> IntArray:
-    """Return the order (B, T) of rising cost; modes that are equally likely but for rounding, by their distance.
-
-    Where two circles cross, both crossings are equally likely when every other row is an outlier.
-    """
-    order: IntArray = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
-    return order
+def _search(mixture: Mixture, scores: Scores, rows: IntArray, allowed: Allowed, gap: float, found: _Found) -> None:
+    """Follow the best candidate of each of some snapshots, then the others that are not on the slope of its mode."""
+    place, best = scores.lowest()
+    some = np.flatnonzero(np.isfinite(best))
+    rows, scores, place, best = rows[some], scores.take(some), place[some], best[some]
+    first = np.zeros_like(rows)
+    found.follow(mixture, rows, first, *scores.at(place), allowed)
+    if found.cost.shape[1] == 1:
+        return
+    scores.leave_out(place)
+    scores.leave_out_slope(
+        found.x[rows, 0],
+        found.y[rows, 0],
+        found.cost[rows, 0],
+        Symmetric2x2(*(part[rows, 0] for part in (found.hessian.xx, found.hessian.xy, found.hessian.yy))),
+    )
+    starts = choose_starts(mixture, rows, scores, best + gap, found.cost.shape[1] - 1)
+    found.follow(mixture, starts.snapshot, starts.place + 1, starts.x, starts.y, allowed)
 
 
 @dataclass(frozen=True)
@@ -187,21 +174,37 @@ class _Bounded:
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         at = self.mixture.evaluate(x, y)
         inside = self.allowed(self.snapshot, x[:, None], y[:, None])[:, 0]
-        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian)
+        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian, at.exact)
 
     def take(self, rows: IntArray) -> _Bounded:
         return _Bounded(self.mixture.take(rows), self.snapshot[rows], self.allowed)
 
 
-def _without_repetitions(parts: list[FloatArray], cost: FloatArray, candidates: BoolArray, held: BoolArray) -> Modes:
+def _rank(found: _Found) -> Modes:
+    """Return what was found by rising cost, without repetitions."""
+    hessian = found.hessian
+    parts = [found.x, found.y, hessian.xx, hessian.xy, hessian.yy]
+    parts, cost = _sort(parts, found.cost)
     x, y, xx, xy, yy = parts
     repeated = np.zeros(cost.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        for t in range(cost.shape[1] - 1):
-            hessian = Symmetric2x2(xx[:, t], xy[:, t], yy[:, t])
-            near = _squared_distance(hessian, x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None])
-            repeated[:, t + 1 :] |= near < _SAME * _SAME
+    for t in range(cost.shape[1] - 1):
+        if not np.isfinite(cost[:, t + 1]).any():
+            break
+        dx, dy = x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None]
+        with np.errstate(invalid="ignore", over="ignore"):
+            squared = xx[:, t, None] * dx * dx + 2.0 * xy[:, t, None] * dx * dy + yy[:, t, None] * dy * dy
+            repeated[:, t + 1 :] |= squared < _SAME * _SAME
     cost[repeated] = np.inf
-    order = _order(cost, x, y)
-    x, y, xx, xy, yy, cost = (np.take_along_axis(part, order, axis=1) for part in (x, y, xx, xy, yy, cost))
-    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), candidates, held)
+    (x, y, xx, xy, yy), cost = _sort(parts, cost)
+    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), np.asarray(found.usable.any(axis=1)), found.held)
+
+
+def _sort(parts: list[FloatArray], cost: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Return arrays (B, T), of which the first two are x and y, by rising cost.
+
+    Modes that are equally likely but for rounding come by their distance: where two circles cross, both crossings are
+    equally likely when every other row is an outlier.
+    """
+    x, y = parts[:2]
+    order = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
+    return [np.take_along_axis(part, order, axis=1) for part in parts], np.take_along_axis(cost, order, axis=1)
