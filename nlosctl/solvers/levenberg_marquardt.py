@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -95,6 +96,17 @@ class Minimum:
     converged: BoolArray
     evaluations: IntArray
 
+    def take(self, rows: IntArray) -> Minimum:
+        """Return the ends of some problems."""
+        return Minimum(
+            self.x[rows],
+            self.y[rows],
+            self.cost[rows],
+            Symmetric2x2(self.hessian.xx[rows], self.hessian.xy[rows], self.hessian.yy[rows]),
+            self.converged[rows],
+            self.evaluations[rows],
+        )
+
 
 @dataclass
 class _State:
@@ -130,6 +142,7 @@ def minimize(
     tolerance: float = 1e-8,
     max_iterations: int = 30,
     patience: int = 8,
+    give_up: Callable[[IntArray, FloatArray, FloatArray], BoolArray] | None = None,
 ) -> Minimum:
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
@@ -138,7 +151,7 @@ def minimize(
     before the last step. Rows whose start is not
     finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations`` steps are
     marked not converged and keep their last point. A row is given up after ``patience`` refused steps: the cost has
-    a jump where it would go, as at a sensor.
+    a jump where it would go, as at a sensor; and where ``give_up(rows, x, y)`` says so of some problems' points (N,).
     """
     minimum = _unsettled(start_x, start_y)
     rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
@@ -158,7 +171,10 @@ def minimize(
     for _ in range(max_iterations):
         step_x, step_y, length = _step(state)
         arrived = ((length <= tolerance) | _settles_quadratically(state, length)) & ~state.settled
-        stalled = (state.refused >= patience) & ~state.settled
+        stalled = state.refused >= patience
+        if give_up is not None:
+            stalled |= give_up(state.rows, state.x, state.y)
+        stalled &= ~(state.settled | arrived)
         if arrived.any() or stalled.any():
             _record(minimum, state, state.x, state.y, state.at.cost, stalled)
             lowered = state.at.cost - 0.5 * length * length

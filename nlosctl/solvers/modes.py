@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.crossings import Candidates
-from nlosctl.solvers.levenberg_marquardt import Evaluation, minimize
+from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
 from nlosctl.solvers.mixture import Mixture
-from nlosctl.solvers.starts import Scores, choose_starts
+from nlosctl.solvers.starts import Mode, Scores, Starts, choose_starts, leave_out_slope
 
 __all__ = ["Modes", "find_modes"]
 
@@ -29,6 +29,9 @@ _SECTION = 1 << 18
 
 _TIE_DIGITS = 5
 """Costs that agree to so many digits after the point, in nats, are equal."""
+
+_DRAWN = 0.1
+"""A start that has come to within so many standard deviations of a known mode leads there."""
 
 _SAME = 0.05
 """Modes closer than so many standard deviations are one."""
@@ -67,14 +70,14 @@ def find_modes(
     followed, nor those on the slope of a mode that is known.
     """
     size = mixture.obstructed.shape[0]
-    found = _Found.nothing(size, most)
+    search = _Search(mixture, allowed, _Found.nothing(size, most))
     if points > 0:
         section = max(1, _SECTION // points)
         for first in range(0, size, section):
             rows = np.arange(first, min(first + section, size))
-            _search(mixture, _score(mixture, candidates, allowed, rows, points), rows, allowed, gap, found)
-        found.hold_back(mixture, allowed)
-    return _rank(found)
+            search.run(_score(mixture, candidates, allowed, rows, points), rows, gap)
+        search.hold_back()
+    return _rank(search.found)
 
 
 def _score(
@@ -99,7 +102,10 @@ def _score(
 
 @dataclass(frozen=True)
 class _Found:
-    """What was followed (B, T): where from, whether at all, and the ends, of infinite cost where there is none."""
+    """What was followed (B, T): where from, whether at all, and the ends, of infinite cost where there is none.
+
+    ``settled`` tells which ends are smooth minima, ``held`` (B,) where the starts were held back at the field's edge.
+    """
 
     start_x: FloatArray
     start_y: FloatArray
@@ -108,59 +114,99 @@ class _Found:
     y: FloatArray
     cost: FloatArray
     hessian: Symmetric2x2
+    settled: BoolArray
     held: BoolArray
 
     @classmethod
     def nothing(cls, size: int, most: int) -> _Found:
         start_x, start_y, x, y, xx, xy, yy = (np.full((size, most), np.nan) for _ in range(7))
-        usable, held = np.zeros((size, most), dtype=bool), np.zeros(size, dtype=bool)
-        return cls(start_x, start_y, usable, x, y, np.full((size, most), np.inf), Symmetric2x2(xx, xy, yy), held)
+        usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
+        cost, held = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
+        return cls(start_x, start_y, usable, x, y, cost, Symmetric2x2(xx, xy, yy), settled, held)
 
-    def follow(
-        self, mixture: Mixture, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray, allowed: Allowed
-    ) -> None:
-        """Follow starts (N,) of some snapshots downhill, and keep where they come to rest in the field."""
+    def begin(self, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray) -> None:
+        """Keep starts (N,) of some snapshots."""
         self.start_x[snapshot, place], self.start_y[snapshot, place] = x, y
         self.usable[snapshot, place] = True
-        self._minimize(mixture, mixture.take_rows(snapshot), snapshot, place, allowed)
 
-    def hold_back(self, mixture: Mixture, allowed: Allowed) -> None:
-        """Follow the starts again where every way downhill left the field, held back at its edge."""
-        lost = self.usable.any(axis=1) & ~np.isfinite(self.cost).any(axis=1)
-        snapshot, place = np.nonzero(self.usable & lost[:, None])
-        if snapshot.size:
-            self.held[lost] = True
-            self._minimize(mixture, _Bounded(mixture.take(snapshot), snapshot, allowed), snapshot, place, allowed)
-
-    def _minimize(
-        self, mixture: Mixture, problem: Mixture | _Bounded, snapshot: IntArray, place: IntArray, allowed: Allowed
+    def finish(
+        self, end: Minimum, least_cost: FloatArray, snapshot: IntArray, place: IntArray, inside: BoolArray
     ) -> None:
-        end = minimize(problem, self.start_x[snapshot, place], self.start_y[snapshot, place])
-        good = np.isfinite(end.cost) & allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
-        self.cost[snapshot, place] = np.where(good, end.cost + mixture.least_cost[snapshot], np.inf)
+        """Keep where starts (N,) came to rest, if that is ``inside`` the field."""
+        good = np.isfinite(end.cost) & inside
+        self.cost[snapshot, place] = np.where(good, end.cost + least_cost, np.inf)
+        self.settled[snapshot, place] = good & end.converged
         own = (self.x, self.y, self.hessian.xx, self.hessian.xy, self.hessian.yy)
         for part, value in zip(own, (end.x, end.y, end.hessian.xx, end.hessian.xy, end.hessian.yy), strict=True):
             part[snapshot, place] = value
 
+    def first(self, snapshot: IntArray) -> Mode:
+        """Return the modes to which the first starts of some snapshots led; NaN where they did not settle."""
+        settled = self.settled[snapshot, 0]
+        parts = (self.x, self.y, self.cost, self.hessian.xx, self.hessian.xy, self.hessian.yy)
+        x, y, cost, xx, xy, yy = (np.where(settled, part[snapshot, 0], np.nan) for part in parts)
+        return Mode(x, y, cost, Symmetric2x2(xx, xy, yy))
 
-def _search(mixture: Mixture, scores: Scores, rows: IntArray, allowed: Allowed, gap: float, found: _Found) -> None:
-    """Follow the best candidate of each of some snapshots, then the others that are not on the slope of its mode."""
-    place, best = scores.lowest()
-    some = np.flatnonzero(np.isfinite(best))
-    rows, scores, place, best = rows[some], scores.take(some), place[some], best[some]
-    first = np.zeros_like(rows)
-    found.follow(mixture, rows, first, *scores.at(place), allowed)
-    if found.cost.shape[1] == 1:
-        return
-    scores.leave_out(place)
-    scores.leave_out_slope(
-        found.x[rows, 0],
-        found.y[rows, 0],
-        found.cost[rows, 0],
-        Symmetric2x2(*(part[rows, 0] for part in (found.hessian.xx, found.hessian.xy, found.hessian.yy))),
-    )
-    starts = choose_starts(mixture, rows, scores, best + gap, found.cost.shape[1] - 1)
-    found.follow(mixture, starts.snapshot, starts.place + 1, starts.x, starts.y, allowed)
+
+@dataclass(frozen=True)
+class _Search:
+    """The mixtures of a block, which points are in the field, and what has been found."""
+
+    mixture: Mixture
+    allowed: Allowed
+    found: _Found
+
+    def run(self, scores: Scores, rows: IntArray, gap: float) -> None:
+        """Follow the best candidate of each of the snapshots ``rows``, then others that don't lead to its mode."""
+        place, best = scores.lowest()
+        some = np.flatnonzero(np.isfinite(best))
+        rows, scores, place, best = rows[some], scores.take(some), place[some], best[some]
+        self._follow_best(rows, *scores.at(place))
+        more = self.found.cost.shape[1] - 1
+        if more:
+            scores.leave_out(place)
+            leave_out_slope(scores, self.found.first(rows))
+            self._follow_others(choose_starts(self.mixture, rows, scores, best + gap, more))
+
+    def hold_back(self) -> None:
+        """Follow the starts again where every way downhill left the field, held back at its edge."""
+        found = self.found
+        lost: BoolArray = np.any(found.usable, axis=1) & ~np.any(np.isfinite(found.cost), axis=1)
+        snapshot, place = np.nonzero(found.usable & lost[:, None])
+        if snapshot.size:
+            found.held[lost] = True
+            problem = _Bounded(self.mixture.take(snapshot), snapshot, self.allowed)
+            end = minimize(problem, found.start_x[snapshot, place], found.start_y[snapshot, place])
+            self._finish(end, snapshot, place)
+
+    def _follow_best(self, rows: IntArray, x: FloatArray, y: FloatArray) -> None:
+        place = np.zeros_like(rows)
+        self.found.begin(rows, place, x, y)
+        self._finish(minimize(self.mixture.take_rows(rows), x, y), rows, place)
+
+    def _follow_others(self, starts: Starts) -> None:
+        """Follow starts, each until it is seen to lead to the mode that is known."""
+        snapshot, place = starts.snapshot, starts.place + 1
+        self.found.begin(snapshot, place, starts.x, starts.y)
+        known = self.found.first(snapshot)
+
+        def drawn(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+            hessian = Symmetric2x2(known.hessian.xx[rows], known.hessian.xy[rows], known.hessian.yy[rows])
+            return _squared_length(hessian, x - known.x[rows], y - known.y[rows]) < _DRAWN * _DRAWN
+
+        end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=drawn)
+        new = np.flatnonzero(~drawn(np.arange(snapshot.shape[0]), end.x, end.y))
+        self._finish(end.take(new), snapshot[new], place[new])
+
+    def _finish(self, end: Minimum, snapshot: IntArray, place: IntArray) -> None:
+        inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
+        self.found.finish(end, self.mixture.least_cost[snapshot], snapshot, place, inside)
+
+
+def _squared_length(matrix: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
+    with np.errstate(invalid="ignore", over="ignore"):
+        squared: FloatArray = matrix.xx * dx * dx + 2.0 * matrix.xy * dx * dy + matrix.yy * dy * dy
+    return squared
 
 
 @dataclass(frozen=True)
@@ -191,9 +237,8 @@ def _rank(found: _Found) -> Modes:
         if not np.isfinite(cost[:, t + 1]).any():
             break
         dx, dy = x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None]
-        with np.errstate(invalid="ignore", over="ignore"):
-            squared = xx[:, t, None] * dx * dx + 2.0 * xy[:, t, None] * dx * dy + yy[:, t, None] * dy * dy
-            repeated[:, t + 1 :] |= squared < _SAME * _SAME
+        hessian = Symmetric2x2(xx[:, t, None], xy[:, t, None], yy[:, t, None])
+        repeated[:, t + 1 :] |= _squared_length(hessian, dx, dy) < _SAME * _SAME
     cost[repeated] = np.inf
     (x, y, xx, xy, yy), cost = _sort(parts, cost)
     return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), np.asarray(found.usable.any(axis=1)), found.held)

@@ -10,19 +10,27 @@ import numpy.typing as npt
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.mixture import Mixture
 
-__all__ = ["Scores", "Starts", "choose_starts"]
+__all__ = ["Mode", "Scores", "Starts", "choose_starts", "leave_out_slope"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _APART = 1.0
 """Starts are at least so many standard deviations apart."""
 
-_SHARE = 1.0
 _SLACK = 0.05
-"""A candidate is on the slope of a mode when its cost above the mode's, in nats, is at least this share of what the
-second derivatives there make of its distance, less the slack: what curves up as at the mode leads down to it."""
+"""A candidate whose cost above a mode's, in nats, is not less than what the second derivatives there make of its
+distance, up to this slack, is on the slope of that mode."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode (B,) of each snapshot about the local origin, with the second derivatives of its cost; NaN where none."""
+
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    hessian: Symmetric2x2
 
 
 @dataclass(frozen=True)
@@ -53,20 +61,8 @@ class Scores:
         """Leave out one candidate (B,) each."""
         self.cost[np.arange(place.shape[0]), place] = np.inf
 
-    def leave_out_near(self, x: FloatArray, y: FloatArray, information: Symmetric2x2) -> None:
-        """Leave out what is within a standard deviation of a point (B,) with that information."""
-        near = self._squared_distance(x, y, information) < _APART * _APART
-        np.copyto(self.cost, np.inf, where=near)
-
-    def leave_out_slope(self, x: FloatArray, y: FloatArray, cost: FloatArray, hessian: Symmetric2x2) -> None:
-        """Leave out what is on the slope of a mode (B,); of none where its cost is infinite."""
-        least = self._squared_distance(x, y, hessian)
-        least *= 0.5 * _SHARE
-        least += (cost - _SLACK)[:, None]
-        with np.errstate(invalid="ignore"):
-            np.copyto(self.cost, np.inf, where=self.cost >= least)
-
-    def _squared_distance(self, x: FloatArray, y: FloatArray, matrix: Symmetric2x2) -> FloatArray:
+    def squared_distance(self, x: FloatArray, y: FloatArray, matrix: Symmetric2x2) -> FloatArray:
+        """Return the squared distance (B, P) from points (B,) in the metric of matrices (B,)."""
         dx, dy = self.x - x[:, None], self.y - y[:, None]
         with np.errstate(invalid="ignore", over="ignore"):
             squared: FloatArray = matrix.xx[:, None] * dx
@@ -76,6 +72,15 @@ class Scores:
             dy *= matrix.yy[:, None]
             squared += dy
         return squared
+
+
+def leave_out_slope(scores: Scores, mode: Mode) -> None:
+    """Leave out candidates on the slope of a mode, to which they lead."""
+    rise = scores.squared_distance(mode.x, mode.y, mode.hessian)
+    rise *= 0.5
+    rise += (mode.cost - _SLACK)[:, None]
+    with np.errstate(invalid="ignore"):
+        np.copyto(scores.cost, np.inf, where=scores.cost >= rise)
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ def choose_starts(mixture: Mixture, rows: IntArray, scores: Scores, limit: Float
 
     None is costlier than ``limit`` (B,).
     """
-    chosen: list[Starts] = []
+    chosen = [Starts(rows[:0], rows[:0], limit[:0], limit[:0])]
     part: Mixture | None = None
     for number in range(most):
         place, lowest = scores.lowest()
@@ -106,9 +111,8 @@ def choose_starts(mixture: Mixture, rows: IntArray, scores: Scores, limit: Float
         if number < most - 1:
             part = mixture.take(rows) if part is None else part.take_rows(keep)
             scores.leave_out(place)
-            scores.leave_out_near(x, y, part.responsibilities(x, y)[1])
-    if not chosen:
-        return Starts(rows[:0], rows[:0], limit[:0], limit[:0])
-    return Starts(
-        *(np.concatenate([getattr(part, name) for part in chosen]) for name in ("snapshot", "place", "x", "y"))
-    )
+            _, information = part.responsibilities(x, y)
+            near = scores.squared_distance(x, y, information) < _APART * _APART
+            np.copyto(scores.cost, np.inf, where=near)
+    fields = ("snapshot", "place", "x", "y")
+    return Starts(*(np.concatenate([getattr(part, name) for part in chosen]) for name in fields))
