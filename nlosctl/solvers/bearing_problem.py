@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements, take_rows
+from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.levenberg_marquardt import Evaluation
@@ -57,7 +57,7 @@ class BearingProblem:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if x.shape[0] < _SMALL_BLOCK:
                 terms = np.stack(self._terms(slice(None), x[:, None], y[:, None]))
-                totals = list(sum_measurements(terms))
+                totals = list(np.add.accumulate(terms, axis=-1)[..., -1])
             else:
                 totals = [np.zeros(x.shape) for _ in range(_TERMS)]
                 for k in range(self.origin_x.shape[1]):

@@ -147,50 +147,50 @@ def minimize(
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
     A row has settled when its next full step is shorter than ``tolerance`` standard deviations (the step in the
-    metric of the second derivatives), or the one after it would be by exact second derivatives; the matrix is that
-    before the last step. Rows whose start is not
-    finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations`` steps are
-    marked not converged and keep their last point. A row is given up after ``patience`` refused steps: the cost has
-    a jump where it would go, as at a sensor; and where ``give_up(rows, x, y)`` says so of some problems' points (N,).
+    metric of the second derivatives), or exact second derivatives foretell that the one after it would be; the
+    matrix is that before the last step. Rows whose start is not finite (cost NaN), rows that find no way down and rows
+    that have not settled after ``max_iterations`` steps are marked not converged and keep their last point. A row is
+    given up after ``patience`` refused steps: the cost has a jump where it would go, as at a sensor; and where
+    ``give_up(rows, x, y)`` says so of some problems at their points (N,).
     """
-    minimum = _unsettled(start_x, start_y)
-    rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
-    active = problem if rows.shape[0] == start_x.shape[0] else problem.take(rows)
-    x, y = start_x[rows], start_y[rows]
-    state = _State(
-        rows,
-        x,
-        y,
-        np.zeros(rows.shape),
-        np.zeros(rows.shape, dtype=np.int64),
-        active.evaluate(x, y),
-        np.zeros(rows.shape, dtype=bool),
-        np.full(rows.shape, np.inf),
-    )
-    minimum.evaluations[rows] = 1
-    for _ in range(max_iterations):
-        step_x, step_y, length = _step(state)
-        arrived = ((length <= tolerance) | _settles_quadratically(state, length)) & ~state.settled
-        stalled = state.refused >= patience
-        if give_up is not None:
-            stalled |= give_up(state.rows, state.x, state.y)
-        stalled &= ~(state.settled | arrived)
-        if arrived.any() or stalled.any():
-            _record(minimum, state, state.x, state.y, state.at.cost, stalled)
-            lowered = state.at.cost - 0.5 * length * length
-            _record(minimum, state, state.x + step_x, state.y + step_y, lowered, arrived)
-            minimum.converged[state.rows[arrived]] = True
-            state.settled |= arrived | stalled
-            open_rows = ~state.settled
-            if not open_rows.any():
-                break
-            if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
-                active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
-                step_x, step_y, length = step_x[open_rows], step_y[open_rows], length[open_rows]
-        minimum.evaluations[state.rows[~state.settled]] += 1
-        state = _try_step(active, state, step_x, step_y, length)
-    _record(minimum, state, state.x, state.y, state.at.cost, ~state.settled)
-    return minimum
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        minimum = _unsettled(start_x, start_y)
+        rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
+        active = problem if rows.shape[0] == start_x.shape[0] else problem.take(rows)
+        x, y = start_x[rows], start_y[rows]
+        state = _State(
+            rows,
+            x,
+            y,
+            np.zeros(rows.shape),
+            np.zeros(rows.shape, dtype=np.int64),
+            active.evaluate(x, y),
+            np.zeros(rows.shape, dtype=bool),
+            np.full(rows.shape, np.inf),
+        )
+        for number in range(1, max_iterations + 1):
+            step_x, step_y, length = _step(state)
+            arrived = ((length <= tolerance) | _settles_quadratically(state, length)) & ~state.settled
+            stalled = state.refused >= patience
+            if give_up is not None:
+                stalled |= give_up(state.rows, state.x, state.y)
+            stalled &= ~(state.settled | arrived)
+            if arrived.any() or stalled.any():
+                if stalled.any():
+                    _record(minimum, state, state.x, state.y, state.at.cost, number, stalled)
+                lowered = state.at.cost - 0.5 * length * length
+                _record(minimum, state, state.x + step_x, state.y + step_y, lowered, number, arrived)
+                minimum.converged[state.rows[arrived]] = True
+                state.settled |= arrived | stalled
+                open_rows = ~state.settled
+                if not open_rows.any():
+                    break
+                if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
+                    active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
+                    step_x, step_y, length = step_x[open_rows], step_y[open_rows], length[open_rows]
+            state = _try_step(active, state, step_x, step_y, length)
+        _record(minimum, state, state.x, state.y, state.at.cost, max_iterations + 1, ~state.settled)
+        return minimum
 
 
 def _unsettled(start_x: FloatArray, start_y: FloatArray) -> Minimum:
@@ -209,15 +209,22 @@ def _settles_quadratically(state: _State, length: FloatArray) -> BoolArray | boo
     """Return which problems' steps, both this and the last exact Newton's, foretell that no other is needed."""
     if state.at.exact is None:
         return False
-    with np.errstate(invalid="ignore", over="ignore"):
-        foretold: BoolArray = length * length * length <= _FORETOLD * state.last_length * state.last_length
+    foretold: BoolArray = length * length * length <= _FORETOLD * state.last_length * state.last_length
     return foretold & state.at.exact & np.isfinite(state.last_length)
 
 
-def _record(minimum: Minimum, state: _State, x: FloatArray, y: FloatArray, cost: FloatArray, which: BoolArray) -> None:
+def _record(
+    minimum: Minimum,
+    state: _State,
+    x: FloatArray,
+    y: FloatArray,
+    cost: FloatArray,
+    evaluations: int,
+    which: BoolArray,
+) -> None:
     rows, at = state.rows[which], state.at
     minimum.x[rows], minimum.y[rows] = x[which], y[which]
-    minimum.cost[rows] = cost[which]
+    minimum.cost[rows], minimum.evaluations[rows] = cost[which], evaluations
     minimum.hessian.xx[rows], minimum.hessian.xy[rows] = at.hessian.xx[which], at.hessian.xy[which]
     minimum.hessian.yy[rows] = at.hessian.yy[which]
 
@@ -228,11 +235,10 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
     ridge = state.damping * hessian.trace
     damped = Symmetric2x2(hessian.xx + ridge, hessian.xy, hessian.yy + ridge)
     step_x, step_y = damped.solve(-state.at.gradient_x, -state.at.gradient_y)
-    with np.errstate(invalid="ignore", over="ignore"):
-        decrease = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
-        length = np.sqrt(np.maximum(decrease, 0.0))
-        step_m, place_m = np.abs(step_x) + np.abs(step_y), np.abs(state.x) + np.abs(state.y)
-        length[step_m <= _ROUNDING_STEP * place_m] = 0.0
+    decrease = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+    length = np.sqrt(np.maximum(decrease, 0.0))
+    step_m, place_m = np.abs(step_x) + np.abs(step_y), np.abs(state.x) + np.abs(state.y)
+    length[step_m <= _ROUNDING_STEP * place_m] = 0.0
     unusable = ~np.isfinite(length)
     step_x, step_y = np.where(unusable, 0.0, step_x), np.where(unusable, 0.0, step_y)
     return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
@@ -241,10 +247,9 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray, length: FloatArray) -> _State:
     x, y = state.x + step_x, state.y + step_y
     trial = problem.evaluate(x, y)
-    with np.errstate(invalid="ignore", over="ignore"):
-        foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
-        short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
-        better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
+    foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+    short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
+    better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
     newton = better if state.at.exact is None else better & state.at.exact
     eased = np.where(state.damping > 1e-3, state.damping * 0.1, 0.0)
     return _State(
