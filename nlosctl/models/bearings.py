@@ -161,14 +161,25 @@ class SightLines:
         residual = self.residual_rad(x, y)
         return residual if self.handedness is None else residual * self.handedness
 
-    def information(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> Symmetric2x2:
+    def information(
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        paths: ReflectedPath | None = None,
+        *,
+        extra_m2: FloatArray | None = None,
+    ) -> Symmetric2x2:
         """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
 
-        Rows of infinite std give none; NaN where another row has no path to the point.
+        Rows of infinite std give none; NaN where another row has no path to the point. With ``extra_m2`` (B,) the
+        squared ranges are that much larger, but for rows on a circle.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
+            squared_range = dx * dx + dy * dy
+            weight = 1.0 / (self.std_rad * squared_range)
+            if extra_m2 is not None:
+                weight *= np.sqrt(squared_range / (squared_range + extra_m2[:, None]))
             dx *= weight
             dy *= weight
         if self.circles is not None:
