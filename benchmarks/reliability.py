@@ -58,7 +58,7 @@ class World:
 
 @dataclass(frozen=True)
 class Tally:
-    """Of so many snapshots: ok ones, those whose NEES exceeds 100, those half a field or more outside it, and the sum of all NEES."""
+    """Of so many snapshots: ok ones, those of NEES over 100, those half a field outside it, and the sum of all NEES."""
 
     snapshots: int = 0
     answered: int = 0

@@ -17,7 +17,7 @@ from nlosctl.solvers.bootstraps import count_bootstraps
 from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.ranged_bearings import row_residuals
-from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.ranked_fixes import LIKELY_IMAGE, ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.suppressed_fixes import suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
@@ -69,6 +69,7 @@ class SuppressOptions:
     ambiguous_within: float = option(
         2.0, unit="nat", minimum=0.0, meaning="another estimate this near makes a fix ambiguous"
     )
+    ambiguous_rows: int = option(2, minimum=0, meaning=LIKELY_IMAGE)
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
 
 
@@ -102,7 +103,14 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
         lognormal=options.range_noise == "lognormal",
         max_pairs=options.max_pairs,
     )
-    status = ranked_status(found.fixes, found.candidates, model.uninformative(), options.ambiguous_within)
+    status = ranked_status(
+        found.fixes,
+        found.candidates,
+        model.uninformative(),
+        options.ambiguous_within,
+        unordered=groups.unordered(options.path_prior),
+        ambiguous_rows=options.ambiguous_rows,
+    )
     if batch.measurements < 2:
         status[:] = Status.TOO_FEW
     estimates = ranked_estimates(found.fixes, status, lines.center_x, lines.center_y, "inliers")
