@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas fixtures benchmark clean
+.PHONY: demo test format schemas reference fixtures benchmark clean
 
 .venv/runtime: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -17,7 +17,7 @@ demo: .venv/runtime ## solve a bundled file of bearings and compare with its tru
 	mkdir -p out
 	$(BIN)/nlosctl localize --method ml fixtures/good_bearings.parquet -o out/fixes.csv --overwrite
 	head -6 out/fixes.csv | cut -d, -f1,2,5,6,13,14,15
-	$(BIN)/nlosctl evaluate out/fixes.csv
+	$(BIN)/nlosctl evaluate out/fixes.csv --format text
 
 test: .venv/dev ## lint, format, types, import contract, tests
 	$(BIN)/ruff check .
@@ -32,6 +32,9 @@ format: .venv/dev
 
 schemas: .venv/runtime ## write schemas/ again from contract/tables/
 	$(BIN)/nlosctl schema --write schemas
+
+reference: .venv/runtime ## write docs/commands.md and man/nlosctl.1 again from the commands
+	$(BIN)/python docs/build_reference.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py

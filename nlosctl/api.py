@@ -8,7 +8,8 @@ from os import PathLike, fspath
 from typing import Any
 
 from nlosctl.contract.fields import parse_field
-from nlosctl.contract.scene import Scene
+from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
+from nlosctl.errors import UsageError
 from nlosctl.io.in_memory import gather, input_of_table
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
 from nlosctl.pipeline.bounding import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
@@ -37,6 +38,8 @@ def localize(
     *,
     method: str | Sequence[str] = "ml",
     scene: Scene | str | PathLike[str] | None = None,
+    crs: str | None = None,
+    origin: tuple[float, float] | None = None,
     kind: str | None = None,
     field: str = "sensors:1",
     target_z_m: float | None = None,
@@ -44,10 +47,13 @@ def localize(
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
     alternatives: int = 1,
+    ellipse: float | None = None,
+    add: Sequence[str] = (),
     carry: Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 4096,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
     """Estimate positions from a table of measurements; the same results to the bit as ``nlosctl localize``.
@@ -55,8 +61,9 @@ def localize(
     ``table`` is a pyarrow Table (or anything that `pyarrow.table` takes). ``scene`` is a Scene or the path of a scene
     file; else the one in the table's metadata. ``columns`` reads a column under another name (the contract's name ->
     the table's), ``constants`` gives missing std columns, in radians or metres; ``field`` is in the
-    words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``parameters`` are the
-    method's.
+    words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``crs`` or ``origin``
+    (latitude and longitude in degrees) tell how x and y lie on earth; ``ellipse`` and ``add`` (cep50, gdop) ask for
+    further columns. ``sweep`` gives parameters in turn several values, told in columns ``sweep_KEY``; ``parameters`` are the method's.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
@@ -67,6 +74,7 @@ def localize(
         scene=scene if isinstance(scene, Scene) else None,
         scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
         all_rows=all_rows,
+        frame=_frame(crs, origin),
     )
     reader = MeasurementReader([input_of_table(table)], options)
     names = [method] if isinstance(method, str) else list(method)
@@ -75,12 +83,16 @@ def localize(
         jobs=usable_jobs(jobs),
         block_size=block_size,
         alternatives=alternatives,
+        ellipse=ellipse,
+        add=tuple(add),
         carry=tuple(carry),
         field=parse_field(field),
         target_z_m=target_z_m,
         want_flags=True,
     )
-    return _localization(MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters), settings))
+    return _localization(
+        MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters, sweep), settings)
+    )
 
 
 def bound(
@@ -88,6 +100,8 @@ def bound(
     *,
     map: tuple[float, float, float, float, float] | None = None,
     scene: Scene | str | PathLike[str] | None = None,
+    crs: str | None = None,
+    origin: tuple[float, float] | None = None,
     kind: str | None = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
@@ -110,12 +124,21 @@ def bound(
         scene=scene if isinstance(scene, Scene) else None,
         scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
         all_rows=all_rows,
+        frame=_frame(crs, origin),
     )
     reader = MeasurementReader([input_of_table(table)], options)
     grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
     settings = BoundSettings(noise=noise, use_ranges=use_ranges)
     tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
     return gather(list(tables), result_schema(reader, grid))
+
+
+def _frame(crs: str | None, origin: tuple[float, float] | None) -> EarthFrame | None:
+    if crs is not None and origin is not None:
+        raise UsageError("crs and origin both say how the plane lies on earth; give one")
+    if origin is not None:
+        return parse_frame(f"{origin[0]!r} {origin[1]!r}", "origin")
+    return None if crs is None else parse_frame(crs, "crs")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +162,7 @@ def detect_ip(
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 4096,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Detection:
     """Flag indirect paths in a table of triplets; the same results to the bit as ``nlosctl detect-ip``.
@@ -153,7 +177,7 @@ def detect_ip(
     )
     reader = MeasurementReader([input_of_table(table)], options)
     names = [method] if isinstance(method, str) else list(method)
-    runs = method_runs(names, reader.kind, "detect-ip", parameters)
+    runs = method_runs(names, reader.kind, "detect-ip", parameters, sweep)
     settings = RunSettings(
         seed=seed,
         jobs=usable_jobs(jobs),
@@ -187,6 +211,7 @@ def identify_los(
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 4096,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
     """Tell the direct echoes of several targets from all others; the same to the bit as ``nlosctl identify-los``.
@@ -216,7 +241,9 @@ def identify_los(
         target_z_m=target_z_m,
         want_flags=True,
     )
-    return _localization(MeasurementRun(reader, method_runs(names, reader.kind, "identify-los", parameters), settings))
+    return _localization(
+        MeasurementRun(reader, method_runs(names, reader.kind, "identify-los", parameters, sweep), settings)
+    )
 
 
 def _localization(run: MeasurementRun) -> Localization:
@@ -228,12 +255,20 @@ def _localization(run: MeasurementRun) -> Localization:
     )
 
 
-def simulate(scenario: str, *, trials: int = 1000, seed: int = 0, **parameters: Any) -> Any:
+def simulate(
+    scenario: str,
+    *,
+    trials: int = 1000,
+    seed: int = 0,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
+    **parameters: Any,
+) -> Any:
     """Draw a table of measurements with their truth; its metadata carries the scene.
 
-    Raises UsageError for an unknown scenario or parameter.
+    ``sweep`` gives parameters in turn several values, ``trials`` snapshots of each; see ``nlosctl simulate``. Raises
+    UsageError for an unknown scenario or parameter.
     """
-    simulation = Simulation(scenario, parameters, seed=seed, trials=trials)
+    simulation = Simulation(scenario, parameters, seed=seed, trials=trials, sweep=sweep)
     return gather(list(simulation.tables()), simulation.schema, simulation.metadata)
 
 

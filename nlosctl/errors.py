@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["DataError", "MethodError", "NlosctlError", "UsageError", "did_you_mean"]
+__all__ = ["DataError", "MethodError", "MissingExtraError", "NlosctlError", "UsageError", "did_you_mean"]
 
 
 class NlosctlError(Exception):
@@ -30,6 +30,17 @@ class MethodError(NlosctlError):
     """A method broke its contract or could not be loaded; the text names the method and its distribution."""
 
     exit_code = 1
+
+
+class MissingExtraError(NlosctlError):
+    """A job needs a library of an optional extra that is not installed; the text has the line that installs it."""
+
+    exit_code = 1
+
+    def __init__(self, job: str, library: str, extra: str) -> None:
+        super().__init__(
+            f"{job} needs {library}, which is not installed; install it with: pip install 'nlosctl[{extra}]'"
+        )
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

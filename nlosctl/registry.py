@@ -63,22 +63,29 @@ def resolve(name: str, kind: str, job: str | None = None) -> MethodSpec:
 
 def load(entry: MethodEntry) -> MethodSpec:
     """Import a method and check that it is what its entry point says; raises MethodError that tells the fault."""
-    from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
+    from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec, contract_fault
 
     where = f"method {entry.full_name!r} of {entry.distribution} {entry.version}"
     try:
         spec = entry.entry_point.load()
     except Exception as error:  # whatever a plugin raises on import is its fault, not ours
-        raise MethodError(f"{where} can't be loaded: {type(error).__name__}: {error}") from error
+        hint = f" (this nlosctl has contract version {CONTRACT_VERSION})" if _touches_contract(error) else ""
+        raise MethodError(f"{where} can't be loaded: {type(error).__name__}: {error}{hint}") from error
     if not isinstance(spec, MethodSpec):
         raise MethodError(f"{where} is a {type(spec).__name__}, not a nlosctl.contract.methods.MethodSpec")
     if spec.full_name != entry.full_name:
         raise MethodError(f"{where} calls itself {spec.full_name!r}; entry point and spec must agree")
-    if spec.contract_version != CONTRACT_VERSION:
-        raise MethodError(
-            f"{where} was written for contract version {spec.contract_version}, this is {CONTRACT_VERSION}"
-        )
+    built_in = entry.distribution == DISTRIBUTION and spec.contract_version is None
+    fault = "" if built_in else contract_fault(spec.contract_version)
+    if fault:
+        raise MethodError(f"{where} {fault}")
     return spec
+
+
+def _touches_contract(error: Exception) -> bool:
+    """Whether what went wrong may come from another version of the contract: a name or an argument that it lacks."""
+    missing = isinstance(error, ImportError) and str(error.name).startswith(DISTRIBUTION)
+    return missing or (isinstance(error, TypeError) and "MethodSpec" in str(error))
 
 
 def _entry(point: EntryPoint) -> MethodEntry:

@@ -53,7 +53,9 @@ def test_each_library_has_its_room() -> None:
     assert importers("pyarrow") <= {"io", "formats"}
     assert importers("typer") == {"cli"}
     assert importers("rich") <= {"cli"}
-    assert importers("matplotlib") <= {"plotting"}
+    assert importers("pyproj") == {"geometry"}
+    assert {path.name for path in MODULES if "matplotlib" in imported(path)} <= {"library.py"}
+    assert importers("matplotlib") == {"plotting"}
 
 
 def test_the_package_imports_nothing_undeclared() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from typing import Annotated
 
 import typer
@@ -13,20 +12,25 @@ from nlosctl.cli.options import (
     BearingStdDeg,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     Format,
     InputFormat,
     Inputs,
     Kind,
     MaxSnapshotRows,
+    Origin,
     Output,
     Overwrite,
     Quiet,
     Report,
+    Resume,
     SceneFile,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements, open_output
-from nlosctl.cli.terminal import Preview, Terminal, write_report
+from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.solving import Outputs, solve_and_write
+from nlosctl.cli.terminal import Terminal
+from nlosctl.errors import UsageError
 
 __all__ = ["bound"]
 
@@ -49,6 +53,8 @@ def bound(
     ] = True,
     output: Output = "-",
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     kind: Kind = None,
     column: Columns = [],  # noqa: B006 - typer copies it
     bearing_std_deg: BearingStdDeg = None,
@@ -57,6 +63,7 @@ def bound(
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     max_snapshot_rows: MaxSnapshotRows = 1_000_000,
     report: Report = None,
     quiet: Quiet = False,
@@ -69,16 +76,21 @@ def bound(
     (or Laplacian) with the stated stds; ranges beside bearings join in. Only rows that can see the position as the
     scene is take part; null where they give no bound.
     """
-    from nlosctl.pipeline.bounding import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
-    from nlosctl.pipeline.provenance import describe_inputs, file_metadata
+    from nlosctl.io.write import is_folder_target
+    from nlosctl.pipeline.bound_run import BoundRun
+    from nlosctl.pipeline.bounding import BoundSettings, parse_map
 
     terminal = Terminal(quiet=quiet)
     grid = None if map is None else parse_map(map)
+    if grid is not None and is_folder_target(output):
+        raise UsageError("--map makes one table, not one for each part of the input; give -o a file")
     words = ReadWords(
         inputs=inputs,
         input_format=input_format,
         kind=kind,
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         bearing_std_deg=bearing_std_deg,
         all_rows=all_rows,
@@ -86,38 +98,17 @@ def bound(
         bad_rows=bad_rows,
         overwrite=overwrite,
         config=config,
-        outputs=(output, None if report == "-" else report),
+        tables=(output,),
+        outputs=(None if report == "-" else report,),
     )
-    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
-    positions = bounded = 0
+    destinations = Outputs(
+        tables={"bound": output},
+        format=format,
+        overwrite=overwrite,
+        resume=resume,
+        bad_rows=bad_rows,
+        report=report,
+    )
     with open_measurements(words) as opened:
-        reader = opened.reader
-        tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
-        described = describe_inputs(opened.inputs, {}, with_hash=False)
-        metadata = file_metadata(
-            "bound", {"map": map, "noise": noise, "use_ranges": use_ranges, "inputs": described}, reader.scene
-        )
-        preview = Preview.wanted(output, format)
-        with ExitStack() as stack:
-            writer = preview or stack.enter_context(
-                open_output(
-                    output,
-                    result_schema(reader, grid),
-                    format_name=format,
-                    overwrite=overwrite,
-                    inputs=opened.paths,
-                    metadata=metadata,
-                )
-            )
-            progress = stack.enter_context(terminal.progress("bound"))
-            for table in tables:
-                writer.write(table)
-                positions += table.num_rows
-                bounded += table.num_rows - table.column("rms_m").null_count
-                progress(positions, None)
-        if preview is not None:
-            preview.show()
-    what = "snapshots" if grid is None else "positions"
-    terminal.note(f"bound of {reader.kind}: {bounded} of {positions} {what} have one")
-    if report is not None:
-        write_report(report, {"kind": reader.kind, "map": map, what: positions, "bounded": bounded})
+        run = BoundRun(opened.reader, BoundSettings(noise=noise, use_ranges=use_ranges), grid, map)
+        solve_and_write(run, opened, destinations, "bound", terminal)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BlockSize,
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     Details,
     DoaStdDeg,
     DodStdDeg,
+    Ellipse,
     EstimatesOut,
     Format,
     Hash,
@@ -24,17 +23,21 @@ from nlosctl.cli.options import (
     Inputs,
     Jobs,
     MaxSnapshotRows,
+    Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
     PathLengthStdM,
     Quiet,
     Report,
+    Resume,
     Seed,
+    Sweeps,
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -43,23 +46,27 @@ __all__ = ["detect_ip"]
 
 def detect_ip(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["chi2"],  # noqa: B006 - typer copies it
+    method: Methods = ["chi2"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     details: Details = False,
+    crs: Crs = None,
+    origin: Origin = None,
     column: Columns = [],  # noqa: B006
     dod_std_deg: DodStdDeg = None,
     doa_std_deg: DoaStdDeg = None,
     path_length_std_m: PathLengthStdM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     block_size: BlockSize = 4096,
@@ -87,6 +94,8 @@ def detect_ip(
         inputs=inputs,
         input_format=input_format,
         kind="triplets",
+        crs=crs,
+        origin=origin,
         columns=column,
         dod_std_deg=dod_std_deg,
         doa_std_deg=doa_std_deg,
@@ -97,10 +106,13 @@ def detect_ip(
         overwrite=overwrite,
         one_thread=jobs == 1,
         config=config,
-        outputs=(output, estimates_out, None if report == "-" else report),
+        tables=(output, estimates_out),
+        outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "detect-ip", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "detect-ip", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         if estimates_out is not None:
             require_estimates(runs)
         settings = RunSettings(
@@ -108,6 +120,8 @@ def detect_ip(
             jobs=jobs,
             block_size=block_size,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             want_estimates=estimates_out is not None,
             want_flags=True,
             want_details=details,
@@ -116,12 +130,13 @@ def detect_ip(
         for line in run.plan():
             terminal.detail(line)
         outputs = Outputs(
-            main=output,
-            other=estimates_out,
-            estimates_first=False,
+            tables={"flags": output, "estimates": estimates_out},
             format=format,
             overwrite=overwrite,
+            resume=resume,
+            bad_rows=bad_rows,
             with_hash=hash,
+            jobs=jobs,
             report=report,
         )
         solve_and_write(run, opened, outputs, "detect-ip", terminal)

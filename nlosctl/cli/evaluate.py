@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from nlosctl.cli.options import ConfigFile, Debug, InputFormat, Inputs, Json, Overwrite, Quiet, Report
-from nlosctl.cli.terminal import print_json, print_table, write_report
+from nlosctl.cli.options import ConfigFile, Debug, Format, InputFormat, Inputs, Json, Output, Overwrite, Quiet, Report
+from nlosctl.cli.reading import open_output
+from nlosctl.cli.terminal import Preview, print_json, print_table, write_report
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,8 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["evaluate"]
 
 _CONDITION_MET = 4
-
-_LABELS = ("file", "source", "method")
+_TEXT = "text"
 
 
 def evaluate(
@@ -42,8 +44,14 @@ def evaluate(
     ] = "first",
     fail_if: Annotated[
         list[str],
-        typer.Option("--fail-if", metavar="CONDITION", help="Exit 4 if a figure meets it: 'rmse_m>5'. Repeatable."),
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help="Exit 4 if a figure of some method meets it: 'rmse_m>5', of one method: 'ml:rmse_m>5'. Repeatable.",
+        ),
     ] = [],  # noqa: B006 - typer copies it
+    output: Output = "-",
+    format: Format = None,
     input_format: InputFormat = None,
     json: Json = False,
     report: Report = None,
@@ -56,8 +64,9 @@ def evaluate(
 
     Flags of identify-los with --estimates: number of targets right, exact identification, precision and recall, OSPA
     and GOSPA, matched RMSE, cases (i) to (vi). A row without a fix counts in the fix rate and is infinite in the
-    percentiles; RMSE, bias and NEES are of the rows with one. Exit codes: 0 done, 1 bad data or files, 2 the words of
-    the command line, 4 a --fail-if condition is met.
+    percentiles; RMSE, bias and NEES are of the rows with one. A terminal gets a line per figure (so does any output
+    with --format text), a pipe or -o a table with a row per method and swept values, as plot draws it. Exit codes: 0
+    done, 1 bad data or files, 2 the words of the command line, 4 a --fail-if condition is met.
     """
     from nlosctl.io.evaluation_rows import TruthTable
     from nlosctl.io.file_format import format_named
@@ -70,7 +79,7 @@ def evaluate(
     conditions = [parse_condition(words) for words in fail_if]
     given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
     paths = [part.path for table in given for part in table.parts if part.path is not None]
-    check_targets([None if report == "-" else report], overwrite=overwrite, inputs=paths)
+    check_targets([output, None if report == "-" else report], overwrite=overwrite, inputs=paths)
     if estimates is not None:
         if len(given) > 1:
             raise UsageError("--estimates goes with one file of flags; evaluate several one by one")
@@ -80,17 +89,32 @@ def evaluate(
     else:
         truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
         evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
-    content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall}
-    reasons = list(filter(None, (condition.met(evaluation.groups) for condition in conditions)))
+    reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
+    content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": reasons}
     if json:
         print_json(content)
-    else:
-        _render(evaluation)
+    if output != "-" or not json:
+        _write(evaluation, output, format, overwrite, paths)
     if report is not None:
         write_report(report, content)
     for reason in reasons:
         sys.stderr.write(f"nlosctl: {reason}\n")
     return _CONDITION_MET if reasons else 0
+
+
+def _write(evaluation: Evaluation, output: str, format: str | None, overwrite: bool, inputs: Sequence[Path]) -> None:
+    from nlosctl.io.score_tables import score_table
+
+    if format == _TEXT and output != "-":
+        raise UsageError("--format text goes to standard output; leave out -o")
+    if format == _TEXT or Preview.wanted(output, format) is not None:
+        _render(evaluation)
+        return
+    table = score_table(evaluation.of, evaluation.groups)
+    with open_output(
+        output, table.schema, format_name=format, overwrite=overwrite, inputs=inputs, metadata={}
+    ) as writer:
+        writer.write(table)
 
 
 def _render(evaluation: Evaluation) -> None:
@@ -112,9 +136,9 @@ def _render(evaluation: Evaluation) -> None:
 
 
 def _title(group: dict[str, Any], number: int) -> str:
-    labels = [str(group[label]) for label in _LABELS if label in group]
-    labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
-    return " ".join(labels) or ("all" if number == 0 else f"group {number}")
+    from nlosctl.pipeline.evaluating import group_title
+
+    return group_title(group) or ("all" if number == 0 else f"group {number}")
 
 
 def _figure(value: float) -> str:

@@ -7,13 +7,16 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BlockSize,
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
+    Ellipse,
     EstimatesOut,
     Format,
     Hash,
@@ -21,20 +24,24 @@ from nlosctl.cli.options import (
     Inputs,
     Jobs,
     MaxSnapshotRows,
+    Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
     Quiet,
     RangeStdM,
     Report,
+    Resume,
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -43,10 +50,9 @@ __all__ = ["identify_los"]
 
 def identify_los(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["assignment"],  # noqa: B006 - typer copies it
+    method: Methods = ["assignment"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     estimates_out: EstimatesOut = None,
     alternatives: Annotated[
@@ -55,15 +61,20 @@ def identify_los(
     field: SearchField = "sensors:1",
     target_z_m: TargetZM = None,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     column: Columns = [],  # noqa: B006
     range_std_m: RangeStdM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     block_size: BlockSize = 4096,
@@ -93,6 +104,8 @@ def identify_los(
         input_format=input_format,
         kind="ranges",
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         range_std_m=range_std_m,
         all_rows=all_rows,
@@ -101,16 +114,21 @@ def identify_los(
         overwrite=overwrite,
         one_thread=jobs == 1,
         config=config,
-        outputs=(output, estimates_out, None if report == "-" else report),
+        tables=(output, estimates_out),
+        outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "identify-los", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "identify-los", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=True,
@@ -119,12 +137,13 @@ def identify_los(
         for line in run.plan():
             terminal.detail(line)
         outputs = Outputs(
-            main=output,
-            other=estimates_out,
-            estimates_first=False,
+            tables={"flags": output, "estimates": estimates_out},
             format=format,
             overwrite=overwrite,
+            resume=resume,
+            bad_rows=bad_rows,
             with_hash=hash,
+            jobs=jobs,
             report=report,
         )
         solve_and_write(run, opened, outputs, "identify-los", terminal)

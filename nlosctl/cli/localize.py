@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from nlosctl.cli.options import (
+    Add,
     AllRows,
     BadRows,
     BearingStdDeg,
@@ -14,9 +15,11 @@ from nlosctl.cli.options import (
     Carry,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     DoaStdDeg,
     DodStdDeg,
+    Ellipse,
     Format,
     Hash,
     InputFormat,
@@ -24,6 +27,8 @@ from nlosctl.cli.options import (
     Jobs,
     Kind,
     MaxSnapshotRows,
+    Methods,
+    Origin,
     Output,
     Overwrite,
     Params,
@@ -31,14 +36,16 @@ from nlosctl.cli.options import (
     Quiet,
     RangeStdM,
     Report,
+    Resume,
     SceneFile,
     SearchField,
     Seed,
+    Sweeps,
     TargetZM,
     Verbose,
     key_values,
 )
-from nlosctl.cli.reading import ReadWords, open_measurements
+from nlosctl.cli.reading import ReadWords, added_columns, open_measurements
 from nlosctl.cli.solving import Outputs, exit_code, solve_and_write
 from nlosctl.cli.terminal import Terminal
 
@@ -47,10 +54,9 @@ __all__ = ["localize"]
 
 def localize(
     inputs: Inputs,
-    method: Annotated[
-        list[str], typer.Option("--method", "-m", metavar="NAME", help="Method (see 'nlosctl methods'). Repeatable.")
-    ] = ["ml"],  # noqa: B006 - typer copies it
+    method: Methods = ["ml"],  # noqa: B006 - typer copies it
     param: Params = [],  # noqa: B006
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     flags_out: Annotated[
         str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
@@ -63,6 +69,8 @@ def localize(
         int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
     ] = 1,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     kind: Kind = None,
     column: Columns = [],  # noqa: B006
     bearing_std_deg: BearingStdDeg = None,
@@ -73,12 +81,15 @@ def localize(
     field: SearchField = "sensors:1",
     target_z_m: TargetZM = None,
     all_rows: AllRows = False,
+    ellipse: Ellipse = None,
+    add: Add = "",
     carry: Carry = [],  # noqa: B006
     bad_rows: BadRows = None,
     strict: Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")] = False,
     format: Format = None,
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
+    resume: Resume = False,
     seed: Seed = 0,
     jobs: Jobs = 0,
     block_size: BlockSize = 4096,
@@ -109,6 +120,8 @@ def localize(
         input_format=input_format,
         kind=kind,
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         bearing_std_deg=bearing_std_deg,
         range_std_m=range_std_m,
@@ -122,16 +135,21 @@ def localize(
         one_thread=jobs == 1,
         config=config,
         extra_columns=None if flags_out is not None else carried_names(carry),
-        outputs=(output, flags_out, trace_out, None if report == "-" else report),
+        tables=(output, flags_out, trace_out),
+        outputs=(None if report == "-" else report,),
     )
     with open_measurements(words) as opened:
-        runs = method_runs(method, opened.reader.kind, "localize", key_values(param, "--param"))
+        runs = method_runs(
+            method, opened.reader.kind, "localize", key_values(param, "--param"), key_values(sweep, "--sweep")
+        )
         settings = RunSettings(
             seed=seed,
             jobs=jobs,
             block_size=block_size,
             alternatives=alternatives,
             carry=tuple(carry),
+            ellipse=ellipse,
+            add=added_columns(add),
             field=parse_field(field),
             target_z_m=target_z_m,
             want_flags=flags_out is not None,
@@ -141,14 +159,14 @@ def localize(
         for line in run.plan():
             terminal.detail(line)
         outputs = Outputs(
-            main=output,
-            other=flags_out,
-            estimates_first=True,
+            tables={"estimates": output, "flags": flags_out, "trace": trace_out},
             format=format,
             overwrite=overwrite,
+            resume=resume,
+            bad_rows=bad_rows,
             with_hash=hash,
+            jobs=jobs,
             report=report,
-            trace=trace_out,
         )
         solve_and_write(run, opened, outputs, "localize", terminal)
     return exit_code(run, strict=strict)

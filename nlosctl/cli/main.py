@@ -14,12 +14,15 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from nlosctl.cli.bound import bound
+from nlosctl.cli.config import config_app
 from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
+from nlosctl.cli.reproduce import reproduce
 from nlosctl.cli.schema import schema
+from nlosctl.cli.settings import SettingsCommand
 from nlosctl.cli.simulate import simulate
 from nlosctl.cli.validate import validate
 from nlosctl.errors import NlosctlError
@@ -85,10 +88,10 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, validate, schema):
-    _settings = {"auto_envvar_prefix": f"NLOSCTL_{_command.__name__.upper()}"}
-    app.command(_command.__name__.replace("_", "-"), context_settings=_settings)(_guarded(_command))
+for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, reproduce, validate, schema):
+    app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
+app.add_typer(config_app, name="config")
 
 
 def _print_version(wanted: bool) -> None:
@@ -132,6 +135,9 @@ def _fail(error: Exception) -> int:
     code = 1
     if isinstance(error, NlosctlError | _StoppedError):
         message, code = str(error), error.exit_code
+    elif type(error).__name__ == "NoArgsIsHelpError":  # the help is its message, printed already where it is in colour
+        sys.stderr.write(str(error))
+        return 2
     elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
         message, code = f"{error.format_message()}{_help_hint(error)}", 2
     elif isinstance(error, OSError) and error.strerror:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.completion import complete_method_name
 from nlosctl.cli.options import Debug, Json
 from nlosctl.cli.terminal import print_json, print_table
 from nlosctl.errors import MethodError, UsageError, did_you_mean
@@ -44,7 +45,9 @@ def list_methods(
 
 @methods_app.command("show")
 def show_method(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Method, as NAME or KIND.NAME.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", autocompletion=complete_method_name, help="Method, as NAME or KIND.NAME.")
+    ],
     json: Json = False,
     debug: Debug = False,
 ) -> None:

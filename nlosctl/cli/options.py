@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.cli.completion import complete_column, complete_format, complete_kind, complete_method, complete_parameter
+from nlosctl.cli.settings import take_config
+from nlosctl.errors import UsageError
 
 __all__ = [
+    "CONFIG_HELP",
+    "Add",
     "AllRows",
     "BadRows",
     "BearingStdDeg",
@@ -18,10 +20,12 @@ __all__ = [
     "Carry",
     "Columns",
     "ConfigFile",
+    "Crs",
     "Debug",
     "Details",
     "DoaStdDeg",
     "DodStdDeg",
+    "Ellipse",
     "EstimatesOut",
     "Format",
     "Hash",
@@ -31,6 +35,8 @@ __all__ = [
     "Json",
     "Kind",
     "MaxSnapshotRows",
+    "Methods",
+    "Origin",
     "Output",
     "Overwrite",
     "Params",
@@ -38,6 +44,7 @@ __all__ = [
     "Quiet",
     "RangeStdM",
     "Report",
+    "Resume",
     "SceneFile",
     "SearchField",
     "Seed",
@@ -45,51 +52,6 @@ __all__ = [
     "Verbose",
     "key_values",
 ]
-
-
-_COMMANDS = ("localize", "detect-ip", "simulate", "evaluate", "validate", "schema", "methods")
-
-
-def _load_config(context: typer.Context, value: str | None) -> str | None:
-    """Take defaults from a TOML file: one table per command, keys as the long options."""
-    if value is None:
-        return None
-    try:
-        content = tomllib.loads(Path(value).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"--config {value}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DataError(f"--config {value}: not TOML: {error}") from error
-    command = context.info_name or ""
-    for name in content:
-        if name not in _COMMANDS:
-            raise UsageError(f"--config {value}: no command {name!r}{did_you_mean(name, _COMMANDS)}")
-    section = content.get(command, {})
-    if not isinstance(section, dict):
-        raise UsageError(f"--config {value}: {command}: got {section!r}, expected a table headed [{command}]")
-    known = {_long_name(parameter): parameter for parameter in context.command.params}
-    defaults: dict[str, Any] = {}
-    for key, setting in section.items():
-        parameter = known.get(key.replace("_", "-"))
-        if parameter is None:
-            raise UsageError(f"--config {value}: [{command}] has no setting {key!r}{did_you_mean(key, known)}")
-        defaults[str(parameter.name)] = _setting(setting, repeatable=bool(getattr(parameter, "multiple", False)))
-    context.default_map = defaults
-    return value
-
-
-def _long_name(parameter: Any) -> str:
-    return max((str(word).lstrip("-") for word in parameter.opts), key=len)
-
-
-def _setting(setting: Any, *, repeatable: bool) -> Any:
-    if isinstance(setting, dict):
-        return [f"{word}={_text(item)}" for word, item in setting.items()]
-    return [setting] if repeatable and not isinstance(setting, list) else setting
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def key_values(words: list[str], option: str) -> dict[str, str]:
@@ -113,18 +75,42 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Output = Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout.")]
+Output = Annotated[
+    str,
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Where the main table goes; - is stdout, FOLDER/ takes a file per part."
+    ),
+]
 Format = Annotated[
     str | None,
-    typer.Option("--format", metavar="FORMAT", help="Format of the output, where its name does not tell."),
+    typer.Option(
+        "--format",
+        metavar="FORMAT",
+        autocompletion=complete_format,
+        help="Format of the output, where its name does not tell.",
+    ),
 ]
 InputFormat = Annotated[
     str | None,
-    typer.Option("--input-format", metavar="FORMAT", help="Format of the input, where neither name nor bytes tell."),
+    typer.Option(
+        "--input-format",
+        metavar="FORMAT",
+        autocompletion=complete_format,
+        help="Format of the input, where neither name nor bytes tell.",
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
 Kind = Annotated[
-    str | None, typer.Option("--kind", metavar="KIND", help="Kind of the measurements, where the columns mislead.")
+    str | None,
+    typer.Option(
+        "--kind",
+        metavar="KIND",
+        autocompletion=complete_kind,
+        help="Kind of the measurements, where the columns mislead.",
+    ),
 ]
 SceneFile = Annotated[
     str | None,
@@ -134,9 +120,40 @@ SceneFile = Annotated[
         help="Scene (TOML). Else the one in the table, STEM.scene.toml, or scene.toml beside the input.",
     ),
 ]
+Crs = Annotated[
+    str | None,
+    typer.Option(
+        "--crs", metavar="CODE", help="Projected CRS of x and y (EPSG:32632), for places on earth in and out."
+    ),
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(
+        "--origin",
+        metavar="LAT,LON",
+        help="Where the plane of x and y touches the earth (degrees, WGS 84), for places on earth in and out.",
+    ),
+]
+Ellipse = Annotated[
+    float | None,
+    typer.Option(
+        "--ellipse",
+        metavar="P",
+        help="Add semi-axes and orientation of the ellipse that holds the share P of Gaussian errors, such as 0.95.",
+    ),
+]
+Add = Annotated[
+    str,
+    typer.Option("--add", metavar="NAMES", help="Further columns of the estimates: cep50, gdop, or both: cep50,gdop."),
+]
 Columns = Annotated[
     list[str],
-    typer.Option("--column", metavar="NAME=HEADER", help="Read the column HEADER of the file as NAME. Repeatable."),
+    typer.Option(
+        "--column",
+        metavar="NAME=HEADER",
+        autocompletion=complete_column,
+        help="Read the column HEADER of the file as NAME. Repeatable.",
+    ),
 ]
 BearingStdDeg = Annotated[
     float | None,
@@ -187,14 +204,35 @@ BadRows = Annotated[
 AllRows = Annotated[
     bool, typer.Option("--all-rows", help="Use also the rows that an earlier step flagged (los false, ip true).")
 ]
+Methods = Annotated[
+    list[str],
+    typer.Option(
+        "--method",
+        "-m",
+        metavar="NAME",
+        autocompletion=complete_method,
+        help="Method (see 'nlosctl methods'). Repeatable.",
+    ),
+]
 Params = Annotated[
     list[str],
     typer.Option(
         "--param",
         "-p",
         metavar="KEY=VALUE",
+        autocompletion=complete_parameter,
         help="A parameter ('nlosctl methods show NAME' or 'simulate NAME --show' lists them); METHOD:KEY=VALUE for one "
         "of several methods. Repeatable.",
+    ),
+]
+Sweeps = Annotated[
+    list[str],
+    typer.Option(
+        "--sweep",
+        metavar="KEY=V1,V2,...",
+        autocompletion=complete_parameter,
+        help="A parameter in turn at several values, told in the column sweep_KEY; several sweeps make a grid. "
+        "Repeatable.",
     ),
 ]
 Carry = Annotated[
@@ -207,7 +245,9 @@ Seed = Annotated[
         "--seed", min=0, max=2**63 - 1, help="Seed of everything random; each snapshot draws its own from it."
     ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", min=0, help="Threads; 0: as many as the machine gives.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", min=0, help="How many to work on at once; 0: as many as the machine gives.")
+]
 BlockSize = Annotated[
     int, typer.Option("--block-size", min=1, help="Snapshots solved at once; no result depends on it.")
 ]
@@ -222,14 +262,10 @@ Json = Annotated[bool, typer.Option("--json", help="Tell it as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more on standard error.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+CONFIG_HELP = (
+    "Defaults from TOML, a table per command (or NLOSCTL_CONFIG). A flag beats NLOSCTL_<COMMAND>_<OPTION>, that beats "
+    "FILE; 'nlosctl config show' tells which holds."
+)
 ConfigFile = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        metavar="FILE",
-        envvar="NLOSCTL_CONFIG",
-        is_eager=True,
-        callback=_load_config,
-        help="Defaults from TOML, a table per command. A flag beats NLOSCTL_<COMMAND>_<OPTION>, and that beats FILE.",
-    ),
+    str | None, typer.Option("--config", metavar="FILE", is_eager=True, callback=take_config, help=CONFIG_HELP)
 ]

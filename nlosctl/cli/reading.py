@@ -13,24 +13,28 @@ from nlosctl.cli.options import key_values
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
+    from nlosctl.contract.scene import EarthFrame
     from nlosctl.io.inputs import Input
     from nlosctl.io.measurements import MeasurementReader
     from nlosctl.io.write import TableWriter
 
-__all__ = ["Opened", "ReadWords", "open_measurements", "open_output"]
+__all__ = ["Opened", "ReadWords", "added_columns", "open_measurements", "open_output"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadWords:
     """The words of the command line that say what to read and how.
 
-    ``extra_columns`` are those that will be needed beside the measurement's own; None: all.
+    ``outputs`` are files that will be written, ``tables`` files or folders. ``extra_columns`` are those that will be
+    needed beside the measurement's own; None: all.
     """
 
     inputs: Sequence[str]
     input_format: str | None = None
     kind: str | None = None
     scene: str | None = None
+    crs: str | None = None
+    origin: str | None = None
     columns: Sequence[str] = ()
     bearing_std_deg: float | None = None
     range_std_m: float | None = None
@@ -44,7 +48,19 @@ class ReadWords:
     one_thread: bool = False
     config: str | None = None
     outputs: Sequence[str | None] = ()
+    tables: Sequence[str | None] = ()
     extra_columns: Sequence[str] | None = None
+
+    @property
+    def frame(self) -> EarthFrame | None:
+        """The plane on earth that --crs or --origin names."""
+        from nlosctl.contract.scene import parse_frame
+
+        if self.crs is not None and self.origin is not None:
+            raise UsageError("--crs and --origin both say how the plane lies on earth; give one")
+        if self.origin is not None:
+            return parse_frame(self.origin, "--origin")
+        return None if self.crs is None else parse_frame(self.crs, "--crs")
 
     @property
     def constants(self) -> dict[str, float]:
@@ -80,6 +96,11 @@ class Opened:
         return [*parts, *(given.path for given in self.inputs if given.path is not None), *self.others]
 
 
+def added_columns(words: str) -> tuple[str, ...]:
+    """Return the words of ``--add``."""
+    return tuple(word.strip() for word in words.split(",") if word.strip())
+
+
 @contextmanager
 def open_measurements(words: ReadWords) -> Iterator[Opened]:
     """Open the inputs; with ``bad_rows`` the rows set aside are written when the block ends well.
@@ -89,7 +110,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
     from nlosctl.io.measurements import MeasurementReader, ReadOptions
-    from nlosctl.io.write import BadRowWriter, TableWriter, check_targets
+    from nlosctl.io.write import BadRowWriter, TableWriter, check_targets, is_folder_target
 
     input_format = None if words.input_format is None else format_named(words.input_format)
     inputs = expand_inputs(words.inputs, input_format)
@@ -98,6 +119,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
         renames=key_values(list(words.columns), "--column"),
         constants=words.constants,
         scene_file=words.scene,
+        frame=words.frame,
         all_rows=words.all_rows,
         max_snapshot_rows=words.max_snapshot_rows,
         use_threads=not words.one_thread,
@@ -108,8 +130,10 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
         stack.callback(reader.close)
         others = [Path(name) for name in (words.scene, words.config) if name is not None]
         opened = Opened(reader=reader, inputs=inputs, others=others)
-        check_targets([*words.outputs, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths)
-        if words.bad_rows is not None:
+        check_targets(
+            words.outputs, tables=[*words.tables, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths
+        )
+        if words.bad_rows is not None and not is_folder_target(words.bad_rows):
             schema = BadRowWriter.schema(reader.schema.names)
             writer = TableWriter(words.bad_rows, schema, overwrite=words.overwrite, inputs=opened.paths)
             reader.set_bad_rows_aside(BadRowWriter(stack.enter_context(writer)))

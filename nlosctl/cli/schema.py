@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from nlosctl.cli.completion import complete_table
 from nlosctl.cli.options import Debug, Json
 from nlosctl.cli.terminal import print_json, print_table
 from nlosctl.errors import DataError, UsageError, did_you_mean
@@ -15,7 +16,10 @@ __all__ = ["schema"]
 
 
 def schema(
-    table: Annotated[str | None, typer.Argument(metavar="TABLE", help="Name of a table; none: list them.")] = None,
+    table: Annotated[
+        str | None,
+        typer.Argument(metavar="TABLE", autocompletion=complete_table, help="Name of a table; none: list them."),
+    ] = None,
     json: Json = False,
     write: Annotated[
         str | None, typer.Option("--write", metavar="FOLDER", help="Write all tables as Frictionless schemas (JSON).")

@@ -6,7 +6,20 @@ from typing import Annotated, Any
 
 import typer
 
-from nlosctl.cli.options import ConfigFile, Debug, Format, Json, Output, Overwrite, Params, Quiet, Seed, key_values
+from nlosctl.cli.completion import complete_scenario
+from nlosctl.cli.options import (
+    ConfigFile,
+    Debug,
+    Format,
+    Json,
+    Output,
+    Overwrite,
+    Params,
+    Quiet,
+    Seed,
+    Sweeps,
+    key_values,
+)
 from nlosctl.cli.reading import open_output
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
 from nlosctl.errors import UsageError
@@ -16,11 +29,15 @@ __all__ = ["simulate"]
 
 def simulate(
     scenario: Annotated[
-        str | None, typer.Argument(metavar="SCENARIO", help="Name of a scenario; none: list them.")
+        str | None,
+        typer.Argument(
+            metavar="SCENARIO", autocompletion=complete_scenario, help="Name of a scenario; none: list them."
+        ),
     ] = None,
     trials: Annotated[int, typer.Option("--trials", "-n", min=1, help="Snapshots to draw.")] = 1000,
     seed: Seed = 0,
     param: Params = [],  # noqa: B006 - typer copies it
+    sweep: Sweeps = [],  # noqa: B006
     output: Output = "-",
     scene_out: Annotated[
         str | None, typer.Option("--scene-out", metavar="FILE", help="Write the scene as TOML.")
@@ -35,7 +52,7 @@ def simulate(
 ) -> None:
     """Draw measurements from a simulated world, with truth columns. The same seed gives the same file."""
     if scenario is None:
-        if param or show or scene_out is not None or output != "-":
+        if param or sweep or show or scene_out is not None or output != "-":
             raise UsageError("name a scenario; 'nlosctl simulate' alone lists them")
         _list(json)
         return
@@ -47,12 +64,14 @@ def simulate(
     from nlosctl.pipeline.simulation import Simulation
 
     terminal = Terminal(quiet=quiet)
-    simulation = Simulation(scenario, key_values(param, "--param"), seed=seed, trials=trials)
+    simulation = Simulation(
+        scenario, key_values(param, "--param"), seed=seed, trials=trials, sweep=key_values(sweep, "--sweep")
+    )
     check_targets([output, scene_out], overwrite=overwrite, inputs=[])
     rows = _write(simulation, output, format, overwrite, terminal)
     if scene_out is not None:
         write_text(scene_out, scene_to_toml(simulation.scene))
-    terminal.note(f"{scenario}: {trials} snapshots of {simulation.kind}, {rows} rows, seed {seed}")
+    terminal.note(f"{scenario}: {simulation.snapshots} snapshots of {simulation.kind}, {rows} rows, seed {seed}")
 
 
 def _write(simulation: Any, output: str, format: str | None, overwrite: bool, terminal: Terminal) -> int:

@@ -1,18 +1,20 @@
-"""What the commands share that solve measurements: run the methods, write the tables, tell the summary."""
+"""What the commands share that make tables of measurements: run, write the tables, tell the summary."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.reading import Opened, open_output
 from nlosctl.cli.terminal import Preview, Terminal, write_report
+from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
-    from nlosctl.io.write import TableWriter
     from nlosctl.pipeline.run import MeasurementRun
+    from nlosctl.pipeline.writing import Run
 
 __all__ = ["Outputs", "exit_code", "solve_and_write"]
 
@@ -22,63 +24,101 @@ _UNANSWERED = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Outputs:
-    """Where the tables go: ``main`` and, if named, ``other`` and ``trace``; whether the first is the estimates."""
+    """Where the tables go, by their names, None if not wanted; the first is what the command is for."""
 
-    main: str
-    other: str | None
-    estimates_first: bool
+    tables: Mapping[str, str | None]
     format: str | None
     overwrite: bool
-    with_hash: bool
+    resume: bool = False
+    bad_rows: str | None = None
+    with_hash: bool = False
+    jobs: int = 1
     report: str | None
-    trace: str | None = None
+
+    @property
+    def wanted(self) -> dict[str, str]:
+        """The tables that are wanted."""
+        return {name: target for name, target in self.tables.items() if target is not None}
 
 
-def solve_and_write(run: MeasurementRun, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
-    """Run to the end, write both tables, tell the summary on standard error and in the report file."""
-    preview = Preview.wanted(outputs.main, outputs.format)
-    schemas = (run.estimates_schema, run.flags_schema)
-    main_schema, other_schema = schemas if outputs.estimates_first else schemas[::-1]
-    metadata = run.metadata(command, opened.inputs, with_hash=outputs.with_hash)
-    with ExitStack() as stack:
+def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
+    """Run to the end, write all tables, tell the summary on standard error and in the report file."""
+    from nlosctl.io.write import is_folder_target
 
-        def open_sink(target: str, schema: Any, format: str | None) -> TableWriter:
-            return stack.enter_context(
-                open_output(
-                    target,
-                    schema,
-                    format_name=format,
-                    overwrite=outputs.overwrite,
-                    inputs=opened.paths,
-                    metadata=metadata,
-                )
-            )
-
-        main = preview or open_sink(outputs.main, main_schema, outputs.format)
-        other = None if outputs.other is None else open_sink(outputs.other, other_schema, outputs.format)
-        trace = None if outputs.trace is None else open_sink(outputs.trace, run.trace_schema, outputs.format)
-        progress = stack.enter_context(terminal.progress(command))
-        rows = 0
-        for tables in run.tables():
-            both = (tables.estimates, tables.flags)
-            first, second = both if outputs.estimates_first else both[::-1]
-            main.write(first)
-            if other is not None:
-                other.write(second)
-            if trace is not None:
-                trace.write(tables.trace)
-            rows += tables.rows
-            progress(rows, None)
-        closing = run.metadata(command, opened.inputs, with_hash=outputs.with_hash)
-        for sink in (main, other, trace):
-            if sink is not None:
-                sink.set_metadata(closing)
-    if preview is not None:
-        preview.show()
+    if any(is_folder_target(target) for target in outputs.wanted.values()):
+        _write_folders(run, opened, outputs, command, terminal)
+    elif outputs.resume:
+        raise UsageError("--resume goes on with a folder of parts: give -o FOLDER/ (a single file is made in one go)")
+    else:
+        _write_files(run, opened, outputs, command, terminal)
     for line in run.report.lines():
         terminal.note(line)
     if outputs.report is not None:
         write_report(outputs.report, run.report.as_dict())
+
+
+def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
+    from nlosctl.pipeline.writing import write_tables
+
+    main, *_ = outputs.wanted
+    preview = Preview.wanted(outputs.wanted[main], outputs.format)
+
+    def metadata() -> dict[str, str]:
+        return run.metadata(command, opened.inputs, with_hash=outputs.with_hash)
+
+    with ExitStack() as stack:
+
+        def open_sink(name: str, target: str) -> Any:
+            return stack.enter_context(
+                open_output(
+                    target,
+                    run.schemas[name],
+                    format_name=outputs.format,
+                    overwrite=outputs.overwrite,
+                    inputs=opened.paths,
+                    metadata=first,
+                )
+            )
+
+        first = metadata()
+        sinks = {
+            name: preview if preview is not None and name == main else open_sink(name, target)
+            for name, target in outputs.wanted.items()
+        }
+        progress = stack.enter_context(terminal.progress(command))
+        write_tables(run, sinks, metadata, lambda rows: progress(rows, None))
+    if preview is not None:
+        preview.show()
+
+
+def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
+    from nlosctl.io.file_format import format_named
+    from nlosctl.io.write import is_folder_target
+    from nlosctl.pipeline.folder_run import FolderRun, one_after_the_other
+    from nlosctl.pipeline.parts import BAD_ROWS
+
+    roots = outputs.wanted
+    if outputs.bad_rows is not None:
+        roots[BAD_ROWS] = outputs.bad_rows
+    files = [target for target in roots.values() if not is_folder_target(target)]
+    if files:
+        raise UsageError(f"{files[0]}: other tables go into a folder, part by part; give this one a folder too (NAME/)")
+    writer = FolderRun(
+        run,
+        command,
+        opened.inputs,
+        roots,
+        format=None if outputs.format is None else format_named(outputs.format),
+        jobs=outputs.jobs,
+        with_hash=outputs.with_hash,
+    )
+    with terminal.progress(command) as progress:
+        writer.write(
+            one_after_the_other,
+            resume=outputs.resume,
+            overwrite=outputs.overwrite,
+            progress=lambda rows: progress(rows, None),
+        )
 
 
 def exit_code(run: MeasurementRun, *, strict: bool = False) -> int:

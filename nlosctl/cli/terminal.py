@@ -38,8 +38,8 @@ class Terminal:
             self.note(text)
 
     @contextmanager
-    def progress(self, title: str) -> Iterator[Progress]:
-        """Show a progress bar while the block runs, only on a terminal."""
+    def progress(self, title: str, *, unit: str = "rows") -> Iterator[Progress]:
+        """Show a progress bar with the time left while the block runs, only on a terminal."""
         if self.quiet or not _is_terminal(sys.stderr):
             yield lambda done, total: None
             return
@@ -47,7 +47,7 @@ class Terminal:
         from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        columns = (TextColumn(title), BarColumn(), TextColumn("{task.completed:,.0f} rows"), TimeRemainingColumn())
+        columns = (TextColumn(title), BarColumn(), TextColumn(f"{{task.completed:,.0f}} {unit}"), TimeRemainingColumn())
         with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)

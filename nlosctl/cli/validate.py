@@ -7,6 +7,7 @@ from nlosctl.cli.options import (
     BearingStdDeg,
     Columns,
     ConfigFile,
+    Crs,
     Debug,
     DoaStdDeg,
     DodStdDeg,
@@ -15,6 +16,7 @@ from nlosctl.cli.options import (
     Json,
     Kind,
     MaxSnapshotRows,
+    Origin,
     Overwrite,
     PathLengthStdM,
     Quiet,
@@ -30,6 +32,8 @@ __all__ = ["validate"]
 def validate(
     inputs: Inputs,
     scene: SceneFile = None,
+    crs: Crs = None,
+    origin: Origin = None,
     kind: Kind = None,
     column: Columns = [],  # noqa: B006 - typer copies it
     bearing_std_deg: BearingStdDeg = None,
@@ -53,6 +57,8 @@ def validate(
         input_format=input_format,
         kind=kind,
         scene=scene,
+        crs=crs,
+        origin=origin,
         columns=column,
         bearing_std_deg=bearing_std_deg,
         range_std_m=range_std_m,

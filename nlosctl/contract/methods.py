@@ -10,10 +10,22 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import FLAGS
 
-__all__ = ["CONTRACT_VERSION", "HALF_CHI_SQUARE", "LEAST_HALF_CHI_SQUARE", "Job", "Law", "MethodSpec"]
+__all__ = [
+    "CONTRACT_VERSION",
+    "HALF_CHI_SQUARE",
+    "LEAST_HALF_CHI_SQUARE",
+    "OLDEST_CONTRACT_VERSION",
+    "Job",
+    "Law",
+    "MethodSpec",
+    "contract_fault",
+]
 
 CONTRACT_VERSION = 1
-"""Raised when a plugin written for the version before would no longer work."""
+"""The version of the contract that methods are written for; raised with every addition that a plugin may rely on."""
+
+OLDEST_CONTRACT_VERSION = 1
+"""The oldest version whose plugins still work; raised when something is taken away or changes its meaning."""
 
 HALF_CHI_SQUARE = "half the chi-square of the residuals"
 """The ``cost`` of methods whose cost is that; others say in their own words what theirs is."""
@@ -39,7 +51,8 @@ class MethodSpec:
     keeps to the search field, ``reads`` the optional columns that it uses. ``details`` are the flags' further columns
     when the batch wants details, ``flags_with(options)`` those that an option asks for; ``flags_needing`` names, for
     some of them, the column without which the input leaves nothing to say.
-    ``estimates`` is false for a detector that estimates nothing.
+    ``estimates`` is false for a detector that estimates nothing. ``contract_version`` is the version of this contract
+    that a plugin was written for, as a plain number; built-in methods, which come with the contract, leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
@@ -63,7 +76,7 @@ class MethodSpec:
     searches: bool = False
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
-    contract_version: int = CONTRACT_VERSION
+    contract_version: int | None = None
 
     @property
     def cost_tells_fit(self) -> bool:
@@ -88,3 +101,18 @@ class MethodSpec:
     def full_name(self) -> str:
         """The name of its entry point: ``kind.name``."""
         return f"{self.kind}.{self.name}"
+
+
+def contract_fault(version: int | None) -> str:
+    """Return in words why a plugin written for a version of the contract can't be used here; empty where it can."""
+    here, oldest = CONTRACT_VERSION, OLDEST_CONTRACT_VERSION
+    if version is None:
+        return f"doesn't say for which contract version it was written: give its MethodSpec contract_version={here}"
+    if version > here:
+        return f"was written for contract version {version}, newer than {here} of this nlosctl: upgrade nlosctl"
+    if version < oldest:
+        return (
+            f"was written for contract version {version}, older than {oldest}, the oldest that this nlosctl works "
+            "with: upgrade the plugin, or install an older nlosctl"
+        )
+    return ""

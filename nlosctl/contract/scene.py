@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
-__all__ = ["CircleReflector", "LineReflector", "Reflector", "Scene", "SegmentReflector", "Sensor"]
+from nlosctl.errors import UsageError
+
+__all__ = [
+    "CircleReflector",
+    "EarthFrame",
+    "LineReflector",
+    "Reflector",
+    "Scene",
+    "SegmentReflector",
+    "Sensor",
+    "parse_frame",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +77,51 @@ Reflector = LineReflector | SegmentReflector | CircleReflector
 
 
 @dataclass(frozen=True, kw_only=True)
+class EarthFrame:
+    """How the plane lies on the earth: a projected CRS, or the plane that touches WGS 84 in an origin.
+
+    ``rotation_deg`` is the direction of the x axis, counter-clockwise from east (of grid east with a ``crs``).
+    """
+
+    crs: str | None = None
+    origin_lat_deg: float | None = None
+    origin_lon_deg: float | None = None
+    rotation_deg: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """The frame in words that `parse_frame` takes: a CRS, or latitude, longitude and any rotation."""
+        place = self.crs if self.crs is not None else f"{self.origin_lat_deg!r} {self.origin_lon_deg!r}"
+        return f"{place} {self.rotation_deg!r}" if self.rotation_deg else place
+
+
+def parse_frame(words: str, option: str) -> EarthFrame:
+    """Return the frame of ``LAT,LON[,ROTATION]`` or ``CRS [ROTATION]`` (commas or spaces); raises UsageError."""
+    parts = words.replace(",", " ").split()
+    numbers = [number for part in parts if (number := _number(part)) is not None]
+    if len(numbers) == len(parts) and len(parts) in (2, 3) and abs(numbers[0]) <= 90.0 and abs(numbers[1]) <= 180.0:
+        turn = numbers[2] if len(parts) == 3 else 0.0
+        return EarthFrame(origin_lat_deg=numbers[0], origin_lon_deg=numbers[1], rotation_deg=turn)
+    if len(parts) in (1, 2) and len(numbers) == len(parts) - 1 and _number(parts[0]) is None:
+        return EarthFrame(crs=parts[0], rotation_deg=numbers[0] if numbers else 0.0)
+    raise UsageError(f"{option} takes LAT,LON in degrees (LAT from -90 to 90) or a CRS. Got {words!r} instead.")
+
+
+def _number(word: str) -> float | None:
+    try:
+        number = float(word)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Sensors and reflectors, each by a name of its own. An empty scene has neither."""
+    """Sensors and reflectors, each by a name of its own, and where the plane lies on earth. An empty one has none."""
 
     sensors: tuple[Sensor, ...] = ()
     reflectors: tuple[Reflector, ...] = field(default=())
+    frame: EarthFrame | None = None
 
     @property
     def has_circles(self) -> bool:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
+from nlosctl.evaluation.monte_carlo import rmse_std_error
 from nlosctl.evaluation.percentiles import error_percentiles
 from nlosctl.evaluation.summaries import EstimateSummary
 
@@ -124,7 +125,7 @@ class _Tally:
     statuses: IntArray = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     inside: IntArray = field(default_factory=lambda: np.zeros(len(_PROBABILITIES), dtype=np.int64))
     answered: int = 0
-    sums: FloatArray = field(default_factory=lambda: np.zeros(5))
+    sums: FloatArray = field(default_factory=lambda: np.zeros(6))
     errors: list[FloatArray] = field(default_factory=list)
 
     def add(self, rows: EstimateRows) -> None:
@@ -144,7 +145,7 @@ class _Tally:
         self.nees_rows += usable.size
         self.inside += [int(np.count_nonzero(usable <= ellipse_threshold(p))) for p in _PROBABILITIES]
         distance = error[answered]
-        for place, values in enumerate((offset[:, 0], offset[:, 1], distance, distance * distance, usable)):
+        for place, values in enumerate((offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable)):
             self.sums[place] = _running_sum(self.sums[place], values)
 
     def include(self, other: _Tally) -> None:
@@ -159,7 +160,7 @@ class _Tally:
 
     def summary(self) -> EstimateSummary:
         errors = np.concatenate(self.errors) if self.errors else np.zeros(0)
-        bias_x, bias_y, mean, mean_square = (_ratio(total, self.answered) for total in self.sums[:4])
+        bias_x, bias_y, mean, mean_square, mean_fourth = (_ratio(total, self.answered) for total in self.sums[:5])
         median, p90, p95, p99 = error_percentiles(errors, _PERCENTS)
         low, high = nees_interval(self.nees_rows)
         inside_50, inside_90, inside_95, inside_99 = (int(number) for number in self.inside)
@@ -169,6 +170,7 @@ class _Tally:
             answered=self.answered,
             fix_rate=_ratio(self.answered, errors.size),
             rmse_m=math.sqrt(mean_square),
+            rmse_std_error_m=rmse_std_error(self.answered, mean_square, mean_fourth),
             bias_x_m=bias_x,
             bias_y_m=bias_y,
             mean_m=mean,
@@ -176,7 +178,7 @@ class _Tally:
             p90_m=p90,
             p95_m=p95,
             p99_m=p99,
-            nees=_ratio(self.sums[4], self.nees_rows),
+            nees=_ratio(self.sums[5], self.nees_rows),
             nees_low=low,
             nees_high=high,
             nees_rows=self.nees_rows,

@@ -14,10 +14,11 @@ class EstimateSummary:
 
     ``rows`` have a truth, ``without_truth`` have none and are in no other figure. ``answered`` rows have a
     position, ``fix_rate`` is their share; ``statuses`` counts the rows of each status word. RMSE, bias and mean
-    are over answered rows; in the median and the percentiles a row without a fix is infinite. ``nees`` is the
-    mean over the ``nees_rows`` that have a covariance, ``nees_low`` and ``nees_high`` hold it 95 times in 100 if
-    the covariances are right (rows independent). ``inside_p`` of them are inside their p % ellipse, ``coverage_p``
-    is the share. ``bad_covariances`` rows should have a covariance, and theirs is not positive definite.
+    are over answered rows, ``rmse_std_error_m`` is how far chance moves the RMSE (rows independent); in the median
+    and the percentiles a row without a fix is infinite. ``nees`` is the mean over the ``nees_rows`` that have a
+    covariance, ``nees_low`` and ``nees_high`` hold it 95 times in 100 if the covariances are right (rows
+    independent). ``inside_p`` of them are inside their p % ellipse, ``coverage_p`` is the share.
+    ``bad_covariances`` rows should have a covariance, and theirs is not positive definite.
     """
 
     rows: int
@@ -25,6 +26,7 @@ class EstimateSummary:
     answered: int
     fix_rate: float
     rmse_m: float
+    rmse_std_error_m: float
     bias_x_m: float
     bias_y_m: float
     mean_m: float

@@ -11,6 +11,8 @@ import pyarrow as pa
 
 from nlosctl.contract.tables import BOUND
 from nlosctl.errors import DataError
+from nlosctl.io.open_tables import plain_type
+from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["bound_schema", "bound_table", "truth_positions"]
 
@@ -27,15 +29,29 @@ def bound_schema(input_schema: Any | None) -> Any:
         fields.append(pa.field("snapshot", kind))
     for column in BOUND.columns[1:]:
         fields.append(pa.field(column.name, pa.int64() if column.type == "integer" else pa.float64()))
+    if input_schema is not None:
+        swept = [field for field in input_schema if field.name.startswith(SWEEP_PREFIX)]
+        fields += [pa.field(field.name, plain_type(field.type)) for field in swept]
     return pa.schema(fields)
 
 
-def bound_table(arrays: Mapping[str, npt.NDArray[Any]], schema: Any, snapshot: Any = None) -> Any:
-    """Return a table of arrays (B,) by column name; NaN becomes null. ``snapshot`` (B,) is an Arrow array."""
+def bound_table(
+    arrays: Mapping[str, npt.NDArray[Any]],
+    schema: Any,
+    snapshot: Any = None,
+    rows: Any = None,
+    first_row: IntArray | None = None,
+) -> Any:
+    """Return a table of arrays (B,) by column name; NaN becomes null. ``snapshot`` (B,) is an Arrow array.
+
+    ``first_row`` (B,) is the first row of each snapshot in the input's table ``rows``, which tells its ``sweep_*``.
+    """
     columns = []
     for field in schema:
         if field.name == "snapshot":
             columns.append(snapshot.cast(field.type))
+        elif field.name.startswith(SWEEP_PREFIX):
+            columns.append(rows.column(field.name).take(pa.array(first_row)).cast(field.type))
         else:
             values = arrays[field.name]
             columns.append(pa.array(values, field.type, from_pandas=values.dtype.kind == "f"))

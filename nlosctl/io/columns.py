@@ -23,6 +23,7 @@ class FoundColumn:
     name: str
     scale: float = 1.0
     offset: float = 0.0
+    from_north: bool = False
 
     @property
     def converted(self) -> bool:
@@ -129,7 +130,10 @@ def _find(column: Column, names: Sequence[str], file: str) -> FoundColumn | None
         )
     if not there:
         return None
-    return FoundColumn(column=column, name=there[0].name, scale=there[0].scale, offset=there[0].offset)
+    chosen = there[0]
+    return FoundColumn(
+        column=column, name=chosen.name, scale=chosen.scale, offset=chosen.offset, from_north=chosen.from_north
+    )
 
 
 def _check_constants(table: Table, constants: Mapping[str, float], found: Mapping[str, FoundColumn], file: str) -> None:
@@ -152,6 +156,8 @@ def _missing(missing: Sequence[Column], names: Sequence[str], file: str) -> str:
     for column in missing:
         others = [spelling.name for spelling in column.spellings]
         near = did_you_mean(column.name, [name for name in names if name not in contract_names()])
+        if column.earth_place:
+            others = [f"{column.earth_place}_lat_deg with {column.earth_place}_lon_deg"]
         accepted = f", also accepted: {', '.join(others)}" if others else ""
         option = f", or give {column.constant_option}" if column.constant_option else ""
         scene = ", or give a scene with its sensors" if column.scene_axis is not None else ""

@@ -7,7 +7,7 @@ from enum import Enum
 
 from nlosctl.errors import UsageError, did_you_mean
 
-__all__ = ["FileFormat", "format_named", "format_of_bytes", "format_of_path"]
+__all__ = ["FileFormat", "format_named", "format_of_bytes", "format_of_path", "known_extension"]
 
 
 class FileFormat(Enum):
@@ -81,9 +81,14 @@ def format_of_path(path: str) -> FileFormat:
 
 def known_format_of_path(path: str) -> FileFormat | None:
     """Return the format that the extension tells, or None."""
-    lower = path.lower()
-    matches = [extension for extension in _EXTENSIONS if lower.endswith(extension)]
-    return _EXTENSIONS[max(matches, key=len)] if matches else None
+    extension = known_extension(path)
+    return _EXTENSIONS[extension.lower()] if extension else None
+
+
+def known_extension(path: str) -> str:
+    """Return the end of ``path`` that tells a format, as it is written, or an empty text."""
+    matches = [extension for extension in _EXTENSIONS if path.lower().endswith(extension)]
+    return path[-max(map(len, matches)) :] if matches else ""
 
 
 def format_named(name: str) -> FileFormat:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from glob import glob, has_magic
 from pathlib import Path
 from typing import IO, Any
+from urllib.parse import unquote
 
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
@@ -19,16 +20,23 @@ __all__ = ["Input", "Part", "expand_inputs"]
 
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
 _HEAD_BYTES = 4096
+_HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One file of a group: its name as messages give it, its format, and a path or an open byte stream."""
+    """One file of a group: its name as messages give it, its format, and a path or an open byte stream.
+
+    ``row_groups`` (first, behind the last) are those that count, of a Parquet file; None: all. ``keys`` are the
+    columns that the names of its folders tell (``year=2026``), None for a null.
+    """
 
     name: str
     format: FileFormat
     path: Path | None = None
     stream: IO[bytes] | None = None
+    row_groups: tuple[int, int] | None = None
+    keys: tuple[tuple[str, str | None], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +100,17 @@ def _folder(name: str, input_format: FileFormat | None) -> Input:
     for path in files:
         known = known_format_of_path(path.name)
         if known is not None:
-            parts.append(Part(name=str(path), format=input_format or known, path=path))
+            keys = _keys(path.relative_to(folder).parts[:-1])
+            parts.append(Part(name=str(path), format=input_format or known, path=path, keys=keys))
     if not parts:
         raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
     return Input(name=name, parts=tuple(parts))
+
+
+def _keys(folders: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
+    """Return the columns that folders named ``key=value`` tell, as Hive and Spark write them."""
+    pairs = [folder.partition("=") for folder in folders if "=" in folder.lstrip("=")]
+    return tuple((unquote(key), None if value == _HIVE_NULL else unquote(value)) for key, _, value in pairs)
 
 
 def _is_hidden(relative: Path) -> bool:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT, kind_of_columns, kind_table
+from nlosctl.io.earth_columns import EarthSource
+from nlosctl.io.frames import plane_of
 from nlosctl.io.inputs import Input, Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.open_tables import OpenedPart, TableOptions, plan_table, unified_schema
@@ -52,6 +54,7 @@ def look_ahead(inputs: Sequence[Input], options: ReadOptions) -> LookAhead:
                 table_options = _table_options(options, _scene_of(group, part, source, options))
                 opened = plan_table(part, source, table, table_options)
                 table = opened.plan.table
+                table_options = _with_frame(table_options, opened)
                 found = LookAhead(
                     table=table, scene=table_options.scene, metadata=source.metadata, options=table_options
                 )
@@ -60,8 +63,8 @@ def look_ahead(inputs: Sequence[Input], options: ReadOptions) -> LookAhead:
                     _check_scene(found.scene, _scene_of(group, part, source, options), parts[0][1], part, source)
                 opened = plan_table(part, source, table, found.options)
                 _check_kind(opened, found.table, parts[0][1], options)
-            names.update(dict.fromkeys(opened.all_names))
-            opened_parts.append(opened.schema)
+            names.update(dict.fromkeys(opened.own_names))
+            opened_parts.append(opened.kept_schema)
             if len(parts) == 1 or part.stream is not None:
                 found.held[part.name] = opened
             else:
@@ -79,19 +82,35 @@ def look_ahead(inputs: Sequence[Input], options: ReadOptions) -> LookAhead:
 
 def _scene_of(group: Input, part: Part, source: RawSource, options: ReadOptions) -> Scene:
     """Return the scene of one file: a part of a folder may have its own beside it where the folder has none."""
-    if options.scene is not None:
-        return options.scene
     try:
-        scene = find_scene(options.scene_file, source.metadata, group.path)
-        if scene != Scene() or options.scene_file is not None or part.path is None:
-            return scene
-        return find_scene(None, source.metadata, part.path)
+        scene = options.scene
+        if scene is None:
+            scene = find_scene(options.scene_file, source.metadata, group.path)
+        if scene == Scene() and options.scene is None and options.scene_file is None and part.path is not None:
+            scene = find_scene(None, source.metadata, part.path)
+        return scene if options.frame is None else replace(scene, frame=options.frame)
     except BaseException:
         source.close()
         raise
 
 
+def _with_frame(options: TableOptions, opened: OpenedPart) -> TableOptions:
+    """Return the options with the plane on earth of the first file: the scene's, else about its first place."""
+    if not isinstance(opened.source, EarthSource):
+        return options
+    try:
+        frame = options.scene.frame or opened.source.first_frame(opened.part.name)
+        plane_of(frame)
+    except BaseException:
+        opened.source.close()
+        raise
+    opened.source.frame = frame
+    return replace(options, scene=replace(options.scene, frame=frame))
+
+
 def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part, source: RawSource) -> None:
+    if other.frame is None:
+        other = replace(other, frame=first.frame)
     if other != first:
         source.close()
         raise DataError(

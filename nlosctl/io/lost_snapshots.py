@@ -14,11 +14,11 @@ __all__ = ["LostSnapshots"]
 
 
 class LostSnapshots:
-    """Counts the runs of one snapshot id that have no good row."""
+    """Counts the runs of one snapshot id that have no good row; ``begun`` has one already, before the first row."""
 
-    def __init__(self) -> None:
+    def __init__(self, begun: Any = None) -> None:
         self._whole = 0
-        self._last: Any = None
+        self._last: Any = begun
         self._last_is_good = True
 
     @property

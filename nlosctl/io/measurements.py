@@ -14,8 +14,8 @@ from nlosctl.contract.batches import BoolArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT
 from nlosctl.io.drop_duplicates import drop_duplicates
-from nlosctl.io.inputs import Input
-from nlosctl.io.look_ahead import look_ahead
+from nlosctl.io.inputs import Input, Part
+from nlosctl.io.look_ahead import LookAhead, look_ahead
 from nlosctl.io.lost_snapshots import LostSnapshots
 from nlosctl.io.normalize import Normalizer, RunNames
 from nlosctl.io.open_tables import open_table
@@ -23,7 +23,9 @@ from nlosctl.io.pieces import Piece, join_pieces, read_pieces
 from nlosctl.io.problems import BadRowSink, ProblemLog
 from nlosctl.io.read_options import ReadOptions
 from nlosctl.io.read_report import ReadReport
-from nlosctl.io.runs import ReturnWatch, run_starts
+from nlosctl.io.runs import IdSpan, ReturnWatch, run_starts
+from nlosctl.io.seams import pieces_beginning_in
+from nlosctl.io.several_methods import METHOD, are_flags_by_method, refuse_several_methods
 from nlosctl.io.sort_hint import sort_hint
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
@@ -59,15 +61,27 @@ class MeasurementReader:
 
     Bad rows go to ``bad_rows`` if given; else no chunk follows the first bad row, the rest is read for further
     problems, and a DataError tells them at the end. Raises DataError or UsageError for faults of a whole file.
+
+    With ``found``, what an earlier reader of the same inputs learnt, nothing is looked at again; ``only`` (place of
+    the input, place of the part within) then reads the snapshots that begin in this part, with their rows in
+    parts that follow.
     """
 
     def __init__(
-        self, inputs: Sequence[Input], options: ReadOptions | None = None, bad_rows: BadRowSink | None = None
+        self,
+        inputs: Sequence[Input],
+        options: ReadOptions | None = None,
+        bad_rows: BadRowSink | None = None,
+        *,
+        found: LookAhead | None = None,
+        only: tuple[int, int] | None = None,
     ) -> None:
         self._options = options or ReadOptions()
         self._inputs = tuple(inputs)
         self._log = ProblemLog(bad_rows)
-        self._found = look_ahead(self._inputs, self._options)
+        self._only = only
+        self._found = found or look_ahead(self._inputs, self._options)
+        self.spans: list[IdSpan] = []
         self.report = ReadReport(remarks=list(self._found.remarks))
         self.metadata, self.scene = self._found.metadata, self._found.scene
         self.schema: Any = self._found.schema
@@ -102,16 +116,26 @@ class MeasurementReader:
         """Hand bad rows to ``sink`` from now on and go on with the rest; call it before the first chunk."""
         self._log = ProblemLog(sink)
 
+    @property
+    def options(self) -> ReadOptions:
+        """How the inputs are read."""
+        return self._options
+
+    def found(self) -> LookAhead:
+        """Return what is known of the inputs, without open files, for further readers of them."""
+        self.close()
+        return self._found
+
     def chunks(self) -> Iterator[Chunk]:
-        """Yield the chunks of all inputs, in order; call it once."""
-        for group in self._inputs:
+        """Yield the chunks of all inputs (or of one part), in order; call it once."""
+        for group in self._inputs if self._only is None else (self._inputs[self._only[0]],):
             rows_before = self.report.rows_in_all
             for chunk in self._group_chunks(group):
                 if self._log.total == 0 or not self._log.stops_the_run:
                     self.report.snapshots += len(chunk.snapshot)
                     self.report.left_out_rows += int(chunk.left_out.sum())
                     yield chunk
-            if self.report.rows_in_all == rows_before:
+            if self.report.rows_in_all == rows_before and self._only is None:
                 raise DataError(f"{group.name}: no rows: the file has columns and nothing else")
         self._log.raise_if_stopping()
         if self.report.snapshots_lost:
@@ -139,24 +163,44 @@ class MeasurementReader:
             self._check_size(pending, group)
         if pending:
             yield self._chunk(pending, group)
+        self.spans.append(watch.span)
 
     def _starts(self, piece: Piece, last: Any, follows: bool) -> IntArray:
         return run_starts(piece.ids, last if follows else None)
 
     def _pieces(self, group: Input) -> Iterator[Piece]:
         lost = LostSnapshots()
-        for part in group.parts:
-            opened = self._found.held.pop(part.name, None) or open_table(part, self._found.table, self._found.options)
+
+        def read(part: Part) -> Iterator[Piece]:
             before = self.report.rows_in_all
-            normalizer = Normalizer(opened.plan, self._names, part.name, self._options.all_rows)
-            try:
-                for piece in read_pieces(opened, self.schema, normalizer, self._log, lost, self.report):
-                    if len(piece.ids):
-                        yield piece
-            finally:
-                opened.source.close()
-            self.report.rows_by_file[part.name] = self.report.rows_in_all - before
+            yield from self._read(part, self._log, lost, self.report)
+            rows = self.report.rows_by_file.get(part.name, 0)
+            self.report.rows_by_file[part.name] = rows + self.report.rows_in_all - before
+
+        def read_quietly(part: Part) -> Iterator[Piece]:
+            return self._read(part, ProblemLog(lambda rows: None), LostSnapshots(), ReadReport())
+
+        def read_own(part: Part, begun: Any) -> Iterator[Piece]:
+            nonlocal lost
+            lost = LostSnapshots(begun)
+            return read(part)
+
+        if self._only is not None:
+            yield from pieces_beginning_in(group.parts, self._only[1], read_own, read_quietly)
+        else:
+            for part in group.parts:
+                yield from read(part)
         self.report.snapshots_lost += lost.count
+
+    def _read(self, part: Part, log: ProblemLog, lost: LostSnapshots, report: ReadReport) -> Iterator[Piece]:
+        opened = self._found.held.pop(part.name, None) or open_table(part, self._found.table, self._found.options)
+        normalizer = Normalizer(opened.plan, self._names, part.name, self._options.all_rows)
+        try:
+            for piece in read_pieces(opened, self.schema, normalizer, log, lost, report):
+                if len(piece.ids):
+                    yield piece
+        finally:
+            opened.source.close()
 
     def _check_size(self, pending: Sequence[Piece], group: Input) -> None:
         if sum(piece.starts.shape[0] for piece in pending) <= 1:
@@ -172,7 +216,10 @@ class MeasurementReader:
             )
 
     def _chunk(self, pieces: Sequence[Piece], group: Input) -> Chunk:
-        whole = drop_duplicates(pieces, join_pieces(pieces), self._found.table.row_key, self._log, self.report)
+        joined = join_pieces(pieces)
+        if METHOD in joined.table.column_names and are_flags_by_method(self.column_names):
+            refuse_several_methods(joined.table, joined.starts, group.name)
+        whole = drop_duplicates(pieces, joined, self._found.table.row_key, self._log, self.report)
         self._refuse_huge(int(np.diff(whole.starts, append=len(whole.ids)).max()), group)
         return Chunk(
             table=whole.table,

@@ -17,8 +17,10 @@ from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.columns import SNAPSHOT, ColumnPlan, FoundColumn
 from nlosctl.io.faults import Describe, Fault
+from nlosctl.io.frames import plane_of
 from nlosctl.io.names import NULL_CODE, NameCodes, plain, text_at
 from nlosctl.io.placement import placement_faults
+from nlosctl.io.together import half_filled_faults
 
 __all__ = ["Normalized", "Normalizer", "RunNames"]
 
@@ -73,10 +75,11 @@ class Normalizer:
                 continue
             values = self._column(column, batch, columns, faults)
             if values is not None:
-                columns[column.name] = values
+                columns[column.name] = self._turned(column, values, columns)
         self._check_booleans(batch, faults)
         left_out = np.zeros(batch.num_rows, dtype=np.bool_) if self._all_rows else self._left_out(batch)
         faults += placement_faults(self._names.scene, self._plan, columns)
+        faults += half_filled_faults(self._plan, columns)
         return Normalized(columns=columns, left_out=left_out, faults=faults)
 
     def _column(
@@ -99,6 +102,17 @@ class Normalizer:
         if column.type == "integer":
             return self._integers(found, cells, faults)
         return self._numbers(found, cells, faults)
+
+    def _turned(
+        self, column: Column, values: npt.NDArray[Any], done: Mapping[str, npt.NDArray[Any]]
+    ) -> npt.NDArray[Any]:
+        """Return directions from true north as directions in the plane; others as they are."""
+        found, frame = self._plan.found.get(column.name), self._names.scene.frame
+        if found is None or not found.from_north or frame is None:
+            return values
+        north_rad = plane_of(frame).north_rad(done["sensor_x_m"], done["sensor_y_m"])
+        turned: FloatArray = values + (north_rad - 0.5 * np.pi)
+        return turned
 
     def _absent(self, column: Column, rows: int) -> npt.NDArray[Any] | None:
         if column.name in self._plan.constants:

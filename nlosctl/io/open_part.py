@@ -7,6 +7,7 @@ from dataclasses import replace
 from nlosctl.errors import DataError
 from nlosctl.io.csv_file import CsvSource
 from nlosctl.io.file_format import FileFormat, format_of_bytes
+from nlosctl.io.folder_keys import KeyedSource
 from nlosctl.io.inputs import Part
 from nlosctl.io.jsonl_file import JsonLinesSource
 from nlosctl.io.raw import RawSource, readable
@@ -24,6 +25,11 @@ def open_part(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
         raise DataError(f"{part.name}: no rows: the file is empty (0 bytes)")
     if head is not None:
         part = _checked(part, head)
+    source = _opened(part, batch_rows, use_threads)
+    return KeyedSource(part, source) if part.keys else source
+
+
+def _opened(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
     if part.format is FileFormat.PARQUET:
         return ParquetSource(part, batch_rows, use_threads)
     if part.format in (FileFormat.ARROW, FileFormat.ARROW_STREAM):

@@ -12,9 +12,12 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
 from nlosctl.io.columns import SNAPSHOT, ColumnPlan, contract_names, kind_of_columns, kind_table, plan_columns, rename
+from nlosctl.io.earth_columns import EarthSource, with_places
 from nlosctl.io.inputs import Part
 from nlosctl.io.open_part import open_part
 from nlosctl.io.raw import RawSource
+from nlosctl.io.several_methods import METHOD, are_flags_by_method
+from nlosctl.io.together import require_together
 
 __all__ = ["OpenedPart", "TableOptions", "open_table", "plain_type", "plan_table", "unified_schema"]
 
@@ -46,6 +49,20 @@ class OpenedPart:
     all_names: tuple[str, ...]
     schema: Any
 
+    @property
+    def kept_schema(self) -> Any:
+        """The schema without positions that latitudes and longitudes gave, but for true ones."""
+        return pa.schema([field for field in self.schema if field.name not in self._unkept()])
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """All columns of the file, after renaming, and true positions that latitudes and longitudes gave."""
+        return tuple(name for name in self.all_names if name not in self._unkept())
+
+    def _unkept(self) -> set[str]:
+        derived = self.source.derived if isinstance(self.source, EarthSource) else ()
+        return {name for name in derived if not name.startswith("truth")}
+
     def file_name(self, name: str) -> str:
         """Return the name that the file itself has for a column."""
         return dict(zip(self.names, self.file_names, strict=True)).get(name, name)
@@ -61,6 +78,7 @@ def open_table(part: Part, table: Table | None, options: TableOptions) -> Opened
 
 def plan_table(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
     """Plan the columns of a file that is open already; as `open_table` otherwise."""
+    source = with_places(source, options.renames, options.scene.frame)
     try:
         return _plan(part, source, table, options)
     except BaseException:
@@ -77,6 +95,7 @@ def _plan(part: Part, source: RawSource, table: Table | None, options: TableOpti
     table = table or kind_table(kind_of_columns([*source.names, *options.renames]))
     names = rename(source.names, options.renames, table, part.name)
     plan = plan_columns(names, table, options.constants, options.scene, part.name)
+    require_together(plan, part.name)
     kept = _kept(names, plan, options.extra_columns)
     original = dict(zip(names, source.names, strict=True))
     schema = source.start(
@@ -103,6 +122,8 @@ def _kept(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[str] | None)
         for name, found in plan.found.items()
         if not found.column.carried or name in ("los", "ip") or name == SNAPSHOT
     }
+    if are_flags_by_method(names):
+        used.add(METHOD)
     beginnings = tuple(name[:-1] for name in extra if name.endswith("*"))
     return tuple(name for name in names if name in used or name in extra or name.startswith(beginnings))
 

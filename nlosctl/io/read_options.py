@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from nlosctl.contract.scene import Scene
+from nlosctl.contract.scene import EarthFrame, Scene
 
 __all__ = ["ReadOptions"]
 
@@ -14,7 +14,8 @@ __all__ = ["ReadOptions"]
 class ReadOptions:
     """How to read. ``kind`` None: told by the columns. ``renames``: contract's name -> file's name.
 
-    ``scene`` is given as it is, or found as `nlosctl.io.scenes.find_scene` says, ``scene_file`` first.
+    ``scene`` is given as it is, or found as `nlosctl.io.scenes.find_scene` says, ``scene_file`` first;
+    ``frame`` stands for the scene's. Without either, places on earth get the plane that touches the first of them.
     ``constants`` (contract's name -> value in its unit) stand in for missing columns. ``extra_columns``: those
     to keep in ``Chunk.table`` beside the measurement's own, by name or by its beginning (``sweep_*``); None: all.
     Columns that are not kept are not read, so that nothing in them can be at fault.
@@ -25,6 +26,7 @@ class ReadOptions:
     constants: Mapping[str, float] = field(default_factory=dict)
     scene: Scene | None = None
     scene_file: str | None = None
+    frame: EarthFrame | None = None
     all_rows: bool = False
     chunk_rows: int = 131_072
     max_snapshot_rows: int = 1_000_000

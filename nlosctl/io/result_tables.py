@@ -13,8 +13,9 @@ import pyarrow.compute as pc
 
 from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, FLAGS, TRACE, Column
+from nlosctl.contract.tables import ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, Column
 from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.io.sweep_columns import SWEEP_PREFIX, SweepColumns
 
 __all__ = ["EstimatesLayout", "FlagsLayout", "TraceLayout", "carried_columns", "carried_names"]
 
@@ -23,16 +24,18 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 Said = Mapping[str, npt.NDArray[Any] | Words]
 
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
-_TRUTH = ("truth_x_m", "truth_y_m")
+_TRUTH = ("truth_x_m", "truth_y_m", "truth_lat_deg", "truth_lon_deg")
+_ON_EARTH = ("lat_deg", "lon_deg", "frame")
+_ON_REQUEST = ("covariance_kind", *_ON_EARTH, *(column.name for column in (*ELLIPSE, *PRECISION)))
 _ALWAYS_CARRIED = (*_TRUTH, "scene")
-_CARRIED_PREFIX = "sweep_"
 _KEPT_FLAGS = ("los", "ip")
+_NO_SWEEP = SweepColumns()
 _STATUS_WORDS = pa.array([status.word for status in Status])
 
 
 def carried_names(wanted: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the columns that estimates carry over, as far as an input has them (``*`` ends a prefix)."""
-    return (*_ALWAYS_CARRIED, f"{_CARRIED_PREFIX}*", *wanted)
+    return (*_ALWAYS_CARRIED, f"{SWEEP_PREFIX}*", *wanted)
 
 
 def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
@@ -49,16 +52,16 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
             raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
     truth = () if "truth_target" in input_names else _TRUTH
     chosen = {"scene", *truth, *wanted}
-    return tuple(
-        name for name in input_names if (name in chosen or name.startswith(_CARRIED_PREFIX)) and name not in own
-    )
+    return tuple(name for name in input_names if (name in chosen or name.startswith(SWEEP_PREFIX)) and name not in own)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatesLayout:
     """How the estimates table of a run looks: same columns in every chunk.
 
-    ``measurement_name`` is the input's column that an estimate of a single measurement carries, if there is one.
+    ``measurement_name`` is the input's column that an estimate of a single measurement carries, if there is one;
+    ``sweeps`` tells the swept values of each of ``methods``. ``frame`` is how the plane lies on earth, in words, where it does. ``wanted`` are further columns of the contract:
+    the ellipse, cep50_m, gdop.
     """
 
     methods: tuple[str, ...]
@@ -67,17 +70,24 @@ class EstimatesLayout:
     with_covariance_kind: bool
     with_source: bool
     measurement_name: str = ""
+    frame: str | None = None
+    wanted: tuple[str, ...] = ()
+    sweeps: SweepColumns = _NO_SWEEP
 
     @property
     def schema(self) -> pa.Schema:
         """The Arrow schema."""
+        asked = {*self.wanted, *(() if self.frame is None else _ON_EARTH)}
+        if self.with_covariance_kind:
+            asked.add("covariance_kind")
         fields = [_snapshot_field(self.input_schema)]
         for column in ESTIMATES.columns[1:]:
-            if column.name in _ALWAYS_CARRIED or (column.name == "covariance_kind" and not self.with_covariance_kind):
+            if column.name in _ALWAYS_CARRIED or (column.name in _ON_REQUEST and column.name not in asked):
                 continue
             fields.append(pa.field(column.name, _TYPES[column.type]))
         if self.measurement_name:
             fields.append(self.input_schema.field(self.measurement_name).with_metadata(None).with_nullable(True))
+        fields += self.sweeps.fields
         fields += [self.input_schema.field(name).with_metadata(None) for name in self.carried]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
@@ -105,8 +115,14 @@ class EstimatesLayout:
             values[name] = pa.array(arrays[name])
         if self.with_covariance_kind:
             values["covariance_kind"] = pa.array(arrays["covariance_kind"], pa.string())
+        if self.frame is not None:
+            values["frame"] = _repeated(self.frame, snapshot.shape[0])
+            values |= {name: _nullable(arrays[name]) for name in ("lat_deg", "lon_deg")}
+        values |= {name: _nullable(arrays[name]) for name in self.wanted}
         single = arrays["row"]
         places = pa.array(np.where(single >= 0, single, first_row[snapshot]))
+        for name in self.sweeps.names:
+            values[name] = self.sweeps.take(name, arrays["method"])
         for name in self.carried:
             values[name] = rows.column(name).take(places)
         if self.measurement_name:
@@ -122,6 +138,7 @@ class FlagsLayout:
     """How the flags table of a run looks: the input's columns, and what the methods say of each row.
 
     ``constants`` were given for missing columns: they become columns, so that flags are measurements again.
+    ``sweeps`` tells the swept values of each of ``methods``.
     """
 
     methods: tuple[str, ...]
@@ -129,6 +146,7 @@ class FlagsLayout:
     said: tuple[str, ...]
     constants: Mapping[str, float]
     with_source: bool
+    sweeps: SweepColumns = _NO_SWEEP
 
     @property
     def schema(self) -> pa.Schema:
@@ -139,8 +157,8 @@ class FlagsLayout:
         fields += [pa.field(name, pa.float64()) for name in self.constants]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
-        if len(self.methods) > 1:
-            fields.append(pa.field("method", pa.string()))
+        if self._told:
+            fields += [pa.field("method", pa.string()), *self.sweeps.fields]
         fields.append(pa.field("used", pa.bool_()))
         fields += [pa.field(name, _said_type(name)) for name in self.said]
         return pa.schema([_plain(field) for field in fields])
@@ -161,11 +179,18 @@ class FlagsLayout:
         order = np.lexsort((method, np.tile(snapshot_of_row, len(tables))))
         return pa.concat_tables(tables).take(pa.array(order))
 
+    @property
+    def _told(self) -> bool:
+        """Whether rows tell their method and swept values: there are several, or a sweep."""
+        return len(self.methods) > 1 or bool(self.sweeps.names)
+
     def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Said, rows: pa.Table) -> pa.Table:
         columns: list[Any] = []
         for field in self.schema:
-            if field.name == "method" and len(self.methods) > 1:
+            if field.name == "method" and self._told:
                 values: Any = _repeated(self.methods[number], used.shape[0])
+            elif field.name in self.sweeps.names:
+                values = self.sweeps.take(field.name, np.full(used.shape[0], number))
             elif field.name in self.constants:
                 values = pa.array(np.full(used.shape[0], self.constants[field.name]))
             elif field.name == "used":
@@ -185,6 +210,7 @@ class TraceLayout:
     methods: tuple[str, ...]
     input_schema: pa.Schema
     with_source: bool
+    sweeps: SweepColumns = _NO_SWEEP
 
     @property
     def schema(self) -> pa.Schema:
@@ -197,6 +223,7 @@ class TraceLayout:
             own[column.name] if column.name in own else pa.field(column.name, _TYPES[column.type])
             for column in TRACE.columns
         ]
+        fields += self.sweeps.fields
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
         return pa.schema([_plain(field) for field in fields])
@@ -213,6 +240,8 @@ class TraceLayout:
         }
         for place, name in enumerate(("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")):
             values[name] = pa.array(arrays["covariance_m2"][:, place])
+        for name in self.sweeps.names:
+            values[name] = self.sweeps.take(name, arrays["method"])
         if self.with_source:
             values["source"] = _repeated(source, arrays["snapshot"].shape[0])
         schema = self.schema

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pyarrow.compute as pc
 from nlosctl.contract.batches import IntArray
 from nlosctl.errors import DataError
 
-__all__ = ["REMEMBERED_SNAPSHOTS", "ReturnWatch", "run_starts"]
+__all__ = ["REMEMBERED_SNAPSHOTS", "IdSpan", "ReturnWatch", "run_starts"]
 
 REMEMBERED_SNAPSHOTS = 1_000_000
 
@@ -32,6 +33,15 @@ def run_starts(ids: Any, before: Any) -> IntArray:
     return changes
 
 
+@dataclass(frozen=True, kw_only=True)
+class IdSpan:
+    """The first and the last snapshot id of some rows (None: no row), and whether the ids rise or fall strictly."""
+
+    first: int | str | None
+    last: int | str | None
+    ordered: bool
+
+
 class ReturnWatch:
     """Finds a snapshot whose rows come back after those of others.
 
@@ -45,6 +55,7 @@ class ReturnWatch:
         self._last: Any = None
         self._sorted = True
         self._direction = 0
+        self._first: Any = None
         self._recent: dict[Any, tuple[str, int]] = {}
         self._older: dict[Any, tuple[str, int]] = {}
 
@@ -62,7 +73,16 @@ class ReturnWatch:
                     self._remember(earlier_part, earlier.to_pylist(), earlier_rows)
                 self._history.clear()
             self._remember(part, ids.to_pylist(), rows)
+        if self._first is None:
+            self._first = ids[0]
         self._last = ids[len(ids) - 1]
+
+    @property
+    def span(self) -> IdSpan:
+        """The ids taken so far: their ends, and whether all between lie between them."""
+        if self._first is None:
+            return IdSpan(first=None, last=None, ordered=True)
+        return IdSpan(first=self._first.as_py(), last=self._last.as_py(), ordered=self._sorted)
 
     def _still_sorted(self, ids: Any) -> bool:
         if self._last is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from nlosctl.contract.scene import Scene, Sensor
+from nlosctl.contract.scene import EarthFrame, Scene, Sensor
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.reflector_kinds import REFLECTOR_KINDS, kind_of_reflector
 from nlosctl.io.toml_structs import Decoder, Finite, Point
@@ -21,10 +22,20 @@ SCENE_KEY = b"nlosctl.scene"
 """The key of the scene's TOML text in a table's metadata."""
 
 
+_KEYS = ("sensor", "reflector", "frame")
+
+
 class _SensorEntry(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     position: Point
     heading_deg: Finite | None = None
+
+
+class _FrameEntry(msgspec.Struct, forbid_unknown_fields=True):
+    crs: str | None = None
+    origin_lat_deg: Finite | None = None
+    origin_lon_deg: Finite | None = None
+    rotation_deg: Finite = 0.0
 
 
 def scene_from_toml(text: str, name: str) -> Scene:
@@ -37,9 +48,9 @@ def scene_from_toml(text: str, name: str) -> Scene:
     except tomllib.TOMLDecodeError as error:
         raise DataError(f"{name}: not TOML: {error}") from error
     for key in tree:
-        if key not in ("sensor", "reflector"):
-            near = did_you_mean(key, ("sensor", "reflector"))
-            raise DataError(f"{name}: unknown key {key!r}{near}; a scene has [[sensor]] and [[reflector]]")
+        if key not in _KEYS:
+            near = did_you_mean(key, _KEYS)
+            raise DataError(f"{name}: unknown key {key!r}{near}; a scene has [[sensor]], [[reflector]] and [frame]")
     decoder = Decoder(file=name)
     sensors = []
     for where, entry in _entries(tree, "sensor", name):
@@ -56,20 +67,26 @@ def scene_from_toml(text: str, name: str) -> Scene:
         reflectors.append(REFLECTOR_KINDS[kind].read(decoder, entry, where))
     _check_names(name, "sensor", [sensor.name for sensor in sensors])
     _check_names(name, "reflector", [reflector.name for reflector in reflectors])
-    return Scene(sensors=tuple(sensors), reflectors=tuple(reflectors))
+    return Scene(sensors=tuple(sensors), reflectors=tuple(reflectors), frame=_frame(tree, decoder))
 
 
 def scene_to_toml(scene: Scene) -> str:
     """Return the scene as TOML text that reads back to an equal scene."""
     blocks = []
+    if scene.frame is not None:
+        held = {
+            name: value for name, value in vars(scene.frame).items() if value not in (None, 0.0) or "origin" in name
+        }
+        kept = {name: value for name, value in held.items() if value is not None}
+        blocks.append(_block("[frame]", kept))
     for sensor in scene.sensors:
         entry: dict[str, Any] = {"name": sensor.name, "position": sensor.position}
         if sensor.heading_deg is not None:
             entry["heading_deg"] = sensor.heading_deg
-        blocks.append(_block("sensor", entry))
+        blocks.append(_block("[[sensor]]", entry))
     for reflector in scene.reflectors:
         kind = kind_of_reflector(reflector)
-        blocks.append(_block("reflector", {"kind": kind, **REFLECTOR_KINDS[kind].write(reflector)}))
+        blocks.append(_block("[[reflector]]", {"kind": kind, **REFLECTOR_KINDS[kind].write(reflector)}))
     return "\n".join(blocks)
 
 
@@ -120,6 +137,24 @@ def _entries(tree: Mapping[str, Any], key: str, file: str) -> list[tuple[str, di
     return [(f"{key}[{place}]", entry) for place, entry in enumerate(entries)]
 
 
+def _frame(tree: Mapping[str, Any], decoder: Decoder) -> EarthFrame | None:
+    entry = tree.get("frame")
+    if entry is None:
+        return None
+    if not isinstance(entry, dict):
+        decoder.refuse("frame", f"got {entry!r}, expected a table headed [frame]")
+    read = decoder.decode(entry, _FrameEntry, "frame")
+    origin = (read.origin_lat_deg, read.origin_lon_deg)
+    if (read.crs is None) == (origin == (None, None)) or (read.crs is None and None in origin):
+        decoder.refuse("frame", "expected either crs, or origin_lat_deg and origin_lon_deg")
+    if read.crs is not None and not re.fullmatch(r"[A-Za-z]\w*:\w+", read.crs):
+        decoder.refuse("frame.crs", f"got {read.crs!r}, expected the code of an authority, as EPSG:32632")
+    for key, value, limit in (("origin_lat_deg", origin[0], 90.0), ("origin_lon_deg", origin[1], 180.0)):
+        if value is not None and abs(value) > limit:
+            decoder.refuse(f"frame.{key}", f"got {value!r}, expected {-limit:g} to {limit:g}")
+    return EarthFrame(crs=read.crs, origin_lat_deg=origin[0], origin_lon_deg=origin[1], rotation_deg=read.rotation_deg)
+
+
 def _check_names(file: str, key: str, names: list[str]) -> None:
     for place, name in enumerate(names):
         if name in names[:place]:
@@ -129,9 +164,9 @@ def _check_names(file: str, key: str, names: list[str]) -> None:
             raise DataError(f"{file}: {key}[{place}].name: got '', expected a name")
 
 
-def _block(key: str, entry: Mapping[str, Any]) -> str:
+def _block(head: str, entry: Mapping[str, Any]) -> str:
     lines = [f"{name} = {_toml_value(value)}" for name, value in entry.items()]
-    return "\n".join([f"[[{key}]]", *lines, ""])
+    return "\n".join([head, *lines, ""])
 
 
 def _toml_value(value: Any) -> str:

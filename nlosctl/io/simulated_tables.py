@@ -10,18 +10,28 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.contract.tables import KINDS, Column
+from nlosctl.io.sweep_columns import SweepColumns
 
 __all__ = ["measurement_table"]
 
+_NO_SWEEP = SweepColumns()
 _TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
 
 
-def measurement_table(kind: str, columns: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return flat columns (N,) of a kind of measurement as a table, in the order of the contract; NaN is null."""
+def measurement_table(
+    kind: str, columns: Mapping[str, npt.NDArray[Any]], sweeps: SweepColumns = _NO_SWEEP, point: int = 0
+) -> Any:
+    """Return flat columns (N,) of a kind of measurement as a table, in the order of the contract; NaN is null.
+
+    The columns of ``sweeps`` follow, with the values of its ``point``.
+    """
     arrays = {}
     for column in KINDS[kind].columns:
         if column.name in columns:
             arrays[column.name] = _array(column, columns[column.name])
+    rows = len(arrays["snapshot"])
+    for name in sweeps.names:
+        arrays[name] = sweeps.take(name, np.full(rows, point))
     return pa.table(arrays)
 
 

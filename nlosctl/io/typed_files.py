@@ -103,10 +103,16 @@ class ParquetSource:
 
     def batches(self) -> Iterator[RawBatch]:
         """See RawSource."""
-        row = 1
+        first, behind = self._part.row_groups or (0, self._file.metadata.num_row_groups)
+        row = 1 + sum(self._file.metadata.row_group(place).num_rows for place in range(first))
         with readable(self._part.name, "Parquet file"):
             for batch in rebatch(
-                self._file.iter_batches(self._batch_rows, columns=self._columns, use_threads=self._use_threads),
+                self._file.iter_batches(
+                    self._batch_rows,
+                    row_groups=range(first, behind),
+                    columns=self._columns,
+                    use_threads=self._use_threads,
+                ),
                 self._batch_rows,
             ):
                 wanted = _without_views(batch.schema)

@@ -17,11 +17,19 @@ import pyarrow as pa
 
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.encode import Encoder, make_encoder
-from nlosctl.io.file_format import FileFormat, format_of_path
+from nlosctl.io.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow
 
-__all__ = ["BadRowWriter", "TableWriter", "check_targets", "provenance_text", "write_text"]
+__all__ = [
+    "BadRowWriter",
+    "TableWriter",
+    "check_targets",
+    "is_folder_target",
+    "provenance_text",
+    "write_bytes",
+    "write_text",
+]
 
 GROUP_ROWS = 131_072
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
@@ -203,30 +211,54 @@ def _format_for(target: str, format: FileFormat | None) -> FileFormat:
 
 def write_text(target: str, text: str) -> None:
     """Write a small text file, whole or not at all; check the target first with `check_targets`."""
+    write_bytes(target, text.encode("utf-8"))
+
+
+def write_bytes(target: str, content: bytes) -> None:
+    """Write a small file, whole or not at all; check the target first with `check_targets`."""
     with _writing(target):
         if _takes_bytes_as_they_come(target):
-            Path(target).write_text(text, encoding="utf-8")
+            Path(target).write_bytes(content)
             return
         temporary, sink = _temporary_beside(target)
         with sink:
-            sink.write(text.encode("utf-8"))
+            sink.write(content)
         temporary.replace(Path(target).resolve())
 
 
-def check_targets(targets: Sequence[str | None], *, overwrite: bool, inputs: Sequence[Path]) -> None:
+def is_folder_target(target: str | None) -> bool:
+    """Return whether an output is meant to be a folder: its name ends with a slash, or it is one not called a file."""
+    if target is None or target == "-":
+        return False
+    return target.endswith("/") or (Path(target).is_dir() and known_format_of_path(target) is None)
+
+
+def check_targets(
+    targets: Sequence[str | None], *, overwrite: bool, inputs: Sequence[Path], tables: Sequence[str | None] = ()
+) -> None:
     """Refuse outputs that can't be written or would destroy something, before any work is done.
 
-    ``-`` is standard output, None stands for an output that is not wanted. Raises UsageError where two outputs are
-    one file, DataError where a file exists (without ``overwrite``), is an input, or can't be written.
+    ``-`` is standard output, None stands for an output that is not wanted; ``tables`` may be folders, which
+    `nlosctl.io.run_folder` looks into. Raises UsageError where two outputs are one file, DataError where a file
+    exists (without ``overwrite``), is an input, or can't be written.
     """
-    wanted = [target for target in targets if target is not None]
+    wanted = [target for target in [*tables, *targets] if target is not None]
     places = [target if target == "-" else str(Path(target).resolve()) for target in wanted]
     for number, place in enumerate(places):
         if place in places[:number]:
             raise UsageError(f"{wanted[places.index(place)]} and {wanted[number]} are one output; give two names")
     for target in wanted:
-        if target != "-":
+        if target in tables and is_folder_target(target):
+            _check_folder(target, inputs)
+        elif target != "-":
             _check_target(target, overwrite, inputs)
+
+
+def _check_folder(target: str, inputs: Sequence[Path]) -> None:
+    folder = Path(target).resolve()
+    for given in (given.resolve() for given in inputs):
+        if folder == given or folder in given.parents or (given.is_dir() and given in folder.parents):
+            raise DataError(f"{target}: the folder and the input lie in each other; write to another folder")
 
 
 def _check_target(target: str, overwrite: bool, inputs: Sequence[Path]) -> None:
@@ -256,7 +288,7 @@ def _takes_bytes_as_they_come(target: str) -> bool:
 
 def _temporary_beside(target: str) -> tuple[Path, IO[bytes]]:
     place = Path(target).resolve()
-    handle, name = tempfile.mkstemp(prefix=f".{place.name}.", suffix=".part", dir=place.parent)
+    handle, name = tempfile.mkstemp(prefix=f".{place.name[:100]}.", suffix=".part", dir=place.parent)
     temporary = Path(name)
     temporary.chmod(0o666 & ~_umask())
     return temporary, os.fdopen(handle, "wb")

@@ -18,7 +18,7 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines, predict_bearings, sight_lines
 from nlosctl.models.ranges import predict_ranges, range_circles
 
-__all__ = ["INFORMATION", "Information", "InformationModel"]
+__all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -115,3 +115,22 @@ INFORMATION: dict[str, InformationModel] = {
     "ranges": InformationModel(at=_range_information, seen_from=_ranges_seen_from),
 }
 """By kind of measurement."""
+
+
+def _unit_bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+    lines = sight_lines(batch)
+    local_x, local_y = x - lines.center_x, y - lines.center_y
+    with np.errstate(divide="ignore"):
+        return replace(lines, std_rad=1.0 / np.abs(lines.spread_m(local_x, local_y))).information(local_x, local_y)
+
+
+def _unit_range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+    circles = range_circles(replace(batch, range_std_m=np.ones_like(batch.range_std_m)))
+    return circles.information(x - circles.center_x, y - circles.center_y)
+
+
+UNIT_INFORMATION: dict[str, Callable[[Any, FloatArray, FloatArray], Symmetric2x2]] = {
+    "bearings": _unit_bearing_information,
+    "ranges": _unit_range_information,
+}
+"""Information of points (B,) if every row told its line or circle of position with a std of 1 m: the geometry alone."""

@@ -124,7 +124,7 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
             places = block.snapshot
             batch = settings.apply(batch)
             _write_bounds(arrays, places, model.at(batch, x[places], y[places]), settings)
-        yield bound_table(arrays, schema, chunk.snapshot)
+        yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 
 def _may_be_direct(chunk: Chunk) -> npt.NDArray[np.bool_]:

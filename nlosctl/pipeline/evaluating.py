@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,9 @@ from nlosctl.io.evaluation_rows import (
 from nlosctl.io.inputs import Input
 from nlosctl.io.plain_tables import PlainReader
 
-__all__ = ["Evaluation", "evaluate_inputs", "grouping_columns", "present"]
+__all__ = ["Evaluation", "evaluate_inputs", "group_title", "grouping_columns", "is_label", "present"]
+
+_LABELS = ("file", "source", "method")
 
 Readers = Sequence[tuple[Input, PlainReader]]
 
@@ -118,6 +120,18 @@ def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
                 f"{given.name}: no column {name!r}: flags are evaluated by 'ip' against 'truth_ip', "
                 "or by 'los' against 'truth_los'"
             )
+
+
+def is_label(name: str) -> bool:
+    """Whether a key of a group says whose figures they are, and is none itself."""
+    return name in _LABELS or name.startswith("sweep_")
+
+
+def group_title(group: Mapping[str, Any]) -> str:
+    """Return in words whose figures a group holds: file, source, method, ``sweep_*``; empty where there is but one."""
+    labels = [str(group[label]) for label in _LABELS if label in group]
+    labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
+    return " ".join(labels)
 
 
 def grouping_columns(names: Sequence[str]) -> list[str]:

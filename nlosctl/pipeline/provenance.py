@@ -22,7 +22,7 @@ def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dic
     """Return the metadata of a result file: the provenance as JSON, and the scene as TOML where there is one."""
     provenance = {"version": __version__, "command": command, **content}
     metadata = {PROVENANCE_KEY: provenance_text(provenance)}
-    if scene.sensors or scene.reflectors:
+    if scene != Scene():
         metadata[SCENE_KEY.decode()] = scene_to_toml(scene)
     return metadata
 

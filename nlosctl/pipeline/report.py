@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +48,24 @@ class MethodTally:
         self.tested += int(testable.sum())
         self.badly_fitted += int((gammaincc(degrees, cost[testable]) < _BAD_FIT_P_VALUE).sum())
 
+    def counts(self) -> dict[str, Any]:
+        """Return all counts as plain values, for `take`."""
+        return {
+            "statuses": dict(self.statuses),
+            "tested": self.tested,
+            "badly_fitted": self.badly_fitted,
+            "on_edge": self.on_edge,
+            "verdicts": dict(self.verdicts),
+        }
+
+    def take(self, counts: Mapping[str, Any]) -> None:
+        """Add the counts of another part of the run."""
+        self.statuses.update(counts["statuses"])
+        self.verdicts.update(counts["verdicts"])
+        self.tested += counts["tested"]
+        self.badly_fitted += counts["badly_fitted"]
+        self.on_edge += counts["on_edge"]
+
     @property
     def answered(self) -> int:
         """How many snapshots and targets got a position."""
@@ -61,7 +79,10 @@ class MethodTally:
 
 @dataclass
 class RunReport:
-    """Counts of a run over measurements. ``snapshots_lost`` had bad rows only: they are not among ``snapshots``."""
+    """Counts of a run over measurements. ``snapshots_lost`` had bad rows only: they are not among ``snapshots``.
+
+    ``flat_plane`` is the largest error of a plane on earth, by unit: see `nlosctl.pipeline.flat_plane`.
+    """
 
     kind: str
     inputs: list[dict[str, Any]]
@@ -71,7 +92,30 @@ class RunReport:
     snapshots: int = 0
     snapshots_lost: int = 0
     methods: dict[str, MethodTally] = field(default_factory=dict)
+    flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+
+    _COUNTED: ClassVar[tuple[str, ...]] = ("rows", "rows_left_out", "bad_rows", "snapshots", "snapshots_lost")
+
+    def counts(self) -> dict[str, Any]:
+        """Return all counts as plain values, for `take`."""
+        methods = {name: tally.counts() for name, tally in self.methods.items()}
+        counted = {name: getattr(self, name) for name in self._COUNTED}
+        return {**counted, "methods": methods, "inputs": self.inputs, "flat_plane": self.flat_plane}
+
+    def take(self, counts: Mapping[str, Any]) -> None:
+        """Add the counts of another part of the run, which follows those taken before."""
+        for name in self._COUNTED:
+            setattr(self, name, getattr(self, name) + counts[name])
+        for name, tally in self.methods.items():
+            tally.take(counts["methods"][name])
+        for unit, worst in counts["flat_plane"].items():
+            self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
+        for given in counts["inputs"]:
+            if self.inputs and self.inputs[-1]["name"] == given["name"]:
+                self.inputs[-1] = {**given, "rows": self.inputs[-1]["rows"] + given["rows"]}
+            else:
+                self.inputs.append(dict(given))
 
     @property
     def unanswered(self) -> int:

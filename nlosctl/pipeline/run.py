@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,16 @@ from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
 from nlosctl.io.measurements import Chunk, MeasurementReader
 from nlosctl.io.result_tables import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
+from nlosctl.io.sweep_columns import SweepColumns
+from nlosctl.pipeline.flat_plane import FlatPlaneTally
+from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.sweeps import refuse_swept_columns
 from nlosctl.pipeline.workers import map_in_order
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
@@ -42,21 +48,33 @@ class RunSettings:
     want_flags: bool = False
     want_details: bool = False
     want_trace: bool = False
+    ellipse: float | None = None
+    add: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
             if getattr(self, name) < least:
                 raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+        if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:
+            raise UsageError(f"--ellipse must be a probability between 0 and 1. Got {self.ellipse!r} instead.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
-    """The Arrow tables of one chunk, None if not wanted; ``rows`` is how many input rows they answer."""
+    """The Arrow tables of one chunk by name, those that are wanted; ``rows`` is how many input rows they answer."""
 
-    estimates: Any | None
-    flags: Any | None
+    named: Mapping[str, Any]
     rows: int
-    trace: Any | None = None
+
+    @property
+    def estimates(self) -> Any | None:
+        """The estimates, None if not wanted."""
+        return self.named.get("estimates")
+
+    @property
+    def flags(self) -> Any | None:
+        """The flags, None if not wanted."""
+        return self.named.get("flags")
 
 
 class MeasurementRun:
@@ -68,6 +86,10 @@ class MeasurementRun:
     def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
         self._reader, self._runs, self._settings = reader, tuple(runs), settings
         methods = tuple(run.spec.name for run in self._runs)
+        if "gdop" in settings.add:
+            refuse_gdop(reader.kind, self._runs)
+        refuse_swept_columns([run.sweep for run in self._runs], reader.column_names)
+        sweeps = SweepColumns([run.sweep for run in self._runs])
         self._estimates_layout = EstimatesLayout(
             methods=methods,
             input_schema=reader.schema,
@@ -75,6 +97,9 @@ class MeasurementRun:
             measurement_name=self._measurement_name(),
             with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
             with_source=reader.has_several_sources,
+            frame=None if reader.scene.frame is None else reader.scene.frame.words,
+            wanted=precision_columns(settings.ellipse, settings.add),
+            sweeps=sweeps,
         )
         self._flags_layout = FlagsLayout(
             methods=methods,
@@ -82,13 +107,30 @@ class MeasurementRun:
             said=self._said(),
             constants=reader.constants,
             with_source=reader.has_several_sources,
+            sweeps=sweeps,
         )
         self._trace_layout = TraceLayout(
-            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources
+            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources, sweeps=sweeps
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
-            raise UsageError(f"--trace-out: {', '.join(methods)} has no steps to trace; sequential has")
-        self.report = RunReport(kind=reader.kind, inputs=[], methods={name: MethodTally() for name in methods})
+            raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
+        self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
+        self._flat_plane = FlatPlaneTally(reader.scene.frame, self.report.flat_plane)
+
+    @property
+    def reader(self) -> MeasurementReader:
+        """What the run reads."""
+        return self._reader
+
+    @property
+    def schemas(self) -> dict[str, Any]:
+        """The Arrow schema of every table that can be asked for, by its name."""
+        schemas = {"estimates": self.estimates_schema, "flags": self.flags_schema}
+        return {**schemas, "trace": self.trace_schema} if self._settings.want_trace else schemas
+
+    def again(self, jobs: int) -> Callable[[MeasurementReader], MeasurementRun]:
+        """Return what starts an equal run over another reader; it can be sent to another process."""
+        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=jobs))
 
     @property
     def estimates_schema(self) -> Any:
@@ -119,13 +161,28 @@ class MeasurementRun:
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
+        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self._reader.scene)
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the methods, their parameters, and what else of the settings makes the results, as plain values."""
         settings = self._settings
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
-        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
-        content = {"methods": methods, "seed": self._settings.seed, "inputs": described, "field": str(settings.field)}
+        content = {"methods": methods, "seed": settings.seed, "field": str(settings.field)}
         if settings.target_z_m is not None:
             content["target_z_m"] = settings.target_z_m
-        return file_metadata(command, content, self._reader.scene)
+        return content
+
+    def choices(self) -> dict[str, Any]:
+        """Return what else must be the same for two runs to write the same tables, as plain values."""
+        settings = self._settings
+        return {
+            "alternatives": settings.alternatives,
+            "carry": list(settings.carry),
+            "details": settings.want_details,
+            "ellipse": settings.ellipse,
+            "add": list(settings.add),
+        }
 
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
@@ -154,31 +211,33 @@ class MeasurementRun:
             self._runs,
             block_size=settings.block_size,
             alternatives=settings.alternatives,
-            want_flags=settings.want_flags,
+            want_flags=settings.want_flags or "gdop" in settings.add,
             want_details=settings.want_details,
             want_trace=settings.want_trace,
         )
-        estimates_table = None
+        named: dict[str, Any] = {}
         if settings.want_estimates and estimates is not None:
             arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
-            estimates_table = self._estimates_layout.table(
+            arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
+            arrays |= precision_of(estimates, settings.ellipse, settings.add)
+            if "gdop" in settings.add:
+                arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
+            named["estimates"] = self._estimates_layout.table(
                 arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
             )
-        flags_table = None
         if settings.want_flags:
             counts = np.diff(chunk.offsets)
-            flags_table = self._flags_layout.table(
+            named["flags"] = self._flags_layout.table(
                 [(flag.used, flag.columns) for flag in flags],
                 rows=chunk.table,
                 snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
                 source=chunk.source,
             )
-        trace_table = None
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
-            trace_table = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
-        tables = ChunkTables(estimates=estimates_table, flags=flags_table, rows=chunk.table.num_rows, trace=trace_table)
-        return estimates, flags, tables
+            named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
+        self._flat_plane.add(problem, estimates)
+        return estimates, flags, ChunkTables(named=named, rows=chunk.table.num_rows)
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
@@ -200,14 +259,14 @@ class MeasurementRun:
     def _count_flags(self, flags: Sequence[FlatFlags]) -> None:
         for run, said in zip(self._runs, flags, strict=False):
             if run.spec.job != "localize":
-                self.report.methods[run.spec.name].add_verdicts(said.columns)
+                self.report.methods[run.label].add_verdicts(said.columns)
 
     def _count(self, estimates: FlatEstimates) -> None:
         best = estimates.alternative == 0
         for number, run in enumerate(self._runs):
             mine = best & (estimates.method == number)
             cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
-            tally = self.report.methods[run.spec.name]
+            tally = self.report.methods[run.label]
             tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
             tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
 
@@ -218,9 +277,14 @@ class MeasurementRun:
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
+        self.add_notes(read.remarks)
+
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add to the report what its counts say; ``remarks`` are the reader's."""
         self.report.notes += [
-            *read.remarks,
+            *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
+            *self._flat_plane.remarks(),
             *self._unused_ranges(),
             *self._edge_remarks(),
             *self._hopeless(),
@@ -228,14 +292,14 @@ class MeasurementRun:
         ]
 
     def _edge_remarks(self) -> list[str]:
-        tallies = [(run.spec.name, self.report.methods[run.spec.name]) for run in self._runs if run.spec.searches]
+        tallies = [(run.label, self.report.methods[run.label]) for run in self._runs if run.spec.searches]
         return [
             f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
             for name, tally in tallies
         ]
 
     def _unused_ranges(self) -> list[str]:
-        takers = [run.spec.name for run in self._runs if "range_m" not in run.spec.reads]
+        takers = dict.fromkeys(run.spec.name for run in self._runs if "range_m" not in run.spec.reads)
         if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
             return []
         return [f"the column 'range_m' is not used by {', '.join(takers)}"]
@@ -250,7 +314,7 @@ class MeasurementRun:
 
     def _advice(self) -> list[str]:
         robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}
-        advised = "; try --method mixture-ml" if "mixture-ml" in robust - self.report.methods.keys() else ""
+        advised = "; try --method mixture-ml" if "mixture-ml" in robust - {run.spec.name for run in self._runs} else ""
         return [
             f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
             f"their standard deviations explain{advised}"

@@ -33,10 +33,17 @@ _EDGE_SHARE = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class MethodRun:
-    """A method with the options of this run."""
+    """A method with the options of this run; ``sweep`` are those that the run sweeps, with their values here."""
 
     spec: MethodSpec
     options: Any
+    sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The name of the method, with the swept values."""
+        values = ", ".join(f"{key}={value}" for key, value in self.sweep.items())
+        return f"{self.spec.name} ({values})" if values else self.spec.name
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from nlosctl.errors import UsageError, did_you_mean
 if TYPE_CHECKING:
     from nlosctl.scenarios.spec import ScenarioSpec
 
-__all__ = ["find_scenario", "scenarios"]
+__all__ = ["find_scenario", "scenario_module", "scenarios"]
 
 _MODULES = {
     "echo-field": "nlosctl.scenarios.echo_field",
@@ -52,6 +52,11 @@ class _Catalogue(Mapping[str, "ScenarioSpec"]):
 def scenarios() -> Mapping[str, ScenarioSpec]:
     """Return all scenarios by name; iterating over the names, or ``in``, imports nothing."""
     return _Catalogue()
+
+
+def scenario_module(name: str) -> str | None:
+    """Return the name of the module that a scenario is in, or None; imports nothing."""
+    return _MODULES.get(name)
 
 
 def find_scenario(name: str) -> ScenarioSpec:

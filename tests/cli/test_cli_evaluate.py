@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 from cli_support import FIXTURES, GOOD, Outcome, table_csv
 from scipy import stats
+
+from nlosctl.contract.tables import SCORES
+from nlosctl.evaluation.summaries import DetectionSummary, EstimateSummary, FlagSummary, TargetSummary
 
 Cli = Callable[..., Outcome]
 
@@ -118,7 +123,11 @@ def test_rows_without_a_fix_are_infinite_in_the_percentiles_alone(cli: Cli, tmp_
 def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -> None:
     """In the table a percentile that rows without a fix reach is ``inf``, not the ``-`` of a missing figure."""
     write(tmp_path)
-    shown = dict(line.split()[:2] for line in cli("evaluate", "e.csv").text.splitlines() if "status" not in line)
+    shown = dict(
+        line.split()[:2]
+        for line in cli("evaluate", "e.csv", "--format", "text").text.splitlines()
+        if "status" not in line
+    )
     assert shown["p95_m"] == "inf"
 
 
@@ -130,7 +139,7 @@ def test_figures_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
     agree(told["groups"][0], by_hand([0, 2, 4, 6]))
     agree(told["groups"][1], by_hand([1, 3, 5, 7]))
     agree(told["overall"], by_hand(list(range(8))))
-    shown = cli("evaluate", "e.csv").text.splitlines()[0].split()
+    shown = cli("evaluate", "e.csv", "--format", "text").text.splitlines()[0].split()
     assert shown == ["figure", "ml", "ls", "overall"]
 
 
@@ -214,7 +223,15 @@ def test_only_the_first_alternative_counts_unless_told(cli: Cli, tmp_path: Path)
         (["rmse_m>5", "fix_rate<1"], 4),
         (["p95_m>1e9"], 4),
         (["coverage_95<0.95"], 4),
+        (["ml:rmse_m>3"], 4),
+        ([" ml : rmse_m > 5 "], 0),
+        (["rows==8"], 4),
+        (["rows!=8"], 0),
+        (["rows!=8", "ml:rows==8"], 4),
         (["rmse>5"], 2),
+        (["ls:rmse_m>5"], 2),
+        (["rmse_m>nan"], 2),
+        (["rmse_m>5", "method>1"], 2),
         (["rmse_m=5"], 2),
         (["rmse_m>five"], 2),
         (["statuses>5"], 2),
@@ -235,6 +252,39 @@ def test_a_condition_holds_for_every_method(cli: Cli, tmp_path: Path) -> None:
     outcome = cli("evaluate", "e.csv", "--fail-if", "rmse_m>6")
     assert outcome.code == 4
     assert "ls" in outcome.err
+
+
+def test_every_reason_is_told(cli: Cli, tmp_path: Path) -> None:
+    """Each condition says of each group that meets it why: on standard error, in ``--json`` and in the report."""
+    write(tmp_path, method=["ml", "ls"] * 4)
+    words = ["--fail-if", "rows>3", "--fail-if", "ls:rows>=4", "--fail-if", "ml:rows>4"]
+    outcome = cli("evaluate", "e.csv", "--json", "--report", "r.json", *words)
+    told = [line.removeprefix("nlosctl: ") for line in outcome.err.splitlines()]
+    assert [line.split(" is ")[0] for line in told] == ["rows of ml", "rows of ls", "rows of ls"]
+    assert told[2] == "rows of ls is 4, which meets 'ls:rows>=4'"
+    assert outcome.json["failed"] == json.loads((tmp_path / "r.json").read_text())["failed"] == told
+
+
+@pytest.mark.parametrize(
+    ("condition", "told"),
+    [
+        ("rmse>5", "no figure 'rmse' (did you mean 'rmse_m'?); there are: rows, "),
+        ("mle:rmse_m>5", "no method 'mle' in the input (did you mean 'ml'?); there are: ml"),
+    ],
+)
+def test_a_name_that_is_not_there_is_told_with_the_nearest(cli: Cli, tmp_path: Path, condition: str, told: str) -> None:
+    """An unknown figure or method of a condition is exit 2, with the nearest name and all there are."""
+    write(tmp_path)
+    outcome = cli("evaluate", "e.csv", "--fail-if", condition)
+    assert (outcome.code, outcome.out) == (2, b"")
+    assert told in outcome.err
+
+
+def test_a_sweep_is_named_in_the_reason(cli: Cli, tmp_path: Path) -> None:
+    """The reason names the value of a sweep too, and a sweep's value is no figure."""
+    write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
+    assert "rows of ml sigma_deg=1.0 is 4" in cli("evaluate", "e.csv", "--fail-if", "rows<5").err
+    assert cli("evaluate", "e.csv", "--fail-if", "sweep_sigma_deg>0").code == 2
 
 
 def test_a_condition_that_is_none_is_told_before_the_table(cli: Cli, tmp_path: Path) -> None:
@@ -296,3 +346,29 @@ def test_measurements_are_no_estimates(cli: Cli) -> None:
     outcome = cli("evaluate", FIXTURES / "good_bearings.csv")
     assert outcome.code == 1
     assert "'method'" in outcome.err
+
+
+def test_the_table_has_the_figures(cli: Cli, tmp_path: Path) -> None:
+    """``-o`` writes a row per group with the figures of ``--json``; what is no finite number is empty."""
+    write(tmp_path, method=["ml", "ls"] * 4)
+    assert cli("evaluate", "e.csv", "-o", "scores.parquet").code == 0
+    table = pyarrow.parquet.read_table(tmp_path / "scores.parquet").to_pylist()
+    told = cli("evaluate", "e.csv", "--json").json["groups"]
+    for row, group in zip(table, told, strict=True):
+        assert row.pop("of") == "estimates"
+        statuses = group.pop("statuses")
+        assert {name: row.pop(name) for name in list(row) if name.startswith("status_") and row[name]} == {
+            f"status_{word}": count for word, count in statuses.items()
+        }
+        assert {name: value for name, value in row.items() if not name.startswith("status_")} == group
+    refused = cli("evaluate", "e.csv", "-o", "scores.parquet")
+    assert refused.code == 1
+    assert "exists already" in refused.err
+    assert cli("evaluate", "e.csv", "-o", "text.csv", "--format", "text").code == 2
+
+
+def test_every_figure_is_a_column_of_the_contract() -> None:
+    """The schema of scores has each figure there is, but for the curves."""
+    summaries = (EstimateSummary, FlagSummary, DetectionSummary, TargetSummary)
+    names = {field.name for summary in summaries for field in dataclasses.fields(summary)}
+    assert names - {column.name for column in SCORES.columns} == {"statuses", "roc"}

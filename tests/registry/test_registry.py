@@ -6,10 +6,12 @@ import dataclasses
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
 from nlosctl import registry
+from nlosctl.contract import methods
 from nlosctl.errors import MethodError, UsageError
 from nlosctl.methods import bearings_ml
 
@@ -132,11 +134,61 @@ def test_a_broken_entry_is_told_with_its_fault(installed: list[EntryPoint], name
     assert says in str(caught.value)
 
 
-def test_another_contract_version_is_refused(monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint]) -> None:
-    """A plugin of another contract version is refused, with both versions."""
-    monkeypatch.setattr(bearings_ml, "METHOD", dataclasses.replace(bearings_ml.METHOD, contract_version=0))
-    with pytest.raises(MethodError, match="was written for contract version 0, this is 1"):
-        registry.load(entry(installed[0]))
+@pytest.mark.parametrize(
+    ("stated", "fault"),
+    [
+        (None, "doesn't say for which contract version it was written: give its MethodSpec contract_version=3"),
+        (4, "was written for contract version 4, newer than 3 of this nlosctl: upgrade nlosctl"),
+        (1, "was written for contract version 1, older than 2, the oldest that this nlosctl works with: upgrade the"),
+    ],
+)
+def test_another_contract_version_is_refused(
+    monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], stated: int | None, fault: str
+) -> None:
+    """A plugin that is newer or older than what is supported, or says nothing, is told so with the cure."""
+    set_versions(monkeypatch, stated)
+    installed.append(point("bearings.ml", distribution="other"))
+    with pytest.raises(MethodError) as caught:
+        registry.load(entry(installed[-1]))
+    assert str(caught.value).startswith(f"method 'bearings.ml' of other 1.0 {fault}")
+
+
+@pytest.mark.parametrize("stated", [2, 3])
+def test_every_supported_contract_version_is_taken(
+    monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], stated: int
+) -> None:
+    """A plugin of the newest, or of the oldest supported, contract version is loaded; built-in ones state none."""
+    set_versions(monkeypatch, stated)
+    installed.append(point("bearings.ml", distribution="other"))
+    assert registry.load(entry(installed[-1])).contract_version == stated
+    set_versions(monkeypatch, None)
+    assert registry.load(entry(installed[0])).name == "ml"
+
+
+def set_versions(monkeypatch: pytest.MonkeyPatch, stated: int | None) -> None:
+    """Have this nlosctl support contract versions 2 and 3, and a method state its own."""
+    monkeypatch.setattr(methods, "CONTRACT_VERSION", 3)
+    monkeypatch.setattr(methods, "OLDEST_CONTRACT_VERSION", 2)
+    monkeypatch.setattr(bearings_ml, "METHOD", dataclasses.replace(bearings_ml.METHOD, contract_version=stated))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from nlosctl.contract.methods import NoSuchName",
+        "from nlosctl.contract.methods import MethodSpec; MethodSpec(new=1)",
+    ],
+)
+def test_a_plugin_that_knows_too_much_is_told_of_the_version(
+    monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], tmp_path: Path, source: str
+) -> None:
+    """A plugin that fails on a name or an argument that the contract lacks is told which version this one is."""
+    (tmp_path / "too_new_plugin.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "too_new_plugin", raising=False)
+    installed.append(point("bearings.new", "too_new_plugin:METHOD", "plugin"))
+    with pytest.raises(MethodError, match=r"can't be loaded: .* \(this nlosctl has contract version 1\)"):
+        registry.load(entry(installed[-1]))
 
 
 def test_listing_imports_no_method_and_no_numpy() -> None:

@@ -13,11 +13,15 @@ ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
 
 @dataclass(frozen=True, kw_only=True)
 class Spelling:
-    """Another name for a column, in another unit: ``canonical = value * scale + offset``."""
+    """Another name for a column, in another unit: ``canonical = value * scale + offset``.
+
+    With ``from_north`` it is a direction from true north, wherever the plane lies on the earth.
+    """
 
     name: str
     scale: float
     offset: float = 0.0
+    from_north: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +32,8 @@ class Column:
     option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
     the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
     or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
-    flags that are said only in a scene with circles.
+    flags that are said only in a scene with circles. ``earth_place`` names the place on earth (see `EARTH_PLACES`)
+    whose latitude and longitude can tell it.
     """
 
     name: str
@@ -46,6 +51,7 @@ class Column:
     names_reflector: bool = False
     carried: bool = False
     of_circles: bool = False
+    earth_place: str = ""
     spellings: tuple[Spelling, ...] = ()
 
 
@@ -54,7 +60,8 @@ class Table:
     """A table: its name, title and columns in order.
 
     ``row_key`` names the columns that, besides ``snapshot``, no two measurements may have all equal.
-    ``measurement_name`` names the column that estimates of single measurements carry.
+    ``measurement_name`` names the column that estimates of single measurements carry. ``together`` names groups of
+    optional columns that say something only together: a file has all of a group or none, and so has every row.
     """
 
     name: str
@@ -62,6 +69,7 @@ class Table:
     columns: tuple[Column, ...]
     row_key: tuple[str, ...] = ()
     measurement_name: str = ""
+    together: tuple[tuple[str, ...], ...] = ()
 
     def column(self, name: str) -> Column:
         """Return the column called ``name``; raise KeyError where there is none."""

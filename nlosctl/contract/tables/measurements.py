@@ -7,7 +7,10 @@ import math
 
 from nlosctl.contract.tables.columns import Column, Spelling, Table
 
-__all__ = ["BEARINGS", "RANGES", "TRIPLETS", "TRUTH_POSITION"]
+__all__ = ["BEARINGS", "EARTH_PLACES", "RANGES", "TRIPLETS", "TRUTH_POSITION"]
+
+EARTH_PLACES = ("sensor", "truth", "prior", "tx", "rx")
+"""Places whose ``_x_m`` and ``_y_m`` may be told as ``_lat_deg`` and ``_lon_deg`` (WGS 84)."""
 
 _DEGREE = math.pi / 180.0
 
@@ -17,9 +20,32 @@ _SNAPSHOT = Column(
     meaning="rows that share it are solved together; without the column a file is one snapshot",
 )
 
+
+def _on_earth(place: str, meaning: str) -> tuple[Column, Column]:
+    return (
+        Column(
+            name=f"{place}_lat_deg",
+            type="number",
+            unit="deg",
+            nullable=True,
+            carried=True,
+            meaning=f"{meaning}: latitude (WGS 84), in place of {place}_x_m and {place}_y_m",
+        ),
+        Column(
+            name=f"{place}_lon_deg",
+            type="number",
+            unit="deg",
+            nullable=True,
+            carried=True,
+            meaning=f"{meaning}: longitude (WGS 84)",
+        ),
+    )
+
+
 TRUTH_POSITION = (
     Column(name="truth_x_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position"),
     Column(name="truth_y_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position"),
+    *_on_earth("truth", "true source position"),
 )
 """The true position of a row's source."""
 
@@ -54,8 +80,25 @@ _EARLIER_FLAGS = (
 
 _SENSOR = (
     Column(name="sensor", type="identifier", required=True, meaning="name of the sensor"),
-    Column(name="sensor_x_m", type="number", unit="m", required=True, scene_axis=0, meaning="sensor position, x"),
-    Column(name="sensor_y_m", type="number", unit="m", required=True, scene_axis=1, meaning="sensor position, y"),
+    Column(
+        name="sensor_x_m",
+        type="number",
+        unit="m",
+        required=True,
+        scene_axis=0,
+        earth_place="sensor",
+        meaning="sensor position, x",
+    ),
+    Column(
+        name="sensor_y_m",
+        type="number",
+        unit="m",
+        required=True,
+        scene_axis=1,
+        earth_place="sensor",
+        meaning="sensor position, y",
+    ),
+    *_on_earth("sensor", "sensor position"),
 )
 
 _RANGE = (
@@ -96,6 +139,7 @@ BEARINGS = Table(
     name="bearings",
     title="Bearings: directions from sensors to where a wave comes from",
     row_key=("sensor", "sensor_x_m", "sensor_y_m", "path", "reflector"),
+    together=(tuple(column.name for column in _PRIOR),),
     columns=(
         _SNAPSHOT,
         *_SENSOR,
@@ -109,7 +153,7 @@ BEARINGS = Table(
             meaning="direction from the sensor to where the wave comes from, counter-clockwise from +x",
             spellings=(
                 Spelling(name="bearing_deg", scale=_DEGREE),
-                Spelling(name="azimuth_deg", scale=-_DEGREE, offset=0.5 * math.pi),
+                Spelling(name="azimuth_deg", scale=-_DEGREE, offset=0.5 * math.pi, from_north=True),
             ),
         ),
         Column(
@@ -138,6 +182,7 @@ BEARINGS = Table(
         ),
         *_RANGE,
         *_PRIOR,
+        *_on_earth("prior", "where the source was expected before"),
         *_TRUTH,
         *_EARLIER_FLAGS,
     ),
@@ -177,15 +222,19 @@ RANGES = Table(
 _SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 
-def _node(name: str, meaning: str) -> tuple[Column, Column]:
-    return (
+def _node(name: str, meaning: str) -> tuple[Column, ...]:
+    axes = (
         Column(
-            name=f"{name}_x_m", type="number", unit="m", required=True, meaning=f"{meaning} position, x to the east"
-        ),
-        Column(
-            name=f"{name}_y_m", type="number", unit="m", required=True, meaning=f"{meaning} position, y to the north"
-        ),
+            name=f"{name}_{axis}_m",
+            type="number",
+            unit="m",
+            required=True,
+            earth_place=name,
+            meaning=f"{meaning} position, {axis} to the {side}",
+        )
+        for axis, side in (("x", "east"), ("y", "north"))
     )
+    return (*axes, *_on_earth(name, f"{meaning} position"))
 
 
 def _direction(name: str, meaning: str) -> tuple[Column, Column]:
@@ -257,7 +306,7 @@ TRIPLETS = Table(
                 Spelling(name="toa_std_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
             ),
         ),
-        *_TRUTH[:2],
+        *TRUTH_POSITION,
         Column(
             name="truth_ip",
             type="boolean",

@@ -7,7 +7,45 @@ import dataclasses
 from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.measurements import TRUTH_POSITION
 
-__all__ = ["BOUND", "ESTIMATES", "FLAGS", "TRACE", "TRUTH"]
+__all__ = ["BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "PRECISION", "TRACE", "TRUTH"]
+
+ELLIPSE = (
+    Column(
+        name="semi_major_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        meaning="semi-axis of the ellipse that holds ellipse_probability of Gaussian errors",
+    ),
+    Column(name="semi_minor_m", type="number", unit="m", nullable=True, meaning="its other semi-axis"),
+    Column(
+        name="orientation_rad",
+        type="number",
+        unit="rad",
+        nullable=True,
+        meaning="direction of its major axis, counter-clockwise from +x",
+    ),
+    Column(name="ellipse_probability", type="number", nullable=True, meaning="what --ellipse asked for"),
+)
+"""The columns that ``--ellipse`` adds to estimates."""
+
+PRECISION = (
+    Column(
+        name="cep50_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        meaning="radius of the circle about x, y that holds half of Gaussian errors",
+    ),
+    Column(
+        name="gdop",
+        type="number",
+        nullable=True,
+        meaning="geometric dilution of precision: root of the trace of the covariance if each row used told its line "
+        "or circle of position with a std of 1 m",
+    ),
+)
+"""The columns that ``--add`` may ask for."""
 
 ESTIMATES = Table(
     name="estimates",
@@ -64,6 +102,16 @@ ESTIMATES = Table(
             nullable=True,
             meaning="what the covariance accounts for: inliers or posterior (robust methods)",
         ),
+        Column(name="lat_deg", type="number", unit="deg", nullable=True, meaning="latitude of x, y (WGS 84)"),
+        Column(name="lon_deg", type="number", unit="deg", nullable=True, meaning="longitude of x, y (WGS 84)"),
+        Column(
+            name="frame",
+            type="text",
+            nullable=True,
+            meaning="how the plane lies on earth: a CRS, or latitude and longitude of the origin, and any rotation",
+        ),
+        *ELLIPSE,
+        *PRECISION,
         *TRUTH_POSITION,
     ),
 )
@@ -215,6 +263,6 @@ TRUTH = Table(
     title="Truth: the true position of the source of each snapshot",
     columns=(
         Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
-        *(dataclasses.replace(column, required=True) for column in TRUTH_POSITION),
+        *(dataclasses.replace(column, required=True) for column in TRUTH_POSITION[:2]),
     ),
 )

@@ -87,4 +87,5 @@ METHOD = MethodSpec(
     solve=solve,
     cost="none (always 0)",
     minimum_measurements=3,
+    contract_version=1,
 )

@@ -1,0 +1,45 @@
+"""The manifest of a folder output: what was done, with what, and what each part file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["make_manifest", "plan_of_manifest", "records_of_manifest"]
+
+_OWN = ("table", "rows", "report")
+
+
+def make_manifest(
+    table: str,
+    plan: Mapping[str, Any],
+    records: Sequence[Mapping[str, Any]],
+    report: Mapping[str, Any],
+    *,
+    is_main: bool,
+) -> dict[str, Any]:
+    """Return the manifest of one table's folder as plain values; nothing in it differs between equal runs.
+
+    ``plan`` is all that the results depend on, ``records`` are the parts in order. The first table's manifest holds
+    all that `records_of_manifest` gives back.
+    """
+    parts = []
+    for record in records:
+        entry = {**record["files"][table], "input": record["input"]}
+        parts.append({**entry, "record": record} if is_main else entry)
+    inputs = [{**given, "rows": record["rows"]} for given, record in zip(plan["inputs"], records, strict=True)]
+    rows = sum(part["rows"] for part in parts)
+    return {**plan, "table": table, "inputs": inputs, "rows": rows, "parts": parts, "report": report}
+
+
+def plan_of_manifest(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the plan that a manifest was made of."""
+    plan = {name: value for name, value in manifest.items() if name not in _OWN}
+    plan["inputs"] = [{name: value for name, value in given.items() if name != "rows"} for given in plan["inputs"]]
+    plan["parts"] = [part["name"] for part in plan["parts"]]
+    return plan
+
+
+def records_of_manifest(manifest: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
+    """Return the records of the parts by their numbers, as far as the manifest has them."""
+    return {number: part["record"] for number, part in enumerate(manifest["parts"]) if "record" in part}

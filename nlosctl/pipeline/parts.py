@@ -1,0 +1,84 @@
+"""The work of a run cut into parts of its input: each gives part files and a record, alone and in any order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from nlosctl.io.file_format import FileFormat
+from nlosctl.io.inputs import Input
+from nlosctl.io.look_ahead import LookAhead
+from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.run_folder import RunFolder, describe_file
+from nlosctl.io.write import BadRowWriter, TableWriter
+from nlosctl.pipeline.writing import Run, write_tables
+
+__all__ = ["BAD_ROWS", "PartWork"]
+
+BAD_ROWS = "bad_rows"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartWork:
+    """All that is needed to make any part of a run: words, options and names, no data; it can be sent anywhere.
+
+    ``roots`` are the folders of the tables by their names, ``names`` the part files in each; the part of that number
+    answers ``places`` (place of the input, place of the part within).
+    """
+
+    command: str
+    inputs: tuple[Input, ...]
+    options: ReadOptions
+    found: LookAhead
+    start: Callable[[MeasurementReader], Run]
+    roots: Mapping[str, str]
+    names: tuple[str, ...]
+    places: tuple[tuple[int, int], ...]
+    format: FileFormat
+    with_hash: bool
+
+    def make(self, number: int, progress: Callable[[int], None] = lambda rows: None) -> dict[str, Any]:
+        """Write the files of one part, remember that it is done, and return its record.
+
+        The files are whole under their names before the record is; made twice they are the same to the byte.
+        """
+        group, place = self.places[number]
+        given = self.inputs[group]
+        own = Input(name=given.name, parts=(given.parts[place],))
+        reader = MeasurementReader(self.inputs, self.options, found=self.found, only=(group, place))
+        run = self.start(reader)
+
+        def metadata() -> dict[str, str]:
+            return run.metadata(self.command, [own], with_hash=self.with_hash)
+
+        with ExitStack() as stack:
+            writers = {table: stack.enter_context(self._writer(table, number, run, metadata())) for table in self.roots}
+            if BAD_ROWS in writers:
+                reader.set_bad_rows_aside(BadRowWriter(writers[BAD_ROWS]))
+            sinks = {table: writer for table, writer in writers.items() if table != BAD_ROWS}
+            write_tables(run, sinks, metadata, progress)
+        files = {
+            table: describe_file(self.roots[table], self.names[number], writer.rows)
+            for table, writer in writers.items()
+        }
+        name = own.parts[0].name
+        record = {
+            "input": name,
+            "rows": reader.report.rows_by_file.get(name, 0),
+            "files": files,
+            "counts": run.report.counts(),
+            "span": asdict(reader.spans[0]),
+        }
+        RunFolder(self.roots).keep(number, record)
+        return record
+
+    def _writer(self, table: str, number: int, run: Run, metadata: Mapping[str, str]) -> TableWriter:
+        schema = BadRowWriter.schema(self.found.schema.names) if table == BAD_ROWS else run.schemas[table]
+        target = Path(self.roots[table]) / self.names[number]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        return TableWriter(
+            str(target), schema, format=self.format, overwrite=True, metadata={} if table == BAD_ROWS else metadata
+        )

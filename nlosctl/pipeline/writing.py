@@ -1,0 +1,96 @@
+"""From a run to what takes its tables, whatever the run is of and whatever takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+from nlosctl.io.inputs import Input
+from nlosctl.io.measurements import MeasurementReader
+from nlosctl.pipeline.run import ChunkTables
+
+__all__ = ["Report", "Run", "Sink", "write_tables"]
+
+
+class Sink(Protocol):
+    """Takes one of the tables of a run."""
+
+    def write(self, table: Any) -> None:
+        """Take rows."""
+
+    def set_metadata(self, metadata: Mapping[str, str]) -> None:
+        """Take what there is to say of the whole table."""
+
+
+class Report(Protocol):
+    """What a run did, as counts that can be added up and as words."""
+
+    notes: list[str]
+
+    @property
+    def snapshots(self) -> int:
+        """How many snapshots there were."""
+
+    def counts(self) -> dict[str, Any]:
+        """Return all counts as plain values, for `take`."""
+
+    def take(self, counts: Mapping[str, Any]) -> None:
+        """Add the counts of another part of the run."""
+
+    def lines(self) -> list[str]:
+        """Return the summary."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain values for JSON."""
+
+
+class Run(Protocol):
+    """Measurements to tables: a run of methods, or of the bound."""
+
+    @property
+    def reader(self) -> MeasurementReader:
+        """What the run reads."""
+
+    @property
+    def report(self) -> Report:
+        """What the run did; complete when ``tables`` has ended."""
+
+    @property
+    def schemas(self) -> Mapping[str, Any]:
+        """The Arrow schema of every table that can be asked for, by its name."""
+
+    def again(self, jobs: int) -> Callable[[MeasurementReader], Run]:
+        """Return what starts an equal run over another reader; it can be sent to another process."""
+
+    def provenance(self) -> dict[str, Any]:
+        """Return what makes the results, as plain values."""
+
+    def choices(self) -> dict[str, Any]:
+        """Return what else must be the same for two runs to write the same tables, as plain values."""
+
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+        """Return the metadata of the result files."""
+
+    def tables(self) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order."""
+
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add to the report what its counts say, and the reader's remarks."""
+
+
+def write_tables(
+    run: Run, sinks: Mapping[str, Sink], metadata: Callable[[], Mapping[str, str]], progress: Callable[[int], None]
+) -> None:
+    """Run to the end and hand each table to the sink of its name, the metadata when all is known.
+
+    ``progress`` is told how many rows of the input have been done.
+    """
+    rows = 0
+    for tables in run.tables():
+        for name, sink in sinks.items():
+            sink.write(tables.named[name])
+        rows += tables.rows
+        progress(rows)
+    closing = metadata()
+    for sink in sinks.values():
+        sink.set_metadata(closing)

@@ -1,0 +1,155 @@
+"""Figures: one style, readable without colour, and files whose bytes depend on nothing but the figure."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.io.write import check_targets, write_bytes
+from nlosctl.plotting.library import Axes, Figure, style
+
+__all__ = [
+    "PICTURE_FORMATS",
+    "SERIES_STYLES",
+    "SeriesStyle",
+    "axis_label",
+    "figure_bytes",
+    "figure_style",
+    "new_figure",
+    "picture_format",
+    "save_figure",
+    "series_style",
+]
+
+PICTURE_FORMATS = ("png", "svg", "pdf")
+
+_STYLE = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters everywhere
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 10.0,
+    "figure.titlesize": 11.0,
+    "legend.fontsize": 8.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#d0d0d0",
+    "grid.linewidth": 0.5,
+    "axes.linewidth": 0.8,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.5,
+    "errorbar.capsize": 2.0,
+    "legend.framealpha": 0.85,
+    "image.cmap": "cividis",
+    "figure.dpi": 100.0,
+    "savefig.dpi": 200.0,
+    "svg.hashsalt": "nlosctl",
+    "svg.fonttype": "path",
+    "pdf.fonttype": 42,
+    "axes.unicode_minus": True,
+}
+_NO_DATES = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+@dataclass(frozen=True)
+class SeriesStyle:
+    """How one of several series looks: colour, line style and marker each tell it apart alone."""
+
+    color: str
+    line: str | tuple[int, tuple[float, ...]]
+    marker: str
+    filled: bool
+
+
+SERIES_STYLES = (
+    SeriesStyle("#000000", "-", "o", filled=True),
+    SeriesStyle("#d55e00", "--", "s", filled=False),
+    SeriesStyle("#0072b2", "-.", "^", filled=True),
+    SeriesStyle("#e69f00", ":", "D", filled=False),
+    SeriesStyle("#009e73", (0, (6.0, 1.5)), "v", filled=True),
+    SeriesStyle("#56b4e9", (0, (3.0, 1.0, 1.0, 1.0, 1.0, 1.0)), "x", filled=True),
+    SeriesStyle("#cc79a7", (0, (1.0, 2.5)), "P", filled=False),
+    SeriesStyle("#707070", (0, (8.0, 2.0, 2.0, 2.0)), "*", filled=True),
+)
+"""The colours of Okabe and Ito, which the colour-blind tell apart, dark and light by turns for print in grey."""
+
+
+def series_style(number: int) -> SeriesStyle:
+    """Return the style of series ``number``, from 0; after the last they begin again."""
+    return SERIES_STYLES[number % len(SERIES_STYLES)]
+
+
+@contextmanager
+def figure_style() -> Iterator[None]:
+    """Hold our style while something is drawn, whatever matplotlibrc says; also a decorator."""
+    with style.context(["default", _STYLE]):
+        yield
+
+
+@figure_style()
+def new_figure(
+    rows: int = 1, columns: int = 1, *, width_in: float = 6.4, height_in: float = 4.4, title: str | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Return an empty figure of ``width_in`` by ``height_in`` inches and its panels, row by row."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False)
+    if title:
+        figure.suptitle(title)
+    return figure, list(panels.ravel())
+
+
+def axis_label(quantity: str, unit: str) -> str:
+    """Return the label of an axis: the quantity and its unit, ``-`` where it is a pure number."""
+    return f"{quantity} [{unit or '-'}]"
+
+
+def picture_format(target: str, format: str | None = None) -> str:
+    """Return png, svg or pdf, by ``format`` or by the extension of ``target``; UsageError for anything else."""
+    word = format if format is not None else Path(target).suffix[1:]
+    if word.lower() in PICTURE_FORMATS:
+        return word.lower()
+    known = ", ".join(f".{name}" for name in PICTURE_FORMATS)
+    if format is not None:
+        raise UsageError(f"--format must be one of {', '.join(PICTURE_FORMATS)}. Got {format!r} instead.")
+    got = f"extension {'.' + word!r}" if word else "no extension"
+    raise UsageError(f"{target}: {got}; a picture's name ends in one of {known}{did_you_mean(word, PICTURE_FORMATS)}")
+
+
+@figure_style()
+def figure_bytes(figure: Figure, format: str) -> bytes:
+    """Return the picture as png, svg or pdf; the same bytes for the same figure and version of matplotlib.
+
+    The layout is settled by the first call, so that a picture does not depend on those made before.
+    """
+    if figure.get_layout_engine() is not None:
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    content = io.BytesIO()
+    figure.savefig(content, format=format, metadata=_NO_DATES[format])
+    return content.getvalue()
+
+
+def save_figure(
+    figure: Figure,
+    target: str | Path,
+    *,
+    format: str | None = None,
+    overwrite: bool = False,
+    inputs: Sequence[Path] = (),
+) -> None:
+    """Write a picture, whole or not at all; PNG, SVG or PDF by the extension, or as ``format`` says.
+
+    Raises UsageError for another extension, DataError where the file exists (without ``overwrite``), is one of
+    ``inputs`` or can't be written.
+    """
+    check_targets([str(target)], overwrite=overwrite, inputs=inputs)
+    write_bytes(str(target), figure_bytes(figure, picture_format(str(target), format)))

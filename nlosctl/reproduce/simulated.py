@@ -1,0 +1,87 @@
+"""A chunk of trials of a scenario of the package, and the fixes of its methods: what most experiments sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.api import bound, localize
+from nlosctl.contract.options import parse_options
+from nlosctl.contract.scene import Scene
+from nlosctl.io.simulated_tables import measurement_table
+from nlosctl.reproduce.experiment import Chunk
+from nlosctl.scenarios.catalogue import find_scenario
+
+__all__ = ["Fixes", "Simulated", "bound_rms_m", "fixes", "simulated"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated:
+    """The trials of a chunk, each a snapshot: flat columns (N,), the same as an Arrow table, the scene.
+
+    ``truth_m`` (T, 2) is each trial's true position.
+    """
+
+    kind: str
+    columns: Mapping[str, npt.NDArray[Any]]
+    table: Any
+    scene: Scene
+    truth_m: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixes:
+    """One method's first estimate of each trial: position (T, 2), covariance (T, 3), cost (T,), status word (T,).
+
+    NaN where there is none; ``error_m`` (T,) is the distance from the truth.
+    """
+
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    cost: FloatArray
+    status: npt.NDArray[np.object_]
+    error_m: FloatArray
+
+
+def simulated(scenario: str, chunk: Chunk, **parameters: Any) -> Simulated:
+    """Draw the chunk's trials from a scenario; raises UsageError for an unknown scenario or parameter."""
+    spec = find_scenario(scenario)
+    options = parse_options(spec.options, parameters, f"scenario {scenario!r}")
+    columns = dict(spec.generate(options, chunk.generator(), chunk.size))
+    columns["snapshot"] = columns["snapshot"] + chunk.first
+    first = np.flatnonzero(np.diff(columns["snapshot"], prepend=chunk.first - 1))
+    truth = np.stack([columns["truth_x_m"][first], columns["truth_y_m"][first]], axis=1)
+    table = measurement_table(spec.kind, columns)
+    return Simulated(kind=spec.kind, columns=columns, table=table, scene=spec.scene(options), truth_m=truth)
+
+
+def fixes(given: Simulated, chunk: Chunk, method: str, **arguments: Any) -> Fixes:
+    """Solve every trial by a method of ``localize``; ``arguments`` are those of `nlosctl.api.localize`."""
+    found = localize(
+        given.table, method=method, kind=given.kind, scene=given.scene, seed=chunk.seed, **arguments
+    ).estimates
+
+    def numbers(*names: str) -> FloatArray:
+        return np.stack([found.column(name).to_numpy(zero_copy_only=False).astype(float) for name in names], axis=-1)
+
+    position = numbers("x_m", "y_m")
+    return Fixes(
+        position_m=position,
+        covariance_m2=numbers("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
+        cost=numbers("cost")[:, 0],
+        status=np.array(found.column("status").to_pylist(), dtype=object),
+        error_m=np.hypot(*(position - given.truth_m).T),
+    )
+
+
+def bound_rms_m(given: Simulated, **arguments: Any) -> FloatArray:
+    """Return the root (T,) of the trace of each trial's Cramer-Rao bound at its truth, from its direct rows."""
+    found = bound(given.table, kind=given.kind, scene=given.scene, **arguments)
+    values: FloatArray = found.column("rms_m").to_numpy(zero_copy_only=False).astype(float)
+    return values

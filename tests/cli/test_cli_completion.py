@@ -1,0 +1,138 @@
+"""Completion in bash, zsh and fish: names of methods, parameters and the rest, installed by one command, and quick."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cli_support import PROGRAM, plain_environment
+
+from nlosctl import registry
+from nlosctl.cli.source_glance import glance
+from nlosctl.contract.options import describe_options
+from nlosctl.scenarios.catalogue import find_scenario, scenario_module, scenarios
+
+SHELLS = ["bash", "zsh", "fish"]
+HEAVY = ["numpy", "scipy", "pyarrow", "msgspec", "pandas", "matplotlib"]
+
+COMPLETE = """
+import contextlib, io, json, sys
+from nlosctl.cli.main import run
+told = io.StringIO()
+with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
+    run([])
+print(json.dumps([told.getvalue(), sorted({name.partition(".")[0] for name in sys.modules})]))
+"""
+
+CASES = {
+    "nlosctl localize -m st": ["stansfield", "stansfield-focused"],
+    "nlosctl localize --kind ranges -m ": ["mixture-ml", "ml", "r-ls", "sr-ls"],
+    "nlosctl detect-ip -m ": ["chi2", "joint", "tdaj"],
+    "nlosctl identify-los --method t": ["tca"],
+    "nlosctl localize -m ml-grid -p ": ["width_m=", "height_m=", "step_m=", "min_range_m="],
+    "nlosctl identify-los -m extended-tca -p et": ["eta="],
+    "nlosctl simulate li": ["liang"],
+    "nlosctl simulate liang -p nlos": ["nlos_range="],
+    "nlosctl methods show sequ": ["sequential"],
+    "nlosctl localize --column azi": ["azimuth_deg="],
+    "nlosctl localize --kind b": ["bearings"],
+    "nlosctl validate --input-format pa": ["parquet"],
+    "nlosctl schema trip": ["triplets"],
+    "nlosctl config show ident": ["identify-los"],
+}
+
+
+def asked(line: str, shell: str) -> dict[str, str]:
+    """Return the variables by which a shell asks for the completion of a line."""
+    if shell == "bash":
+        words = line.split(" ")
+        return {"_NLOSCTL_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+    action = {"_TYPER_COMPLETE_FISH_ACTION": "get-args"} if shell == "fish" else {}
+    return {"_NLOSCTL_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line, **action}
+
+
+def offered(line: str, shell: str) -> tuple[list[str], list[str]]:
+    """Return the words that the program offers a shell, and the top-level modules that it imported for them."""
+    done = subprocess.run(
+        [sys.executable, "-c", COMPLETE],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=plain_environment(**asked(line, shell)),
+    )
+    told, modules = json.loads(done.stdout)
+    lines = told.strip().splitlines()
+    if shell == "zsh":
+        lines = [line.removeprefix("_arguments '*: :((").split(":")[0].strip("\"()'") for line in lines]
+    return [line.split("\t")[0] for line in lines], modules
+
+
+@pytest.mark.parametrize("line", CASES)
+def test_words_are_offered(line: str) -> None:
+    """What begins as the word does is offered, of the command's own job and kind, and nothing heavy is imported."""
+    words, modules = offered(line, SHELLS[sorted(CASES).index(line) % 3])
+    assert sorted(words) == sorted(CASES[line])
+    assert [name for name in HEAVY if name in modules] == []
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_every_shell_is_offered_the_methods(shell: str) -> None:
+    """Each shell's protocol gives the same names."""
+    assert sorted(offered("nlosctl localize -m st", shell)[0]) == ["stansfield", "stansfield-focused"]
+
+
+@pytest.mark.parametrize("entry", registry.entries(), ids=lambda entry: entry.full_name)
+def test_what_the_source_says_is_what_holds(entry: registry.MethodEntry) -> None:
+    """Job, parameters and meanings as read from the source are those of the method once it is imported."""
+    told, spec = glance(entry.entry_point.module, entry.entry_point.attr), registry.load(entry)
+    assert told.job == spec.job
+    assert list(told.options) == [(item["name"], item["meaning"]) for item in describe_options(spec.options)]
+
+
+@pytest.mark.parametrize("name", scenarios())
+def test_what_the_source_of_a_scenario_says_is_what_holds(name: str) -> None:
+    """The parameters of a scenario as read from its source are those that it has."""
+    names = [item["name"] for item in describe_options(find_scenario(name).options)]
+    assert [option for option, _ in glance(str(scenario_module(name)), "SCENARIO").options] == names
+
+
+def test_a_source_that_is_not_there_says_nothing() -> None:
+    """A module that can't be found, or an attribute that it lacks, offers nothing and raises nothing."""
+    for module, attribute in (("no_such.module", "METHOD"), ("nlosctl.errors", "METHOD"), ("math", "pi")):
+        assert (glance(module, attribute).job, glance(module, attribute).options) == ("", ())
+
+
+DRIVERS = {
+    "bash": 'source ~/.bashrc; COMP_WORDS=(nlosctl localize -m st); COMP_CWORD=3; _nlosctl_completion "$0"; '
+    'printf "%s\\n" "${COMPREPLY[@]}"',
+    "fish": 'complete -C "nlosctl localize -m st"',
+}
+
+
+@pytest.mark.parametrize("shell", DRIVERS)
+def test_a_real_shell_completes_after_one_command(tmp_path: Path, shell: str) -> None:
+    """``nlosctl --install-completion`` is all it takes: the shell itself then offers the methods."""
+    if shutil.which(shell) is None:
+        pytest.skip(f"no {shell} on this machine")
+    environment = plain_environment(HOME=str(tmp_path), _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    environment.pop("XDG_CONFIG_HOME", None)
+    install = [str(PROGRAM), "--install-completion", shell]
+    assert subprocess.run(install, capture_output=True, env=environment, check=False).returncode == 0
+    command = [shell, "-c", DRIVERS[shell], *([str(PROGRAM)] if shell == "bash" else [])]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=60)
+    assert [line.split("\t")[0] for line in done.stdout.split("\n") if line] == ["stansfield", "stansfield-focused"]
+
+
+def test_zsh_is_given_its_file(tmp_path: Path) -> None:
+    """``--install-completion zsh`` writes the function and has it loaded at start."""
+    environment = plain_environment(HOME=str(tmp_path), _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    done = subprocess.run(
+        [str(PROGRAM), "--install-completion", "zsh"], capture_output=True, env=environment, check=False
+    )
+    assert done.returncode == 0
+    assert "#compdef nlosctl" in (tmp_path / ".zfunc" / "_nlosctl").read_text()
+    assert "compinit" in (tmp_path / ".zshrc").read_text()

@@ -1,0 +1,73 @@
+"""The command reference and the man page are those of the program as it is."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+
+from nlosctl.cli.main import app
+
+ROOT = Path(__file__).parents[2]
+MARKDOWN = ROOT / "docs" / "commands.md"
+MANUAL = ROOT / "man" / "nlosctl.1"
+
+
+def builder() -> Any:
+    """Return the module that writes the reference."""
+    spec = importlib.util.spec_from_file_location("build_reference", ROOT / "docs" / "build_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("path", [MARKDOWN, MANUAL], ids=lambda path: path.name)
+def test_the_reference_is_fresh(path: Path) -> None:
+    """What ``make reference`` would write is what is there."""
+    assert path.read_text(encoding="utf-8") == builder().REFERENCES[path](), "run 'make reference'"
+
+
+def leaves(command: Any = None, name: str = "nlosctl") -> dict[str, Any]:
+    """Return every command that can be called, by its full name."""
+    command = typer.main.get_command(app) if command is None else command
+    found = {} if hasattr(command, "commands") and not command.params else {name: command}
+    for word, inner in getattr(command, "commands", {}).items():
+        found.update(leaves(inner, f"{name} {word}"))
+    return found
+
+
+@pytest.mark.parametrize("name", leaves())
+def test_every_option_is_in_the_reference(name: str) -> None:
+    """A command's section has every spelling of every option, and its help, in Markdown and in the man page."""
+    page = re.search(rf"^## {name}\n(.*?)(?=^## |\Z)", MARKDOWN.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    plain = re.sub(r"\\f[BIR]|\\&", "", MANUAL.read_text(encoding="utf-8"))
+    plain = plain.replace("\\-", "-").replace("\\(aq", "'").replace("\\(ga", "`").replace("\\e", "\\")
+    manual = re.search(rf"^\.SS {name} \[OPTIONS\].*?(?=^\.S[SH] |\Z)", plain, re.MULTILINE | re.DOTALL)
+    assert page is not None
+    assert manual is not None
+    for option in leaves()[name].params:
+        for word in (*option.opts, *option.secondary_opts) if option.opts[0].startswith("-") else ():
+            assert f"`{word}`" in page[1]
+            assert re.search(rf"^(.*, )?{word}(,| |$)", manual[0], re.MULTILINE)
+        assert " ".join(option.help.split()) in page[1].replace("\\|", "|")
+
+
+def test_troff_has_nothing_to_complain_of() -> None:
+    """The man page is read without a warning."""
+    if shutil.which("groff") is None:
+        pytest.skip("no groff on this machine")
+    done = subprocess.run(["groff", "-man", "-ww", "-z", str(MANUAL)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_man_page_is_installed() -> None:
+    """The wheel puts the man page where ``man`` looks for it."""
+    assert '"man/nlosctl.1" = "share/man/man1/nlosctl.1"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")

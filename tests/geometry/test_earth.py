@@ -1,0 +1,88 @@
+"""Planes on the earth against pyproj's geodesics, and its own transformations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pyproj
+import pytest
+
+from nlosctl.errors import UsageError
+from nlosctl.geometry.earth import EarthPlane, flat_errors
+
+GEOD = pyproj.Geod(ellps="WGS84")
+ZURICH = {"origin_lat_deg": 47.37, "origin_lon_deg": 8.54}
+PLANES = {
+    "tangent": EarthPlane(**ZURICH),
+    "turned": EarthPlane(**ZURICH, rotation_deg=30.0),
+    "utm": EarthPlane(crs="EPSG:32632"),
+    "swiss": EarthPlane(crs="EPSG:2056"),
+    "south": EarthPlane(origin_lat_deg=-33.9, origin_lon_deg=151.2),
+}
+
+
+def test_distances_and_directions_from_the_origin_are_those_of_geodesics() -> None:
+    """The tangent plane is azimuthal equidistant: from the origin, lengths and azimuths are exact."""
+    for azimuth, length in ((0.0, 1e3), (37.0, 5e4), (90.0, 3e5), (205.0, 1e6)):
+        lon, lat, _ = GEOD.fwd(ZURICH["origin_lon_deg"], ZURICH["origin_lat_deg"], azimuth, length)
+        x, y = PLANES["tangent"].to_plane(np.array([lat]), np.array([lon]))
+        assert x[0] == pytest.approx(length * math.sin(math.radians(azimuth)), abs=1e-3)
+        assert y[0] == pytest.approx(length * math.cos(math.radians(azimuth)), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", PLANES)
+def test_there_and_back(name: str) -> None:
+    """To the plane and back to the earth gives the same place; what is unknown stays unknown."""
+    plane = PLANES[name]
+    lat0, lon0 = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
+    lat = np.array([lat0 + 0.2, lat0 - 0.1, np.nan])
+    lon = np.array([lon0 - 0.3, lon0 + 0.2, lon0])
+    back = plane.to_earth(*plane.to_plane(lat, lon))
+    np.testing.assert_allclose(back[0], lat, atol=1e-9)
+    np.testing.assert_allclose(back[1], np.where(np.isnan(lat), np.nan, lon), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", PLANES)
+@pytest.mark.parametrize(("east", "north"), [(0.0, 0.0), (0.6, 0.3), (-0.8, -0.4)])
+def test_north_is_where_a_step_north_leads(name: str, east: float, north: float) -> None:
+    """The direction of true north is that of a small geodesic step north, meridian convergence and rotation and all."""
+    plane = PLANES[name]
+    lat, lon = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
+    lat, lon = lat + north, lon + east
+    step_lon, step_lat, _ = GEOD.fwd(lon, lat, 0.0, 10.0)
+    x, y = plane.to_plane(np.array([lat, step_lat]), np.array([lon, step_lon]))
+    found = plane.north_rad(x[:1], y[:1])[0]
+    assert found == pytest.approx(math.atan2(y[1] - y[0], x[1] - x[0]), abs=2e-6)
+
+
+def test_the_convergence_of_utm_is_that_of_the_textbook() -> None:
+    """East of the central meridian grid north lies east of true north by about longitude times sine of latitude."""
+    plane = PLANES["utm"]
+    x, y = plane.to_plane(np.array([60.0]), np.array([11.0]))
+    gamma = math.atan(math.tan(math.radians(2.0)) * math.sin(math.radians(60.0)))
+    assert plane.north_rad(x, y)[0] - math.pi / 2 == pytest.approx(gamma, abs=1e-5)
+
+
+def test_the_flat_plane_is_wrong_by_what_geodesics_say() -> None:
+    """Errors vanish on lines from the origin; far off it, directions turn and UTM's scale shortens lengths."""
+    far = np.array([2e5]), np.array([1e5])
+    turned, stretched = flat_errors(PLANES["tangent"], np.zeros(1), np.zeros(1), *far)
+    assert abs(turned[0]) < 1e-7
+    assert abs(stretched[0]) < 1e-3
+    turned, stretched = flat_errors(PLANES["tangent"], *far, far[0] + 1e5, far[1] - 1e5)
+    assert 1e-5 < abs(turned[0]) < 1e-2
+    assert 1.0 < abs(stretched[0]) < 1e3
+    utm = flat_errors(PLANES["utm"], np.array([5e5]), np.array([5.2e6]), np.array([5e5]), np.array([5.21e6]))
+    assert utm[1][0] == pytest.approx(-4e-4 * 1e4, rel=1e-2)
+    assert np.isnan(flat_errors(PLANES["utm"], np.array([np.nan]), *([np.zeros(1)] * 3))[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("crs", "says"),
+    [("EPSG:4326", "expected a projected one in metres"), ("EPSG:2263", "foot"), ("nonsense:1", "EPSG:32632")],
+)
+def test_a_crs_that_is_no_plane_in_metres_is_refused(crs: str, says: str) -> None:
+    """Degrees, feet and codes that don't exist are told, with one that does."""
+    with pytest.raises(UsageError, match=says):
+        EarthPlane(crs=crs)

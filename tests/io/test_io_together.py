@@ -1,0 +1,69 @@
+"""What says something only together, and what must not stand together: half a prior, flags of several methods."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from nlosctl.errors import DataError
+from nlosctl.io.inputs import expand_inputs
+from nlosctl.io.measurements import MeasurementReader, ReadOptions
+
+HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
+ROWS = ["1,a,0,0,0.5,0.01", "1,b,9,0,2.0,0.01", "2,a,0,0,0.6,0.01", "2,b,9,0,2.1,0.01"]
+
+
+def read(path: Path, *, chunk_rows: int = 1000) -> int:
+    """Return how many good rows a file has; raises DataError."""
+    with_all = ReadOptions(chunk_rows=chunk_rows)
+    return sum(len(chunk.left_out) for chunk in MeasurementReader(expand_inputs([str(path)]), with_all).chunks())
+
+
+def write(path: Path, extra: str, cells: list[str]) -> Path:
+    """Write the four rows with further columns."""
+    lines = [f"{HEADER},{extra}", *(f"{row},{cell}" for row, cell in zip(ROWS, cells, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_whole_prior_is_read(tmp_path: Path) -> None:
+    """All three columns of a prior, each row with all or none of them, are good."""
+    assert read(write(tmp_path / "m.csv", "prior_x_m,prior_y_m,prior_std_m", ["1,2,3", "1,2,3", ",,", ",,"])) == 4
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ("prior_x_m", "column 'prior_x_m' says nothing without 'prior_y_m' and 'prior_std_m'"),
+        ("prior_x_m,prior_y_m", "column 'prior_x_m' says nothing without 'prior_std_m'"),
+        ("prior_std_m", "column 'prior_std_m' says nothing without 'prior_x_m' and 'prior_y_m'"),
+    ],
+)
+def test_half_a_prior_is_an_error(tmp_path: Path, columns: str, told: str) -> None:
+    """Some of the columns of a prior without the others are told, with what to add or drop."""
+    cells = [",".join("1" for _ in columns.split(","))] * 4
+    with pytest.raises(DataError, match=told):
+        read(write(tmp_path / "m.csv", columns, cells))
+
+
+@pytest.mark.parametrize(("cell", "column"), [("1,,3", "prior_y_m"), (",2,3", "prior_x_m"), (",,3", "prior_x_m")])
+def test_a_half_filled_row_is_told(tmp_path: Path, cell: str, column: str) -> None:
+    """A row with some of the values is a bad row, told with the first column that is empty."""
+    path = write(tmp_path / "m.csv", "prior_x_m,prior_y_m,prior_std_m", ["1,2,3", cell, ",,", ",,"])
+    with pytest.raises(DataError, match=rf"row 2 \(line 3\), column '{column}': empty \(null\), expected all of"):
+        read(path)
+
+
+@pytest.mark.parametrize("chunk_rows", [1, 3, 1000])
+def test_flags_of_several_methods_are_refused(tmp_path: Path, chunk_rows: int) -> None:
+    """Flags of two methods within a snapshot are told as such, not as duplicates, wherever the file is cut."""
+    path = write(tmp_path / "f.csv", "method,used", ["ml,true", "ml,true", "ml,true", "ls,true"])
+    with pytest.raises(DataError, match=r"f.csv, column 'method': flags of several methods \((ml, )?ls"):
+        read(path, chunk_rows=chunk_rows)
+
+
+def test_flags_of_one_method_each_are_read(tmp_path: Path) -> None:
+    """A method of its own for each snapshot says nothing twice; neither does a column 'method' that is no flag's."""
+    assert read(write(tmp_path / "f.csv", "method,used", ["ml,true", "ml,true", "ls,true", "ls,true"])) == 4
+    assert read(write(tmp_path / "m.csv", "method,room", ["toa,1", "aoa,1", "toa,1", "aoa,1"])) == 4

@@ -1,0 +1,113 @@
+"""The rule by which a claim is reproduced or not, and the standard errors that it rests on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from nlosctl.evaluation.jackknife import GROUPS, jackknife_error
+from nlosctl.reproduce.outcome import with_error
+from nlosctl.reproduce.samples import Drawn, measure, median, rms, share
+from nlosctl.reproduce.verdicts import Verdict, at_least, at_most, between, printed, verdict
+
+
+@pytest.mark.parametrize(
+    ("value", "standard_error", "expected", "right"),
+    [
+        (0.7184, 0.0, printed("0.718"), True),  # within half of the last digit
+        (0.7194, 0.0, printed("0.718"), False),
+        (0.7194, 0.0005, printed("0.718"), True),  # explained by our Monte-Carlo error
+        (0.7300, 0.0030, printed("0.718"), False),  # four standard errors
+        (0.7300, 0.0030, printed("0.718", standard_error=0.004), True),  # the paper's own error counts too
+        (0.7300, 0.0, printed("0.718", tolerance=0.012), True),
+        (1.84e-3, 0.0, printed("1.8e-3"), True),
+        (1.86e-3, 0.0, printed("1.8e-3"), False),
+        (15.4, 0.0, printed("15 m"), True),
+        (15.6, 0.0, printed("15 m"), False),
+        (1.02, 0.001, at_least(1.0), True),
+        (0.98, 0.001, at_least(1.0), False),
+        (0.98, 0.01, at_least(1.0), True),
+        (1.04, 0.0, at_most(1.05), True),
+        (1.10, 0.01, at_most(1.05), False),
+        (3.0, 0.1, between(1.0, 2.0), False),
+        (math.nan, 0.0, at_least(0.0), False),
+        (1.0, math.nan, at_least(0.0), False),
+    ],
+)
+def test_the_verdict_allows_the_tolerance_and_three_standard_errors(
+    value: float, standard_error: float, expected: object, right: bool
+) -> None:
+    """Reproduced exactly where the printed digits, the tolerance or Monte-Carlo error explain the difference."""
+    said = verdict(value, standard_error, expected)  # type: ignore[arg-type]
+    assert said == (Verdict.REPRODUCED if right else Verdict.NOT_REPRODUCED)
+
+
+def test_without_a_number_there_is_no_verdict() -> None:
+    """A figure whose values are not in the text is neither reproduced nor not."""
+    assert verdict(1.0, 0.1, None) == "no numbers in the text"
+
+
+def test_chance_alone_seldom_makes_a_right_claim_wrong() -> None:
+    """Of 2000 right claims with a known error a few in a thousand are called wrong."""
+    values = np.random.default_rng(1).normal(1.0, 0.1, 2000)
+    wrong = sum(verdict(value, 0.1, between(1.0, 1.0)) == Verdict.NOT_REPRODUCED for value in values)
+    assert 0 < wrong < 20
+
+
+@pytest.mark.parametrize(
+    ("statistic", "true_error"),
+    [
+        (lambda x: float(x.mean()), 1.0),
+        (rms, 1.0 / math.sqrt(2.0)),
+        (median, math.sqrt(math.pi / 2.0)),
+    ],
+)
+def test_the_jackknife_gives_the_textbook_standard_errors(statistic: object, true_error: float) -> None:
+    """Mean, root mean square and median of a standard normal, over 60 draws of 4000: within 10 %."""
+    generator = np.random.default_rng(2)
+    found = []
+    for _ in range(60):
+        drawn = Drawn(conditions=[{}], samples=[{"x": generator.standard_normal(4000)}])
+        found.append(measure(lambda part: statistic(part.samples[0]["x"]), drawn).standard_error)  # type: ignore[operator]
+    assert math.sqrt(np.mean(np.square(found))) * math.sqrt(4000.0) == pytest.approx(true_error, rel=0.1)
+
+
+def test_ratios_on_the_same_trials_know_that_they_are_paired() -> None:
+    """The error of a ratio of two conditions with common noise is far below that of independent ones."""
+    noise = np.random.default_rng(3).standard_normal(4000)
+    drawn = Drawn(conditions=[{"s": 1}, {"s": 2}], samples=[{"x": noise}, {"x": 2.0 * noise + 0.01 * noise[::-1]}])
+    ratio = measure(lambda part: rms(part.of(s=2)["x"]) / rms(part.of(s=1)["x"]), drawn)
+    assert ratio.value == pytest.approx(2.0, rel=1e-2)
+    assert ratio.standard_error < 0.001
+
+
+def test_what_is_not_random_has_no_error() -> None:
+    """A number that nothing was drawn for has standard error 0."""
+    drawn = Drawn(conditions=[{}], samples=[{"x": np.arange(100.0)}], random=False)
+    assert measure(lambda part: rms(part.samples[0]["x"]), drawn).standard_error == 0.0
+
+
+def test_a_missing_statistic_has_no_error() -> None:
+    """Where a statistic is missing without one group, nothing is known of its error."""
+    assert math.isnan(jackknife_error([1.0] * (GROUPS - 1) + [math.nan]))
+
+
+def test_missing_fixes_are_left_out_of_rms_and_count_as_infinite_in_the_median() -> None:
+    """The statistics say what they do with trials that have no fix."""
+    values = np.array([3.0, 4.0, np.nan])
+    assert rms(values) == pytest.approx(math.sqrt(12.5))
+    assert median(values) == 4.0
+    assert share(values > 3.5) == pytest.approx(1.0 / 3.0)
+    assert math.isnan(median(np.array([1.0, np.nan, np.nan])))
+    assert math.isnan(rms(np.array([np.nan])))
+
+
+@pytest.mark.parametrize(
+    ("value", "standard_error", "text"),
+    [(0.04158, 0.00031, "0.04158 ± 0.00031 m"), (335.8, 14.2, "336 ± 14 m"), (2.0, 0.0, "2 m"), (math.nan, 1.0, "-")],
+)
+def test_numbers_show_as_many_digits_as_their_error_allows(value: float, standard_error: float, text: str) -> None:
+    """Two digits of the standard error, and the value to the same place."""
+    assert with_error(value, standard_error, "m") == text
