@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
@@ -247,13 +248,14 @@ def sight_lines(batch: BearingBatch) -> SightLines:
             circles.place_in(mirrors.sensor_side_m, np.full(circles.snapshot.shape, np.nan))
     center_x = sum_measurements(x) / x.shape[1]
     center_y = sum_measurements(y) / y.shape[1]
+    cosine, sine = cosine_sine(direction)
     return SightLines(
         center_x=center_x,
         center_y=center_y,
         origin_x=x - center_x[:, None],
         origin_y=y - center_y[:, None],
-        cosine=np.cos(direction),
-        sine=np.sin(direction),
+        cosine=cosine,
+        sine=sine,
         std_rad=batch.bearing_std_rad,
         handedness=handedness,
         mirrors=None if mirrors is None else mirrors.about(center_x, center_y),

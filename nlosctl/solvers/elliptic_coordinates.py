@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
 from nlosctl.solvers.triplet_problem import PathSums, TripletProblem
@@ -37,7 +38,7 @@ class _EllipticProblem:
         """Return the evaluation at w, v (N,): that in the plane, by the chain rule."""
         sums = PathSums(w.shape)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            cosine, sine = np.cos(v), np.sin(v)
+            cosine, sine = cosine_sine(v)
             length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
             x, y = 0.5 * length * cosine, 0.5 * w * sine
             sums.add_path(self.plane, 0, x, y)
@@ -63,7 +64,8 @@ class _EllipticProblem:
         """Return x, y (N,) in the baseline frame."""
         with np.errstate(invalid="ignore", over="ignore"):
             length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
-            return 0.5 * length * np.cos(v), 0.5 * w * np.sin(v)
+            cosine, sine = cosine_sine(v)
+            return 0.5 * length * cosine, 0.5 * w * sine
 
     def from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return w >= 0 and v of points x, y (N,); NaN where they are."""

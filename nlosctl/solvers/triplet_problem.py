@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import TripletBatch
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
@@ -56,10 +57,8 @@ class TripletProblem:
             batch.tx_xy_m[..., 1] - center_y[:, None],
             batch.rx_xy_m[..., 0] - center_x[:, None],
             batch.rx_xy_m[..., 1] - center_y[:, None],
-            np.cos(batch.dod_rad),
-            np.sin(batch.dod_rad),
-            np.cos(batch.doa_rad),
-            np.sin(batch.doa_rad),
+            *cosine_sine(batch.dod_rad),
+            *cosine_sine(batch.doa_rad),
             batch.path_length_m,
             1.0 / batch.dod_std_rad,
             1.0 / batch.doa_std_rad,
