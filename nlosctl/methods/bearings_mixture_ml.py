@@ -18,7 +18,6 @@ from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import (
-    LIKELY_IMAGE,
     RankedFixes,
     rank_modes,
     ranked_estimates,
@@ -62,7 +61,12 @@ class MixtureOptions:
     ambiguous_within: float = option(
         2.0, unit="nat", minimum=0.0, meaning="another mode this near makes a fix ambiguous"
     )
-    ambiguous_rows: int = option(2, minimum=0, meaning=LIKELY_IMAGE)
+    ambiguous_rows: int = option(
+        2,
+        minimum=0,
+        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
+        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
+    )
     max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
     mode_gap: float = option(
         0.75,

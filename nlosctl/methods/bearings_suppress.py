@@ -17,7 +17,7 @@ from nlosctl.solvers.bootstraps import count_bootstraps
 from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.ranged_bearings import row_residuals
-from nlosctl.solvers.ranked_fixes import LIKELY_IMAGE, ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.suppressed_fixes import suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
@@ -69,7 +69,12 @@ class SuppressOptions:
     ambiguous_within: float = option(
         2.0, unit="nat", minimum=0.0, meaning="another estimate this near makes a fix ambiguous"
     )
-    ambiguous_rows: int = option(2, minimum=0, meaning=LIKELY_IMAGE)
+    ambiguous_rows: int = option(
+        2,
+        minimum=0,
+        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
+        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
+    )
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
 
 

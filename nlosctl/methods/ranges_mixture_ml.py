@@ -15,7 +15,6 @@ from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.range_mixture import RangeCandidates, grouped_ranges, range_outlier_model
 from nlosctl.solvers.ranked_fixes import (
-    LIKELY_IMAGE,
     RankedFixes,
     rank_modes,
     ranked_estimates,
@@ -55,7 +54,12 @@ class RangeMixtureOptions:
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="another mode this near makes a fix ambiguous"
     )
-    ambiguous_rows: int = option(2, minimum=0, meaning=LIKELY_IMAGE)
+    ambiguous_rows: int = option(
+        2,
+        minimum=0,
+        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
+        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
+    )
     max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
     mode_gap: float = option(
         3.0,

@@ -29,15 +29,14 @@ def widen_near_sensors(covariance: Symmetric2x2, nearest_m: FloatArray, widened:
     fix. There the expected squared range takes the place of the squared range at the fix: the square plus the larger
     eigenvalue of the covariance, twice over. Other rows keep their bits.
     """
-    with np.errstate(invalid="ignore", over="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         larger = covariance.eigenvalues()[1]
         near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
-    if not near.size:
-        return covariance
-    larger = larger[near]
-    for _ in range(_ROUNDS):
-        wider = widened(near, larger)
-        with np.errstate(invalid="ignore", over="ignore"):
+        if not near.size:
+            return covariance
+        larger = larger[near]
+        for _ in range(_ROUNDS):
+            wider = widened(near, larger)
             larger = wider.eigenvalues()[1]
     parts = [part.copy() for part in (covariance.xx, covariance.xy, covariance.yy)]
     for part, values in zip(parts, (wider.xx, wider.xy, wider.yy), strict=True):

@@ -14,18 +14,12 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.mixture import Mixture
 from nlosctl.solvers.modes import Modes
 
-__all__ = ["LIKELY_IMAGE", "RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
+__all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
-
-LIKELY_IMAGE = (
-    "where sensors have several paths in no known order, another mode on which at most so many rows fewer agree "
-    "(three or more) makes a fix ambiguous too: it may be the source, and this its mirror image"
-)
-"""What the option ``ambiguous_rows`` means."""
 
 _CHANCE = 2
 """So many rows always agree on some point."""
