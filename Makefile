@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference fixtures benchmark clean
+.PHONY: demo test format schemas reference fixtures benchmark papers clean
 
 .venv/runtime: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -44,6 +44,9 @@ fixtures: .venv/runtime ## make fixtures/ again
 
 benchmark: .venv/dev
 	$(BIN)/python benchmarks/run.py
+
+papers: .venv/dev ## run all figures and tables of the papers (an hour at most; goes on where it stopped) and write docs/papers.md
+	$(BIN)/nlosctl reproduce all -o out/papers --page docs/papers.md --jobs 0 --overwrite
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -63,7 +63,8 @@ def localize(
     the table's), ``constants`` gives missing std columns, in radians or metres; ``field`` is in the
     words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``crs`` or ``origin``
     (latitude and longitude in degrees) tell how x and y lie on earth; ``ellipse`` and ``add`` (cep50, gdop) ask for
-    further columns. ``sweep`` gives parameters in turn several values, told in columns ``sweep_KEY``; ``parameters`` are the method's.
+    further columns. ``sweep`` gives parameters in turn several values, told in columns ``sweep_KEY``;
+    ``parameters`` are the method's.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """

@@ -4,8 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from itertools import islice
 
-__all__ = ["DataError", "MethodError", "MissingExtraError", "NlosctlError", "UsageError", "did_you_mean"]
+__all__ = [
+    "DataError",
+    "GatheredError",
+    "MethodError",
+    "MissingExtraError",
+    "NlosctlError",
+    "UsageError",
+    "did_you_mean",
+    "in_one_line",
+    "printable",
+]
+
+_LONGEST_LINE = 1000
+_LONGEST_WORD = 100
+_MOST_WORDS = 10_000
 
 
 class NlosctlError(Exception):
@@ -18,6 +33,10 @@ class DataError(NlosctlError):
     """The data are at fault: a bad file, a bad row, an output that can't be written."""
 
     exit_code = 1
+
+
+class GatheredError(DataError):
+    """Several faults of the data, each a line of the text."""
 
 
 class UsageError(NlosctlError):
@@ -45,5 +64,30 @@ class MissingExtraError(NlosctlError):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return `` (did you mean 'x'?)`` for the nearest of ``known``, or an empty string where none is near."""
-    near = get_close_matches(word, list(known), n=1, cutoff=0.6)
+    candidates = [name for name in islice(known, _MOST_WORDS) if len(name) <= _LONGEST_WORD]
+    near = get_close_matches(word, candidates, n=1, cutoff=0.6) if len(word) <= _LONGEST_WORD else []
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def printable(text: str) -> str:
+    """Return text that a terminal shows as it is, in one line: control characters escaped, a long middle cut.
+
+    What stands in files comes to messages and tables; an escape sequence in it must not reach the terminal.
+    """
+    return _shortened(text) if text.isprintable() else _escaped(text)
+
+
+def in_one_line(error: BaseException) -> str:
+    """Return what somebody else's exception says, in one line, after its type."""
+    said = " ".join(str(error).split())
+    return f"{type(error).__name__}: {said}" if said else type(error).__name__
+
+
+def _escaped(line: str) -> str:
+    shown = (character if character.isprintable() else repr(character)[1:-1] for character in line)
+    return _shortened("".join(shown))
+
+
+def _shortened(line: str) -> str:
+    half = _LONGEST_LINE // 2
+    return line if len(line) <= _LONGEST_LINE else f"{line[:half]} ... {line[-half:]}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
-from nlosctl.errors import MethodError, UsageError, did_you_mean
+from nlosctl.errors import MethodError, UsageError, did_you_mean, in_one_line
 
 if TYPE_CHECKING:
     from nlosctl.contract.methods import MethodSpec
@@ -68,9 +68,9 @@ def load(entry: MethodEntry) -> MethodSpec:
     where = f"method {entry.full_name!r} of {entry.distribution} {entry.version}"
     try:
         spec = entry.entry_point.load()
-    except Exception as error:  # whatever a plugin raises on import is its fault, not ours
+    except (Exception, SystemExit) as error:  # whatever a plugin raises on import is its fault, not ours
         hint = f" (this nlosctl has contract version {CONTRACT_VERSION})" if _touches_contract(error) else ""
-        raise MethodError(f"{where} can't be loaded: {type(error).__name__}: {error}{hint}") from error
+        raise MethodError(f"{where} can't be loaded: {in_one_line(error)}{hint}") from error
     if not isinstance(spec, MethodSpec):
         raise MethodError(f"{where} is a {type(spec).__name__}, not a nlosctl.contract.methods.MethodSpec")
     if spec.full_name != entry.full_name:
@@ -82,7 +82,7 @@ def load(entry: MethodEntry) -> MethodSpec:
     return spec
 
 
-def _touches_contract(error: Exception) -> bool:
+def _touches_contract(error: BaseException) -> bool:
     """Whether what went wrong may come from another version of the contract: a name or an argument that it lacks."""
     missing = isinstance(error, ImportError) and str(error.name).startswith(DISTRIBUTION)
     return missing or (isinstance(error, TypeError) and "MethodSpec" in str(error))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import sys
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
 
@@ -22,7 +21,8 @@ from nlosctl.cli.settings import (
     tell_source,
     variable_name,
 )
-from nlosctl.cli.terminal import print_json, print_table
+from nlosctl.cli.terminal import print_json, print_table, tell
+from nlosctl.contract.limits import LIMITS, limit_variable
 from nlosctl.errors import UsageError, did_you_mean
 
 __all__ = ["config_app"]
@@ -69,7 +69,7 @@ def show(
     if json:
         print_json(rows)
     elif not rows:
-        sys.stderr.write("every setting is its default\n")
+        tell("every setting is its default")
     else:
         print_table([{**row, "value": _shown(row["value"])} for row in rows], ["command", "setting", "value", "source"])
 
@@ -114,7 +114,7 @@ def _shown(value: Any) -> str:
 def _remark_on_variables(commands: dict[str, Any]) -> None:
     """Tell of variables that begin as ours do and set nothing: a misspelt one would go unnoticed."""
     known = {variable_name(name, option) for name, command in commands.items() for option in options_of(command)}
-    known.update(_OTHER_VARIABLES)
+    known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS))
     for variable in sorted(os.environ):
         if variable.startswith("NLOSCTL_") and variable not in known:
-            sys.stderr.write(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}\n")
+            tell(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,7 +11,7 @@ import typer
 
 from nlosctl.cli.options import ConfigFile, Debug, Format, InputFormat, Inputs, Json, Output, Overwrite, Quiet, Report
 from nlosctl.cli.reading import open_output
-from nlosctl.cli.terminal import Preview, print_json, print_table, write_report
+from nlosctl.cli.terminal import Preview, print_json, print_table, tell, write_report
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ def evaluate(
     if report is not None:
         write_report(report, content)
     for reason in reasons:
-        sys.stderr.write(f"nlosctl: {reason}\n")
+        tell(f"nlosctl: {reason}")
     return _CONDITION_MET if reasons else 0
 
 

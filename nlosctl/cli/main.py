@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from types import FrameType
 from typing import Annotated, Any, NoReturn
 
@@ -24,8 +23,10 @@ from nlosctl.cli.reproduce import reproduce
 from nlosctl.cli.schema import schema
 from nlosctl.cli.settings import SettingsCommand
 from nlosctl.cli.simulate import simulate
+from nlosctl.cli.terminal import ClosedOutput, forget, tell
 from nlosctl.cli.validate import validate
-from nlosctl.errors import NlosctlError
+from nlosctl.contract.limits import limit
+from nlosctl.errors import GatheredError, NlosctlError, in_one_line, printable
 from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
@@ -114,12 +115,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None:
         _unwind_on_signals()
+    if sys.stdout is None:
+        sys.stdout = ClosedOutput()
     try:
+        _keep_to_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
         if outcome == _INTERRUPTED:
             raise _StoppedError(_INTERRUPTED)
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        sys.stdout.flush()
     except (_PipeClosedError, BrokenPipeError):
         _forget_stdout()
         return 0
@@ -133,19 +136,22 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _fail(error: Exception) -> int:
     """Tell an error in one line (or the few of a gathered list) and return its exit code."""
     code = 1
-    if isinstance(error, NlosctlError | _StoppedError):
-        message, code = str(error), error.exit_code
+    if isinstance(error, GatheredError):
+        message = str(error)
+    elif isinstance(error, NlosctlError | _StoppedError):
+        message, code = printable(str(error)), error.exit_code
+    elif isinstance(error, MemoryError):
+        message = "there is not enough memory for this (NLOSCTL_MAX_MEMORY_MB, if it is set, keeps it in bounds)"
     elif type(error).__name__ == "NoArgsIsHelpError":  # the help is its message, printed already where it is in colour
-        sys.stderr.write(str(error))
+        tell(str(error).rstrip("\n"))
         return 2
     elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
-        message, code = f"{error.format_message()}{_help_hint(error)}", 2
+        message, code = f"{' '.join(error.format_message().split())}{_help_hint(error)}", 2
     elif isinstance(error, OSError) and error.strerror:
         message = f"{error.filename or 'the output'}: {error.strerror}"
     else:
-        message = f"internal error: {type(error).__name__}: {error} (run again with --debug for the traceback)"
-    if sys.stderr is not None:
-        sys.stderr.write(f"nlosctl: {message}\n")
+        message = f"internal error: {in_one_line(error)} (run again with --debug for the traceback)"
+    tell(f"nlosctl: {message}")
     if isinstance(error, OSError):
         _forget_stdout()
     return code
@@ -157,9 +163,16 @@ def _help_hint(error: Exception) -> str:
 
 
 def _forget_stdout() -> None:
-    """Leave nothing for the interpreter, or for an open writer, to flush into a pipe or disk that takes no more."""
-    with suppress(AttributeError, OSError):  # a stdout that is closed, or no file at all
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    forget(sys.stdout)
+
+
+def _keep_to_memory() -> None:
+    """Hold the process to the limit ``memory_mb`` where it is set, so that what asks for more is refused."""
+    most = limit("memory_mb")
+    if most:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most << 20, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
 def _unwind_on_signals() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -47,6 +48,14 @@ def reproduce(
     ] = False,
     seed: Seed = 0,
     jobs: Jobs = 1,
+    page: Annotated[
+        str | None,
+        typer.Option(
+            "--page",
+            metavar="FILE",
+            help="Write a page (Markdown) of all that was run; its pictures go to figures/ beside it.",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -59,18 +68,22 @@ def reproduce(
     same files whatever the number of jobs, interrupted or not.
     """
     if not names:
-        if output is not None or trials is not None or quick:
+        if output is not None or page is not None or trials is not None or quick:
             raise UsageError("name a figure or table, or all; 'nlosctl reproduce' alone lists them")
         _list(json)
         return
     if quick and trials is not None:
         raise UsageError("--quick and --trials both say the number of trials; give one")
+    if page is not None and output is None:
+        raise UsageError("--page goes with -o FOLDER, where the results and pictures are")
+    from nlosctl.io.write import check_targets
     from nlosctl.pipeline.workers import usable_jobs
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
     from nlosctl.reproduce.run import output_folder, run_experiment
     from nlosctl.reproduce.sampling import worker_pool
 
     experiments = [find_experiment(name) for name in chosen_names(names)]
+    check_targets([page], overwrite=overwrite, inputs=[])
     folder = None if output is None else output_folder(output)
     terminal = Terminal(quiet=quiet)
     outcomes = []
@@ -92,6 +105,10 @@ def reproduce(
     missing = next((outcome.without_pictures for outcome in outcomes if outcome.without_pictures), None)
     if missing:
         terminal.note(f"no pictures: {missing}")
+    if page is not None:
+        from nlosctl.reproduce.page import write_page
+
+        write_page(Path(page), outcomes)
     _tell(outcomes, json)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
+from nlosctl.contract.toml_text import parse_toml, read_limited
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = [
@@ -142,11 +142,10 @@ def _from_file(context: Any, path: str) -> dict[str, Setting]:
 
 def _read(path: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        text = read_limited(Path(path), f"--config {path}")
     except OSError as error:
         raise DataError(f"--config {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DataError(f"--config {path}: not TOML: {error}") from error
+    return parse_toml(text, f"--config {path}")
 
 
 def _value(setting: Any, *, repeatable: bool) -> Any:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.reading import Opened, open_output
-from nlosctl.cli.terminal import Preview, Terminal, write_report
+from nlosctl.cli.terminal import Preview, Terminal, tell, write_report
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -58,6 +57,7 @@ def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, te
 
 
 def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
+    from nlosctl.pipeline.sliced import tables_of
     from nlosctl.pipeline.writing import write_tables
 
     main, *_ = outputs.wanted
@@ -86,7 +86,8 @@ def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, termi
             for name, target in outputs.wanted.items()
         }
         progress = stack.enter_context(terminal.progress(command))
-        write_tables(run, sinks, metadata, lambda rows: progress(rows, None))
+        tables = tables_of(run, opened.inputs, outputs.jobs)
+        write_tables(tables, sinks, metadata, lambda rows: progress(rows, None))
     if preview is not None:
         preview.show()
 
@@ -94,7 +95,7 @@ def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, termi
 def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     from nlosctl.io.file_format import format_named
     from nlosctl.io.write import is_folder_target
-    from nlosctl.pipeline.folder_run import FolderRun, one_after_the_other
+    from nlosctl.pipeline.folder_run import FolderRun, in_this_machine
     from nlosctl.pipeline.parts import BAD_ROWS
 
     roots = outputs.wanted
@@ -109,12 +110,11 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
         opened.inputs,
         roots,
         format=None if outputs.format is None else format_named(outputs.format),
-        jobs=outputs.jobs,
         with_hash=outputs.with_hash,
     )
     with terminal.progress(command) as progress:
         writer.write(
-            one_after_the_other,
+            in_this_machine(outputs.jobs),
             resume=outputs.resume,
             overwrite=outputs.overwrite,
             progress=lambda rows: progress(rows, None),
@@ -124,6 +124,6 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
 def exit_code(run: MeasurementRun, *, strict: bool = False) -> int:
     """Return how the command ends after a run: 1 where every row was bad, 3 where ``strict`` misses an estimate."""
     if not run.report.snapshots:
-        sys.stderr.write("nlosctl: nothing to do: every row is bad\n")
+        tell("nlosctl: nothing to do: every row is bad")
         return _NOTHING_TO_DO
     return _UNANSWERED if strict and run.report.unanswered else 0

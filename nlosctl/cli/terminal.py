@@ -2,14 +2,89 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any, Protocol, TextIO
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn, Protocol, TextIO, cast
 
-__all__ = ["Preview", "Progress", "Terminal", "print_json", "print_table", "write_report"]
+from nlosctl.errors import DataError, printable
+
+__all__ = [
+    "ClosedOutput",
+    "Preview",
+    "Progress",
+    "Terminal",
+    "forget",
+    "print_json",
+    "print_table",
+    "tell",
+    "write_report",
+]
+
+
+def tell(text: str) -> None:
+    """Tell a line (or some) on standard error; where nobody hears it, closed or full, the run goes on as it would."""
+    if sys.stderr is None:
+        return
+    try:
+        sys.stderr.write("".join(f"{printable(line)}\n" for line in text.split("\n")))
+        sys.stderr.flush()
+    except OSError:
+        forget(sys.stderr)
+
+
+def forget(stream: TextIO) -> None:
+    """Leave nothing for the interpreter, or for an open writer, to flush into a pipe or disk that takes no more."""
+    with suppress(AttributeError, OSError):  # a stream that is closed, or no file at all
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class _UntoldFailures(io.TextIOBase):
+    """A terminal that may hang up under a progress bar: what can't be shown any more is let go."""
+
+    def __init__(self, terminal: TextIO) -> None:
+        self._terminal = terminal
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """The terminal's."""
+        return self._terminal.encoding
+
+    def isatty(self) -> bool:
+        """Return whether it is a terminal."""
+        return self._terminal.isatty()
+
+    def fileno(self) -> int:
+        """Return the terminal's, which tells how wide it is."""
+        return self._terminal.fileno()
+
+    def write(self, text: str) -> int:
+        """Show text."""
+        with suppress(OSError):
+            self._terminal.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Show what waits."""
+        with suppress(OSError):
+            self._terminal.flush()
+
+
+class ClosedOutput(io.TextIOBase):
+    """Stands in for a standard output that was closed: whoever writes there hears of it."""
+
+    @property
+    def buffer(self) -> NoReturn:
+        """Raise DataError."""
+        raise DataError("standard output is closed; name a file with -o")
+
+    def write(self, text: str) -> NoReturn:
+        """Raise DataError."""
+        raise DataError("standard output is closed; there is nowhere to print to")
 
 
 class Progress(Protocol):
@@ -29,8 +104,8 @@ class Terminal:
 
     def note(self, text: str) -> None:
         """Tell a line, unless quiet."""
-        if not self.quiet and sys.stderr is not None:
-            sys.stderr.write(f"{text}\n")
+        if not self.quiet:
+            tell(text)
 
     def detail(self, text: str) -> None:
         """Tell a line, only when verbose."""
@@ -48,7 +123,7 @@ class Terminal:
         from rich.progress import Progress as Bar
 
         columns = (TextColumn(title), BarColumn(), TextColumn(f"{{task.completed:,.0f}} {unit}"), TimeRemainingColumn())
-        with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        with Bar(*columns, console=Console(file=cast(TextIO, _UntoldFailures(sys.stderr))), transient=True) as bar:
             task = bar.add_task(title, total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
 
@@ -83,7 +158,7 @@ class Preview:
         """Print the rows, and how many there are in all."""
         print_table(self._rows, self._columns)
         if self._total > len(self._rows):
-            sys.stderr.write(f"... {len(self._rows)} of {self._total} rows; -o FILE writes all\n")
+            tell(f"... {len(self._rows)} of {self._total} rows; -o FILE writes all")
 
 
 def write_report(target: str, report: Mapping[str, Any]) -> None:
@@ -122,7 +197,7 @@ def print_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> No
 
     table = Table(box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, pad_edge=False)
     for name in columns:
-        table.add_column(name, justify="right" if _numeric(rows, name) else "left", overflow="fold")
+        table.add_column(printable(name), justify="right" if _numeric(rows, name) else "left", overflow="fold")
     for row in rows:
         table.add_row(*(_cell(row.get(name)) for name in columns))
     Console(width=None if sys.stdout.isatty() else 1000, markup=False, highlight=False).print(table)
@@ -141,4 +216,4 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.6g}"
-    return str(value)
+    return printable(str(value))

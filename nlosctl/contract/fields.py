@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from nlosctl.contract.toml_text import read_limited
 from nlosctl.errors import DataError, UsageError
 
 __all__ = ["BoxField", "CircleField", "Field", "PolygonField", "SensorsField", "parse_field"]
@@ -101,9 +102,9 @@ def _numbers(words: str, text: str, count: int) -> tuple[float, ...]:
 
 def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
     try:
-        lines = Path(name).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"polygon file {name!r} can't be read: {error}") from None
+        lines = read_limited(Path(name), f"polygon file {name!r}").splitlines()
+    except OSError as error:
+        raise DataError(f"polygon file {name!r} can't be read: {error.strerror}") from None
     vertices: list[tuple[float, float]] = []
     for number, line in enumerate(lines, start=1):
         words = [word.strip() for word in line.partition("#")[0].split(",")]

@@ -108,10 +108,12 @@ class CsvSource:
 
     def _parse(self, block: CsvBlock, columns: list[str]) -> _Parsed:
         bad: list[tuple[int, str, str]] = []
+        utf8 = _is_utf8(block.content)
 
         def take_bad_line(line: Any) -> str:
             fault = f"the line has {line.actual_columns} fields, expected {line.expected_columns} as in the header"
-            bad.append((line.number - 1, fault, line.text))
+            text = line.text if utf8 else line.text.encode("latin-1").decode("utf-8", "backslashreplace")
+            bad.append((line.number - 1, fault, text))
             return "skip"
 
         if block.lines.shape[0] == 0:
@@ -121,7 +123,10 @@ class CsvSource:
         table = pyarrow.csv.read_csv(
             pa.BufferReader(block.content),
             read_options=pyarrow.csv.ReadOptions(
-                use_threads=False, block_size=len(block.content) + 1, column_names=list(self.names)
+                use_threads=False,
+                block_size=2 * len(block.content) + 1,
+                column_names=list(self.names),
+                encoding="utf8" if utf8 else "latin-1",  # each byte as a character: pyarrow can't tell of others
             ),
             parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True, invalid_row_handler=take_bad_line),
             convert_options=pyarrow.csv.ConvertOptions(
@@ -135,7 +140,7 @@ class CsvSource:
         ).combine_chunks()
         if table.num_rows + len(bad) != block.lines.shape[0]:
             raise DataError(f"{self._part.name}: after line {block.lines[0]}: cells in quotes can't be told apart")
-        return _Parsed(table=table, lines=block.lines, bad=bad)
+        return _Parsed(table=table if utf8 else _as_bytes(table), lines=block.lines, bad=bad)
 
     def batches(self) -> Iterator[RawBatch]:
         """See RawSource."""
@@ -195,6 +200,25 @@ class CsvSource:
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
+
+
+def _is_utf8(content: bytes) -> bool:
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _as_bytes(table: Any) -> Any:
+    """Return a table that was read as Latin-1 with the bytes that were in the file."""
+    columns = [
+        pa.array(
+            [None if cell is None else cell.decode().encode("latin-1") for cell in column.to_pylist()], column.type
+        )
+        for column in table.columns
+    ]
+    return pa.table(columns, names=table.column_names)
 
 
 def _widen(found: dict[str, ColumnType | None], table: Any) -> None:

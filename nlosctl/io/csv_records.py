@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import IntArray
+from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.errors import DataError
 
 __all__ = ["CsvBlock", "RecordBlocks"]
 
-_BLOCK_BYTES = 4 << 20
 _LOOKED_AT = 4096
 
 _QUOTE, _LINE_FEED, _RETURN = ord('"'), ord("\n"), ord("\r")
@@ -41,7 +41,7 @@ class _Layout:
 
 
 class RecordBlocks:
-    """Cuts a CSV stream into a header and blocks of about 4 MiB; lines end with LF, CR LF or CR.
+    """Cuts a CSV stream into a header and blocks of 4 MiB (the limit ``line_bytes``); lines end with LF, CR LF or CR.
 
     A quote opens a quoted cell only where the cell begins, as in pyarrow. Raises DataError with its line for a
     quote that is not closed: at the end of the file, within 4 MiB, or where what closes it on a later line does
@@ -50,6 +50,7 @@ class RecordBlocks:
 
     def __init__(self, stream: IO[bytes], name: str) -> None:
         self._stream, self._name = stream, name
+        self._block_bytes = max(limit("line_bytes"), 1)
         self._held = b""
         self._line = 1
         self._ended = False
@@ -79,8 +80,8 @@ class RecordBlocks:
     def _fill(self) -> bool:
         parts = [self._held]
         size = len(self._held)
-        while size < _BLOCK_BYTES and not self._ended:
-            part = self._stream.read(_BLOCK_BYTES - size)
+        while size < self._block_bytes and not self._ended:
+            part = self._stream.read(self._block_bytes - size)
             self._ended = not part
             parts.append(part)
             size += len(part)
@@ -92,7 +93,10 @@ class RecordBlocks:
         if layout.open_quote is not None and (self._ended or not layout.stops.shape[0]):
             raise self._unclosed(layout.line_ends, layout.open_quote)
         if not layout.stops.shape[0]:
-            raise DataError(f"{self._name}, line {self._line}: the line is longer than 4 MiB: this is no CSV file")
+            raise DataError(
+                f"{self._name}, line {self._line}: the line is longer than {self._block_bytes} bytes: this is no "
+                f"CSV file; {refusal_hint('line_bytes')}"
+            )
         return layout
 
     def _scan(self) -> _Layout:

@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path
 from typing import IO, Any
@@ -15,6 +15,7 @@ from urllib.parse import unquote
 
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
+from nlosctl.io.watched import mark_of
 
 __all__ = ["Input", "Part", "expand_inputs"]
 
@@ -28,7 +29,8 @@ class Part:
     """One file of a group: its name as messages give it, its format, and a path or an open byte stream.
 
     ``row_groups`` (first, behind the last) are those that count, of a Parquet file; None: all. ``keys`` are the
-    columns that the names of its folders tell (``year=2026``), None for a null.
+    columns that the names of its folders tell (``year=2026``), None for a null. ``mark`` tells the file that is read
+    later from another that took its place.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Part:
     stream: IO[bytes] | None = None
     row_groups: tuple[int, int] | None = None
     keys: tuple[tuple[str, str | None], ...] = ()
+    mark: tuple[int, int, int] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +90,11 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
 
 
 def _file(name: str, input_format: FileFormat | None) -> Input:
-    return Input(name=name, parts=(Part(name=name, format=input_format or format_of_path(name), path=Path(name)),))
+    return Input(name=name, parts=(_part(name, input_format or format_of_path(name), Path(name)),))
+
+
+def _part(name: str, format: FileFormat, path: Path) -> Part:
+    return Part(name=name, format=format, path=path, mark=mark_of(path))
 
 
 def _folder(name: str, input_format: FileFormat | None) -> Input:
@@ -101,7 +108,7 @@ def _folder(name: str, input_format: FileFormat | None) -> Input:
         known = known_format_of_path(path.name)
         if known is not None:
             keys = _keys(path.relative_to(folder).parts[:-1])
-            parts.append(Part(name=str(path), format=input_format or known, path=path, keys=keys))
+            parts.append(replace(_part(str(path), input_format or known, path), keys=keys))
     if not parts:
         raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
     return Input(name=name, parts=tuple(parts))
@@ -126,6 +133,8 @@ def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
 
 
 def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) -> Input:
+    if stdin is None and sys.stdin is None:
+        raise DataError("standard input is closed; name a file, or open it again")
     return _stream("-", "stdin", stdin if stdin is not None else sys.stdin.buffer, input_format)
 
 

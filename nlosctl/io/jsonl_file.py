@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
 from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
 
+from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.byte_streams import closed_on_failure, open_bytes
@@ -22,15 +22,16 @@ from nlosctl.io.text_columns import arrow_type_of, shown
 __all__ = ["JsonLinesSource"]
 
 _BLOCK_LINES = 1 << 15
+_BLOCK_BYTES = 64 << 20
 _FEWEST_WRONG = 5
 
 
 class JsonLinesSource:
     """A JSON Lines file; a row's number is its line.
 
-    A file of more than a block (32768 lines) is read once more beforehand, for the names and types in all of it. A
-    stream can't be: its first block decides, and what does not fit later is a bad row in a column of the contract,
-    an error of the file in another.
+    A file of more than a block (32768 lines or 64 MiB) is read once more beforehand, for the names and types in all
+    of it. A stream can't be: its first block decides, and what does not fit later is a bad row in a column of the
+    contract, an error of the file in another.
     """
 
     metadata: Mapping[bytes, bytes] = {}
@@ -40,7 +41,7 @@ class JsonLinesSource:
         with readable(part.name, "JSON Lines file"):
             self._stream: IO[bytes] = open_bytes(part)
         with readable(part.name, "JSON Lines file"), closed_on_failure(self._stream):
-            self._blocks = _read_blocks(self._stream)
+            self._blocks = _read_blocks(self._stream, part.name)
             self._first = next(self._blocks, None)
             if self._first is not None:
                 self._refuse_other_text(self._first)
@@ -74,7 +75,7 @@ class JsonLinesSource:
             _add(found, self._first)
             return found
         with open_bytes(self._part) as stream:
-            for block in _read_blocks(stream):
+            for block in _read_blocks(stream, self._part.name):
                 _add(found, block)
         return found
 
@@ -173,11 +174,28 @@ class JsonLinesSource:
         self._stream.close()
 
 
-def _read_blocks(stream: IO[bytes]) -> Iterator[JsonBlock]:
+def _read_blocks(stream: IO[bytes], name: str) -> Iterator[JsonBlock]:
     line = 1
-    while lines := list(islice(stream, _BLOCK_LINES)):
+    while lines := list(_some_lines(stream, name, line)):
         yield JsonBlock(line, lines)
         line += len(lines)
+
+
+def _some_lines(stream: IO[bytes], name: str, first: int) -> Iterator[bytes]:
+    """Yield the lines of a block; raise DataError for one that is too long to be a row."""
+    longest, size = limit("line_bytes"), 0
+    for number in range(first, first + _BLOCK_LINES):
+        line = stream.readline(longest + 1)
+        if len(line) > longest:
+            raise DataError(
+                f"{name}, line {number}: the line is longer than {longest} bytes, expected a row; "
+                f"{refusal_hint('line_bytes')}"
+            )
+        size += len(line)
+        if line:
+            yield line
+        if not line or size > _BLOCK_BYTES:
+            return
 
 
 def _add(found: dict[str, NameSurvey], block: JsonBlock | None) -> None:

@@ -24,9 +24,10 @@ from nlosctl.io.problems import BadRowSink, ProblemLog
 from nlosctl.io.read_options import ReadOptions
 from nlosctl.io.read_report import ReadReport
 from nlosctl.io.runs import IdSpan, ReturnWatch, run_starts
-from nlosctl.io.seams import pieces_beginning_in
+from nlosctl.io.seams import Neighbours, pieces_beginning_in
 from nlosctl.io.several_methods import METHOD, are_flags_by_method, refuse_several_methods
 from nlosctl.io.sort_hint import sort_hint
+from nlosctl.io.typed_files import parquet_end_value
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
 
@@ -121,6 +122,16 @@ class MeasurementReader:
         """How the inputs are read."""
         return self._options
 
+    @property
+    def reads_one_part(self) -> bool:
+        """Whether only the snapshots that begin in one part are read."""
+        return self._only is not None
+
+    @property
+    def sets_bad_rows_aside(self) -> bool:
+        """Whether bad rows are handed on, rather than ending the run."""
+        return not self._log.stops_the_run
+
     def found(self) -> LookAhead:
         """Return what is known of the inputs, without open files, for further readers of them."""
         self.close()
@@ -186,11 +197,22 @@ class MeasurementReader:
             return read(part)
 
         if self._only is not None:
-            yield from pieces_beginning_in(group.parts, self._only[1], read_own, read_quietly)
+            others = Neighbours(read=read_quietly, end_id=self._end_id)
+            yield from pieces_beginning_in(group.parts, self._only[1], read_own, others)
         else:
             for part in group.parts:
                 yield from read(part)
         self.report.snapshots_lost += lost.count
+
+    def _end_id(self, part: Part, place: int) -> Any:
+        """See Neighbours; a row that is set aside is no end of a snapshot."""
+        if not self._log.stops_the_run or SNAPSHOT not in self.schema.names:
+            return None
+        value = parquet_end_value(part, self._options.renames.get(SNAPSHOT, SNAPSHOT), place)
+        if value is None:
+            return None
+        is_integer = pa.types.is_integer(self.schema.field(SNAPSHOT).type)
+        return pa.scalar(int(value), pa.int64()) if is_integer else pa.scalar(str(value), pa.string())
 
     def _read(self, part: Part, log: ProblemLog, lost: LostSnapshots, report: ReadReport) -> Iterator[Piece]:
         opened = self._found.held.pop(part.name, None) or open_table(part, self._found.table, self._found.options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.errors import DataError
 from nlosctl.io.csv_file import CsvSource
 from nlosctl.io.file_format import FileFormat, format_of_bytes
@@ -12,6 +13,7 @@ from nlosctl.io.inputs import Part
 from nlosctl.io.jsonl_file import JsonLinesSource
 from nlosctl.io.raw import RawSource, readable
 from nlosctl.io.typed_files import ArrowSource, ParquetSource
+from nlosctl.io.watched import WatchedSource
 
 __all__ = ["open_part"]
 
@@ -19,7 +21,18 @@ _HEAD_BYTES = 4096
 
 
 def open_part(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
-    """Return the open file; raise DataError where it is empty or not what its name says."""
+    """Return the open file; raise DataError where it is empty, not what its name says, or of columns beyond reason."""
+    source = _open(part, batch_rows, use_threads)
+    if len(source.names) > limit("columns"):
+        source.close()
+        raise DataError(
+            f"{part.name}: has {len(source.names)} columns, expected at most {limit('columns')}; "
+            f"{refusal_hint('columns')}"
+        )
+    return source if part.path is None else WatchedSource(source, part.name, part.path, part.mark)
+
+
+def _open(part: Part, batch_rows: int, use_threads: bool) -> RawSource:
     head = _head(part)
     if head == b"":
         raise DataError(f"{part.name}: no rows: the file is empty (0 bytes)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -89,7 +90,7 @@ def plan_table(part: Part, source: RawSource, table: Table | None, options: Tabl
 def _plan(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
     if not source.names:
         raise DataError(f"{part.name}: no rows: the file has neither columns nor rows")
-    twice = sorted({name for name in source.names if source.names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(source.names).items() if count > 1)
     if twice:
         raise DataError(f"{part.name}: column {twice[0]!r} is there twice; rename or drop one")
     table = table or kind_table(kind_of_columns([*source.names, *options.renames]))

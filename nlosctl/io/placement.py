@@ -26,7 +26,8 @@ def placement_faults(scene: Scene, plan: ColumnPlan, columns: Mapping[str, npt.N
     place = columns["reflector"]
     table = circle_table(scene)
     known = (place >= 0) & np.isfinite(columns["sensor_x_m"]) & np.isfinite(columns["sensor_y_m"])
-    rows = np.flatnonzero(known & np.isfinite(table[0])[place])
+    rows = np.flatnonzero(known)  # not those by a reflector that the scene lacks
+    rows = rows[np.isfinite(table[0])[place[rows]]]
     center_x, center_y, radius, blocker, _ = (column[place[rows]] for column in table)
     distance = np.hypot(columns["sensor_x_m"][rows] - center_x, columns["sensor_y_m"][rows] - center_y)
     outside, under = misplaced_sensors(distance, radius, blocker)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from nlosctl.errors import DataError
+from nlosctl.errors import GatheredError, printable
 
 __all__ = ["SHOWN_PROBLEMS", "BadRow", "BadRowSink", "Problem", "ProblemLog"]
 
@@ -67,13 +67,13 @@ class ProblemLog:
         return None if self._sink is not None else SHOWN_PROBLEMS - len(self.first)
 
     def raise_if_stopping(self) -> None:
-        """Raise DataError with the gathered problems, if there are any and they stop the run."""
+        """Raise GatheredError with the gathered problems, if there are any and they stop the run."""
         if self.total and self.stops_the_run:
-            raise DataError(self.describe())
+            raise GatheredError(self.describe())
 
     def describe(self) -> str:
         """Return the problems, one per line, and the total where it is more than is shown."""
-        lines = [str(problem) for problem in self.first]
+        lines = [printable(str(problem)) for problem in self.first]
         hint = "--bad-rows FILE sets bad rows aside and goes on"
         if len(lines) == self.total == 1:
             return f"{lines[0]} ({hint})"

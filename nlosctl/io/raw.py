@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -83,7 +84,7 @@ def readable(name: str, what: str) -> Iterator[None]:
         yield
     except EOFError as error:
         raise DataError(f"{name}: the {what} is cut short; copy or write it again") from error
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except (pa.ArrowException, OSError, ValueError, zlib.error) as error:
         if isinstance(error, OSError) and error.errno is not None and error.filename is not None:
             raise DataError(f"{name}: can't be read: {error.strerror}") from error
         reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__

@@ -60,8 +60,8 @@ class EstimatesLayout:
     """How the estimates table of a run looks: same columns in every chunk.
 
     ``measurement_name`` is the input's column that an estimate of a single measurement carries, if there is one;
-    ``sweeps`` tells the swept values of each of ``methods``. ``frame`` is how the plane lies on earth, in words, where it does. ``wanted`` are further columns of the contract:
-    the ellipse, cep50_m, gdop.
+    ``sweeps`` tells the swept values of each of ``methods``. ``frame`` is how the plane lies on earth, in words, where
+    it does. ``wanted`` are further columns of the contract: the ellipse, cep50_m, gdop.
     """
 
     methods: tuple[str, ...]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import msgspec
 
 from nlosctl.contract.scene import EarthFrame, Scene, Sensor
+from nlosctl.contract.toml_text import parse_toml, read_limited
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.reflector_kinds import REFLECTOR_KINDS, kind_of_reflector
 from nlosctl.io.toml_structs import Decoder, Finite, Point
@@ -20,6 +20,8 @@ __all__ = ["SCENE_KEY", "find_scene", "scene_from_toml", "scene_to_toml"]
 
 SCENE_KEY = b"nlosctl.scene"
 """The key of the scene's TOML text in a table's metadata."""
+
+_IN_METADATA = "the scene in the table's metadata"
 
 
 _KEYS = ("sensor", "reflector", "frame")
@@ -43,10 +45,7 @@ def scene_from_toml(text: str, name: str) -> Scene:
 
     Raises DataError that says which key is wrong, what came and what was expected.
     """
-    try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise DataError(f"{name}: not TOML: {error}") from error
+    tree = parse_toml(text, name)
     for key in tree:
         if key not in _KEYS:
             near = did_you_mean(key, _KEYS)
@@ -99,7 +98,11 @@ def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: 
     if option is not None:
         return _scene_of_file(Path(option))
     if SCENE_KEY in metadata:
-        return scene_from_toml(metadata[SCENE_KEY].decode("utf-8"), "the scene in the table's metadata")
+        try:
+            text = metadata[SCENE_KEY].decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise DataError(f"{_IN_METADATA}: not UTF-8 text") from error
+        return scene_from_toml(text, _IN_METADATA)
     for candidate in _beside(input_path):
         if candidate.is_file():
             return _scene_of_file(candidate)
@@ -120,13 +123,11 @@ def _beside(input_path: Path | None) -> list[Path]:
 
 def _scene_of_file(path: Path) -> Scene:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_limited(path, str(path))
     except OSError as error:
         siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
         near = did_you_mean(path.name, siblings)
         raise DataError(f"{path}: the scene can't be read: {error.strerror}{near}") from error
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path}: the scene is not UTF-8 text") from error
     return scene_from_toml(text, str(path))
 
 

@@ -4,31 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pyarrow.compute as pc
-import pyarrow.parquet
 
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Part
 from nlosctl.io.pieces import Piece
+from nlosctl.io.typed_files import parquet_metadata
 
-__all__ = ["last_id", "pieces_beginning_in"]
+__all__ = ["Neighbours", "pieces_beginning_in"]
 
 ReadPart = Callable[[Part], Iterator[Piece]]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Neighbours:
+    """How the parts beside one are read: ``read`` gives their good rows, quietly.
+
+    ``end_id`` gives the snapshot id of a part's first (0) or last (-1) row at little cost, or None where it takes
+    reading; it is asked only where no row is set aside, so that every row is good or the run fails.
+    """
+
+    read: ReadPart
+    end_id: Callable[[Part, int], Any]
+
+
 def pieces_beginning_in(
-    parts: Sequence[Part], place: int, own: Callable[[Part, Any], Iterator[Piece]], other: ReadPart
+    parts: Sequence[Part], place: int, own: Callable[[Part, Any], Iterator[Piece]], others: Neighbours
 ) -> Iterator[Piece]:
     """Yield the good rows of the snapshots whose first good row is in ``parts[place]``.
 
     ``own`` reads that part (all of it is read, so that its faults are told), being told the id of the snapshot that
-    the parts before have begun; ``other`` reads a neighbour quietly.
+    the parts before have begun.
     """
-    begun = last_id(parts[:place], other)
+    begun = _last_id(parts[:place], others)
     last = None
     for piece in own(parts[place], None if begun is None else begun.as_py()):
         if begun is not None:
@@ -39,24 +51,28 @@ def pieces_beginning_in(
         last = piece.ids[len(piece.ids) - 1]
         yield piece
     if last is not None:
-        yield from _following(parts[place + 1 :], last, other)
+        yield from _following(parts[place + 1 :], last, others)
 
 
-def last_id(parts: Sequence[Part], read: ReadPart) -> Any:
+def _last_id(parts: Sequence[Part], others: Neighbours) -> Any:
     """Return the snapshot id of the last good row of ``parts`` as an Arrow scalar, or None where there is no row."""
     for part in reversed(parts):
         for tail in _tails(part):
-            last = None
-            for piece in read(tail):
-                last = piece.ids[len(piece.ids) - 1]
+            last = others.end_id(tail, -1)
+            if last is None:
+                for piece in others.read(tail):
+                    last = piece.ids[len(piece.ids) - 1]
             if last is not None:
                 return last
     return None
 
 
-def _following(parts: Sequence[Part], last: Any, read: ReadPart) -> Iterator[Piece]:
+def _following(parts: Sequence[Part], last: Any, others: Neighbours) -> Iterator[Piece]:
     for part in parts:
-        with closing(read(part)) as pieces:  # type: ignore[type-var]
+        first = others.end_id(part, 0)
+        if first is not None and first != last:
+            return
+        with closing(others.read(part)) as pieces:  # type: ignore[type-var]
             for piece in pieces:
                 count = _leading(piece, last)
                 if count:
@@ -76,6 +92,6 @@ def _tails(part: Part) -> Iterator[Part]:
     if part.format is not FileFormat.PARQUET or part.path is None:
         yield part
         return
-    first, behind = part.row_groups or (0, pyarrow.parquet.read_metadata(part.path).num_row_groups)
+    first, behind = part.row_groups or (0, parquet_metadata(part.path).num_row_groups)
     for place in reversed(range(first, behind)):
         yield replace(part, row_groups=(place, place + 1))

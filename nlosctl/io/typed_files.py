@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet
 
+from nlosctl.contract.limits import limit
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
+from nlosctl.io.byte_streams import FREE_EXPANSION_BYTES, expansion_fault
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Part
 from nlosctl.io.raw import RawBatch, readable, rebatch
 from nlosctl.io.to_text import without_views
 
-__all__ = ["ArrowSource", "ParquetSource", "fits_type"]
+__all__ = ["ArrowSource", "ParquetSource", "fits_type", "parquet_end_value", "parquet_metadata"]
 
 _BUFFER_BYTES = 1 << 20
 
@@ -58,6 +62,17 @@ def _without_views(schema: Any) -> Any:
     return pa.schema([column.with_type(without_views(column.type)) for column in schema], metadata=schema.metadata)
 
 
+def parquet_metadata(path: Path) -> Any:
+    """Return what the end of a Parquet file tells of it; it is read once for a number of openings of the same file."""
+    status = path.stat()
+    return _parquet_metadata(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _parquet_metadata(path: Path, size: int, modified: int) -> Any:
+    return pyarrow.parquet.read_metadata(path)
+
+
 class ParquetSource:
     """A Parquet file, read in batches whatever the size of its row groups."""
 
@@ -65,18 +80,35 @@ class ParquetSource:
         self._part, self._batch_rows, self._use_threads = part, batch_rows, use_threads
         with readable(part.name, "Parquet file"):
             self._file = self._open(())
-        self._schema = self._file.schema_arrow
-        self.names: tuple[str, ...] = tuple(self._schema.names)
-        self.metadata: Mapping[bytes, bytes] = {
-            **(self._schema.metadata or {}),
-            **(self._file.metadata.metadata or {}),  # what was added at the end of writing is here alone
-        }
+            self._schema = self._file.schema_arrow
+            self.names: tuple[str, ...] = tuple(self._schema.names)
+            self.metadata: Mapping[bytes, bytes] = {
+                **(self._schema.metadata or {}),
+                **(self._file.metadata.metadata or {}),  # what was added at the end of writing is here alone
+            }
         self._columns: list[str] | None = None
+        self._refuse_bomb()
+
+    def _refuse_bomb(self) -> None:
+        """Refuse pages that unpack to far more than they are, before any is unpacked."""
+        metadata, most = self._file.metadata, limit("expansion")
+        groups = [metadata.row_group(place) for place in range(metadata.num_row_groups)]
+        unpacked = sum(group.total_byte_size for group in groups)
+        if unpacked <= FREE_EXPANSION_BYTES:
+            return
+        columns = range(metadata.num_columns)
+        packed = sum(group.column(place).total_compressed_size for group in groups for place in columns)
+        if unpacked > most * packed:
+            raise DataError(expansion_fault(self._part.name, most))
 
     def _open(self, dictionary: Sequence[str]) -> Any:
-        source = self._part.stream if self._part.stream is not None else str(self._part.path)
+        path = self._part.path
         return pa.parquet.ParquetFile(
-            source, read_dictionary=list(dictionary), pre_buffer=False, buffer_size=_BUFFER_BYTES
+            self._part.stream if path is None else str(path),
+            metadata=None if path is None else parquet_metadata(path),
+            read_dictionary=list(dictionary),
+            pre_buffer=False,
+            buffer_size=_BUFFER_BYTES,
         )
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
@@ -115,6 +147,7 @@ class ParquetSource:
                 ),
                 self._batch_rows,
             ):
+                batch.validate(full=True)
                 wanted = _without_views(batch.schema)
                 yield RawBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
                 row += batch.num_rows
@@ -126,17 +159,37 @@ class ParquetSource:
             self._part.stream.close()
 
 
+def parquet_end_value(part: Part, column: str, place: int) -> Any:
+    """Return the value of ``column`` in the first (0) or last (-1) row of a part, or None where that takes more.
+
+    That is where the part is no Parquet file on disk, has no row, or the column is not there or null in that row.
+    """
+    if part.format is not FileFormat.PARQUET or part.path is None:
+        return None
+    told = parquet_metadata(part.path)
+    first, behind = part.row_groups or (0, told.num_row_groups)
+    if first == behind or column not in told.schema.to_arrow_schema().names:
+        return None
+    with readable(part.name, "Parquet file"), pa.parquet.ParquetFile(str(part.path), metadata=told) as file:
+        if place == 0:
+            batch = next(file.iter_batches(1, row_groups=[first], columns=[column], use_threads=False), None)
+        else:
+            batch = file.read_row_group(behind - 1, columns=[column], use_threads=False)
+        return None if batch is None or not batch.num_rows else batch.column(0)[place].as_py()
+
+
 class ArrowSource:
     """An Arrow IPC file or stream."""
 
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "Arrow file"):
-            self._handle = part.stream if part.stream is not None else pa.memory_map(str(part.path))
+            # not mapped into memory: a file that is cut short meanwhile would end the process
+            self._handle = part.stream if part.stream is not None else pa.OSFile(str(part.path))
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
-        self._schema = _without_views(self._reader.schema)
-        self.names: tuple[str, ...] = tuple(self._schema.names)
+            self._schema = _without_views(self._reader.schema)
+            self.names: tuple[str, ...] = tuple(self._schema.names)
         self.metadata: Mapping[bytes, bytes] = self._schema.metadata or {}
         self._columns: list[str] | None = None
 
@@ -161,7 +214,7 @@ class ArrowSource:
         else:
             found = iter(self._reader)
         for batch in found:
-            batch.validate()
+            batch.validate(full=True)  # offsets that point outside would be read as they are
             batch = batch if self._columns is None else batch.select(self._columns)
             wanted = _without_views(batch.schema)
             yield batch if batch.schema.equals(wanted) else batch.cast(wanted)

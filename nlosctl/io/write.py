@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -157,7 +157,8 @@ class TableWriter:
             if self._format is FileFormat.PARQUET:
                 self._sink.close()
             return
-        self._sink.close()
+        with suppress(OSError):  # what waits to be written can't be, on a full disk: the file is given up anyway
+            self._sink.close()
         self._temporary.unlink(missing_ok=True)
         self._temporary = None
 
@@ -221,9 +222,15 @@ def write_bytes(target: str, content: bytes) -> None:
             Path(target).write_bytes(content)
             return
         temporary, sink = _temporary_beside(target)
-        with sink:
-            sink.write(content)
-        temporary.replace(Path(target).resolve())
+        try:
+            with sink:
+                sink.write(content)
+                sink.flush()
+                os.fsync(sink.fileno())
+            temporary.replace(Path(target).resolve())
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
 
 
 def is_folder_target(target: str | None) -> bool:

@@ -69,7 +69,7 @@ class BoundRun:
         """The Arrow schema of the only table there is."""
         return {"bound": result_schema(self.reader, self._grid)}
 
-    def again(self, jobs: int) -> Callable[[MeasurementReader], BoundRun]:
+    def again(self) -> Callable[[MeasurementReader], BoundRun]:
         """Return what starts an equal run over another reader; it can be sent to another process."""
         return partial(BoundRun, settings=self._settings, grid=self._grid, map=self._map)
 
@@ -86,7 +86,7 @@ class BoundRun:
         described = describe_inputs(inputs, {}, with_hash=with_hash)
         return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
 
-    def tables(self) -> Iterator[ChunkTables]:
+    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
         """Yield the bounds, in input order; raises what reading raises."""
         if self._grid is None:
             tables = bounds_at_truth(self.reader, self._settings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from typing import Any
 
 from nlosctl.errors import DataError, UsageError
@@ -14,10 +15,11 @@ from nlosctl.io.scenes import scene_to_toml
 from nlosctl.pipeline.id_order import IdOrder
 from nlosctl.pipeline.parts import PartWork
 from nlosctl.pipeline.provenance import describe_inputs
+from nlosctl.pipeline.workers import map_in_processes
 from nlosctl.pipeline.writing import Run
 from nlosctl.version import __version__
 
-__all__ = ["Engine", "FolderRun", "one_after_the_other"]
+__all__ = ["Engine", "FolderRun", "in_this_machine"]
 
 Engine = Callable[[PartWork, Sequence[int]], Iterable[tuple[int, dict[str, Any]]]]
 """Makes the parts of these numbers, and gives the record of each as it is done, in any order."""
@@ -25,10 +27,17 @@ Engine = Callable[[PartWork, Sequence[int]], Iterable[tuple[int, dict[str, Any]]
 _KEPT_IN_PLAN = ("kind", "renames", "constants", "all_rows", "max_snapshot_rows")
 
 
-def one_after_the_other(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Make the parts in this process; an `Engine`."""
-    for number in numbers:
-        yield number, work.make(number)
+def in_this_machine(jobs: int) -> Engine:
+    """Return the engine of this machine: ``jobs`` processes, each at a part; at a single part they share its rows."""
+
+    def make(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+        if len(numbers) == 1:
+            yield numbers[0], work.make(numbers[0], jobs)
+            return
+        with closing(map_in_processes(work.make, numbers, jobs)) as records:
+            yield from zip(numbers, records, strict=True)
+
+    return make
 
 
 class FolderRun:
@@ -45,7 +54,6 @@ class FolderRun:
         roots: Mapping[str, str],
         *,
         format: FileFormat | None,
-        jobs: int,
         with_hash: bool,
     ) -> None:
         if any(part.path is None for given in inputs for part in given.parts):
@@ -54,7 +62,6 @@ class FolderRun:
         self._folder = RunFolder(roots)
         self._format = format or FileFormat.PARQUET
         self._names = part_names(inputs, self._format)
-        self._jobs = jobs
 
     def write(self, engine: Engine, *, resume: bool, overwrite: bool, progress: Callable[[int], None]) -> None:
         """Make every part that is missing, then the manifests; the run's report tells all parts.
@@ -84,7 +91,7 @@ class FolderRun:
             inputs=self._inputs,
             options=reader.options,
             found=reader.found(),
-            start=self._run.again(self._jobs),
+            start=self._run.again(),
             roots=self._folder.roots,
             names=tuple(self._names),
             places=tuple(self._places()),

@@ -40,7 +40,7 @@ class PartWork:
     format: FileFormat
     with_hash: bool
 
-    def make(self, number: int, progress: Callable[[int], None] = lambda rows: None) -> dict[str, Any]:
+    def make(self, number: int, jobs: int = 1) -> dict[str, Any]:
         """Write the files of one part, remember that it is done, and return its record.
 
         The files are whole under their names before the record is; made twice they are the same to the byte.
@@ -59,7 +59,7 @@ class PartWork:
             if BAD_ROWS in writers:
                 reader.set_bad_rows_aside(BadRowWriter(writers[BAD_ROWS]))
             sinks = {table: writer for table, writer in writers.items() if table != BAD_ROWS}
-            write_tables(run, sinks, metadata, progress)
+            write_tables(run.tables(jobs), sinks, metadata, lambda rows: None)
         files = {
             table: describe_file(self.roots[table], self.names[number], writer.rows)
             for table, writer in writers.items()

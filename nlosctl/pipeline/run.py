@@ -28,7 +28,7 @@ from nlosctl.pipeline.report import MethodTally, RunReport
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
 from nlosctl.pipeline.sweeps import refuse_swept_columns
-from nlosctl.pipeline.workers import map_in_order
+from nlosctl.pipeline.workers import map_in_processes
 
 __all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
 
@@ -114,8 +114,7 @@ class MeasurementRun:
         )
         if settings.want_trace and not any(run.spec.traces for run in self._runs):
             raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
-        self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
-        self._flat_plane = FlatPlaneTally(reader.scene.frame, self.report.flat_plane)
+        self.report = self._new_report()
 
     @property
     def reader(self) -> MeasurementReader:
@@ -128,9 +127,9 @@ class MeasurementRun:
         schemas = {"estimates": self.estimates_schema, "flags": self.flags_schema}
         return {**schemas, "trace": self.trace_schema} if self._settings.want_trace else schemas
 
-    def again(self, jobs: int) -> Callable[[MeasurementReader], MeasurementRun]:
-        """Return what starts an equal run over another reader; it can be sent to another process."""
-        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=jobs))
+    def again(self) -> Callable[[MeasurementReader], MeasurementRun]:
+        """Return what starts an equal run, of one job, over another reader; it can be sent to another process."""
+        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=1))
 
     @property
     def estimates_schema(self) -> Any:
@@ -184,18 +183,26 @@ class MeasurementRun:
             "add": list(settings.add),
         }
 
-    def tables(self) -> Iterator[ChunkTables]:
-        """Yield the results chunk by chunk, in input order; raises what reading and solving raise."""
-        solved = map_in_order(self._solve, self._reader.chunks(), self._settings.jobs)
-        for estimates, flags, tables in solved:
-            self.report.rows += tables.rows
-            if estimates is not None:
-                self._count(estimates)
-            self._count_flags(flags)
+    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order; raises what reading and solving raise.
+
+        ``jobs`` are those of the settings unless given.
+        """
+        chunks = (self._slimmed(chunk) for chunk in self._reader.chunks())
+        for tables, counts in map_in_processes(self._solve, chunks, jobs or self._settings.jobs):
+            self.report.take(counts)
             yield tables
         self._finish()
 
-    def _solve(self, chunk: Chunk) -> tuple[FlatEstimates | None, list[FlatFlags], ChunkTables]:
+    def _slimmed(self, chunk: Chunk) -> Chunk:
+        """Return the chunk with those columns of its table alone that results carry: it may be sent far."""
+        if self._settings.want_flags or self._settings.want_trace:
+            return chunk
+        names = {*self._estimates_layout.carried, self._estimates_layout.measurement_name} - {""}
+        return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
+
+    def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
+        """Return the tables of a chunk, and its counts."""
         settings = self._settings
         problem = Problem(
             kind=self._reader.kind,
@@ -236,8 +243,11 @@ class MeasurementRun:
         if trace is not None:
             steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
             named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
-        self._flat_plane.add(problem, estimates)
-        return estimates, flags, ChunkTables(named=named, rows=chunk.table.num_rows)
+        rows = int(chunk.offsets[-1])
+        return ChunkTables(named=named, rows=rows), self._counted(problem, estimates, flags, rows)
+
+    def _new_report(self) -> RunReport:
+        return RunReport(kind=self._reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
 
     def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
         if not any(run.spec.randomized for run in self._runs):
@@ -256,19 +266,25 @@ class MeasurementRun:
         name = KINDS[self._reader.kind].measurement_name
         return name if name in self._reader.schema.names else ""
 
-    def _count_flags(self, flags: Sequence[FlatFlags]) -> None:
+    def _counted(
+        self, problem: Problem, estimates: FlatEstimates | None, flags: Sequence[FlatFlags], rows: int
+    ) -> dict[str, Any]:
+        """Return the counts of a chunk, for the report to take."""
+        report = self._new_report()
+        report.rows = rows
+        if estimates is not None:
+            best = estimates.alternative == 0
+            for number, run in enumerate(self._runs):
+                mine = best & (estimates.method == number)
+                cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
+                tally = report.methods[run.label]
+                tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+                tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
         for run, said in zip(self._runs, flags, strict=False):
             if run.spec.job != "localize":
-                self.report.methods[run.label].add_verdicts(said.columns)
-
-    def _count(self, estimates: FlatEstimates) -> None:
-        best = estimates.alternative == 0
-        for number, run in enumerate(self._runs):
-            mine = best & (estimates.method == number)
-            cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
-            tally = self.report.methods[run.label]
-            tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
-            tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
+                report.methods[run.label].add_verdicts(said.columns)
+        FlatPlaneTally(self._reader.scene.frame, report.flat_plane).add(problem, estimates)
+        return report.counts()
 
     def _finish(self) -> None:
         read = self._reader.report
@@ -277,14 +293,15 @@ class MeasurementRun:
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        self.add_notes(read.remarks)
+        if not self._reader.reads_one_part:
+            self.add_notes(read.remarks)
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add to the report what its counts say; ``remarks`` are the reader's."""
         self.report.notes += [
             *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
-            *self._flat_plane.remarks(),
+            *FlatPlaneTally(self._reader.scene.frame, self.report.flat_plane).remarks(),
             *self._unused_ranges(),
             *self._edge_remarks(),
             *self._hopeless(),

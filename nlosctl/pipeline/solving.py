@@ -15,7 +15,8 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Estimates, Solution, Trace, Words, single_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.errors import MethodError, NlosctlError
+from nlosctl.errors import MethodError, NlosctlError, in_one_line
+from nlosctl.pipeline.answers import fault_of
 from nlosctl.pipeline.dense import Block, dense_blocks
 from nlosctl.pipeline.flag_columns import FlagColumn
 from nlosctl.solvers.search_regions import search_region
@@ -156,10 +157,11 @@ def _solve_block(
         solution = run.spec.solve(batch, run.options)
     except NlosctlError:
         raise
-    except Exception as error:
-        raise MethodError(f"method {run.spec.name!r} failed: {type(error).__name__}: {error}") from error
-    if not isinstance(solution, Solution):
-        raise MethodError(f"method {run.spec.name!r} returned a {type(solution).__name__}, not a Solution")
+    except (Exception, SystemExit) as error:
+        raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
+    fault = fault_of(solution, block.row.shape)
+    if fault:
+        raise MethodError(f"method {run.spec.name!r} {fault}")
     return solution
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from nlosctl.io.inputs import Input
@@ -59,8 +59,8 @@ class Run(Protocol):
     def schemas(self) -> Mapping[str, Any]:
         """The Arrow schema of every table that can be asked for, by its name."""
 
-    def again(self, jobs: int) -> Callable[[MeasurementReader], Run]:
-        """Return what starts an equal run over another reader; it can be sent to another process."""
+    def again(self) -> Callable[[MeasurementReader], Run]:
+        """Return what starts an equal run, of one job, over another reader; it can be sent to another process."""
 
     def provenance(self) -> dict[str, Any]:
         """Return what makes the results, as plain values."""
@@ -71,25 +71,28 @@ class Run(Protocol):
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files."""
 
-    def tables(self) -> Iterator[ChunkTables]:
-        """Yield the results chunk by chunk, in input order."""
+    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order, by this number of processes (None: as it was told)."""
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add to the report what its counts say, and the reader's remarks."""
 
 
 def write_tables(
-    run: Run, sinks: Mapping[str, Sink], metadata: Callable[[], Mapping[str, str]], progress: Callable[[int], None]
+    tables: Iterable[ChunkTables],
+    sinks: Mapping[str, Sink],
+    metadata: Callable[[], Mapping[str, str]],
+    progress: Callable[[int], None],
 ) -> None:
-    """Run to the end and hand each table to the sink of its name, the metadata when all is known.
+    """Hand each table to the sink of its name, and the metadata when all is known.
 
     ``progress`` is told how many rows of the input have been done.
     """
     rows = 0
-    for tables in run.tables():
+    for chunk in tables:
         for name, sink in sinks.items():
-            sink.write(tables.named[name])
-        rows += tables.rows
+            sink.write(chunk.named[name])
+        rows += chunk.rows
         progress(rows)
     closing = metadata()
     for sink in sinks.values():

@@ -26,7 +26,7 @@ IntArray = npt.NDArray[np.int64]
 
 _LEVELS = 9
 _LIGHTEST, _DARKEST = 0.96, 0.25
-_HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++", "oo")
+_HATCHES = ("", "////", "\\\\\\\\", "xxxx", "----", "++++", "....", "oo")
 
 
 @figure_style()

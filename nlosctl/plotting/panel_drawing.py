@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import singledispatch
+from typing import Any
 
 import numpy as np
 
 from nlosctl.plotting.figures import figure_style, new_figure, series_style
-from nlosctl.plotting.library import Axes, Figure
+from nlosctl.plotting.library import Axes, Figure, Patch
 from nlosctl.plotting.maps import draw_map, draw_regions
 from nlosctl.plotting.panels import (
     BarsPanel,
@@ -33,31 +34,66 @@ from nlosctl.plotting.series import (
 
 __all__ = ["draw_panels"]
 
-_PANEL_IN = (5.0, 3.8)
-_IN_A_ROW = 2
+_PANEL_IN = {1: (6.0, 4.2), 2: (5.0, 3.8), 3: (4.2, 3.4)}
+"""Width and height of a panel by how many stand in a row."""
+_HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----")
 
 
+@figure_style()
 def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
-    """Return a figure with all panels, two in a row."""
-    columns = min(len(panels), _IN_A_ROW)
+    """Return a figure with all panels, two in a row, or three where there are three.
+
+    Panels with the same labels share one legend, beside them all, and so do all with points.
+    """
+    columns = 3 if len(panels) == 3 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
-    width, height = _PANEL_IN
+    width, height = _PANEL_IN[columns]
     figure, places = new_figure(rows, columns, width_in=width * columns, height_in=height * rows + 0.3, title=title)
     for place, panel in zip(places, panels, strict=False):
         _draw(panel, place)
         _finish(panel, place)
     for place in places[len(panels) :]:
         place.set_axis_off()
+    _place_legends(figure, places[: len(panels)], panels)
     return figure
 
 
-@figure_style()
 def _finish(panel: Panel, axes: Axes) -> None:
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     axes.set_title(panel.title)
+    if panel.x_range is not None:
+        axes.set_xlim(*panel.x_range)
+    if panel.y_range is not None:
+        axes.set_ylim(*panel.y_range)
     if panel.equal_aspect:
         axes.set_aspect("equal")
+
+
+def _place_legends(figure: Figure, places: Sequence[Axes], panels: Sequence[Panel]) -> None:
+    told = [_entries(axes) for axes in places]
+    alike = len(panels) > 1 and len(told[0]) > 1 and all(list(one) == list(told[0]) for one in told)
+    if not alike and not all(isinstance(panel, PointsPanel) for panel in panels):
+        for axes, panel, labels in zip(places, panels, told, strict=True):
+            if len(labels) > 1 and not isinstance(panel, RegionsPanel):
+                place_legend(axes)
+        return
+    for legend in filter(None, (axes.get_legend() for axes in places)):
+        legend.remove()
+    union = {label: handle for one in told for label, handle in one.items()}
+    figure.legend(union.values(), union.keys(), loc="outside right upper")
+
+
+def _entries(axes: Axes) -> dict[str, Any]:
+    """Return what a legend of the panel is to tell by label: patches that it has in one already, then what is drawn."""
+    legend = axes.get_legend()
+    told: dict[str, Any] = {}
+    if legend is not None:
+        texts = [text.get_text() for text in legend.get_texts()]
+        entries = zip(texts, legend.legend_handles, strict=True)
+        told = {text: handle for text, handle in entries if isinstance(handle, Patch)}
+    handles, labels = axes.get_legend_handles_labels()
+    return told | dict(zip(labels, handles, strict=True))
 
 
 @singledispatch
@@ -67,65 +103,70 @@ def _draw(panel: Panel, axes: Axes) -> None:
 
 @_draw.register
 def _(panel: LinesPanel, axes: Axes) -> None:
-    draw_series(axes, _series(panel.lines), log_x=panel.log_x, log_y=panel.log_y)
+    draw_series(axes, _series(panel.lines), log_x=panel.log_x, log_y=panel.log_y, legend=False)
     draw_reference_lines(axes, panel.references)
 
 
 @_draw.register
 def _(panel: PointsPanel, axes: Axes) -> None:
-    _outlines(axes, panel.outlines)
+    draw_series(axes, _series(panel.outlines), legend=False)
     draw_points(axes, _series(panel.points), size_pt=panel.size_pt, legend=False)
-    place_legend(axes)
 
 
 @_draw.register
 def _(panel: RegionsPanel, axes: Axes) -> None:
     draw_regions(axes, panel.x, panel.y, panel.region, panel.labels, equal_aspect=panel.equal_aspect)
-    _outlines(axes, panel.outlines)
+    draw_series(axes, _series(panel.outlines), legend=False)
+    told = _entries(axes)
+    axes.legend(told.values(), told.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
 @_draw.register
 def _(panel: MapPanel, axes: Axes) -> None:
-    draw_map(axes, panel.x, panel.y, panel.values, panel.label, log=panel.log, equal_aspect=panel.equal_aspect)
-    draw_points(axes, _series(panel.points), size_pt=5.0, legend=False)
+    draw_map(
+        axes,
+        panel.x,
+        panel.y,
+        panel.values,
+        panel.label,
+        log=panel.log,
+        contours=panel.contours,
+        equal_aspect=panel.equal_aspect,
+    )
+    if panel.points:
+        axes.use_sticky_edges = False
+        axes.margins(0.04)
+        draw_points(axes, _series(panel.points), size_pt=5.0, legend=False)
 
 
 @_draw.register
 def _(panel: CdfPanel, axes: Axes) -> None:
-    draw_cdf(axes, panel.values, log_x=panel.log_x)
+    draw_cdf(axes, panel.values, log_x=panel.log_x, legend=False)
 
 
 @_draw.register
 def _(panel: HistogramPanel, axes: Axes) -> None:
     draw_histogram(axes, panel.values, bins=panel.bins, density=panel.density, legend=False)
     draw_series(axes, _series(panel.curves), legend=False)
-    place_legend(axes)
 
 
 @_draw.register
 def _(panel: BarsPanel, axes: Axes) -> None:
     width = 0.8 / max(len(panel.values), 1)
     place = np.arange(len(panel.groups), dtype=np.float64)
-    hatches = ("", "////", "....", "\\\\\\\\", "xxxx", "----")
-    with figure_style():
-        for number, (label, heights) in enumerate(panel.values.items()):
-            axes.bar(
-                place + (number - 0.5 * (len(panel.values) - 1)) * width,
-                heights,
-                width,
-                yerr=panel.errors.get(label),
-                label=label,
-                color=series_style(number).color,
-                hatch=hatches[number % len(hatches)],
-                edgecolor="white",
-                error_kw={"elinewidth": 0.8, "ecolor": "#404040"},
-            )
-        axes.set_xticks(place, panel.groups)
-    place_legend(axes)
-
-
-def _outlines(axes: Axes, lines: Sequence[Line]) -> None:
-    draw_series(axes, _series(lines), legend=False)
+    for number, (label, heights) in enumerate(panel.values.items()):
+        axes.bar(
+            place + (number - 0.5 * (len(panel.values) - 1)) * width,
+            heights,
+            width,
+            yerr=panel.errors.get(label),
+            label=label,
+            color=series_style(number).color,
+            hatch=_HATCHES[number % len(_HATCHES)],
+            edgecolor="white",
+            error_kw={"elinewidth": 0.8, "ecolor": "#404040"},
+        )
+    axes.set_xticks(place, panel.groups)
 
 
 def _series(lines: Sequence[Line]) -> list[Series]:

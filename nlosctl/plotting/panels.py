@@ -28,7 +28,8 @@ IntArray = npt.NDArray[np.int64]
 class Line:
     """A labelled series ``x`` and ``y`` (N,), with half-lengths of error bars (N,); NaN leaves a gap.
 
-    ``style`` numbers the styles of `nlosctl.plotting.figures`; its place in the panel unless given. ``marker`` false:
+    ``style`` numbers the styles of `nlosctl.plotting.figures`; its place in the panel unless given. A label that begins
+    with ``_`` is not in the legend. ``marker`` false:
     the line alone, ``line`` false: the markers alone.
     """
 
@@ -43,13 +44,14 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What all panels have: axis labels as ``quantity [unit]`` and a title. ``width`` is relative to the others."""
+    """What all panels have: axis labels as ``quantity [unit]``, a title, and limits where the data don't set them."""
 
     x_label: str = ""
     y_label: str = ""
     title: str = ""
     equal_aspect: bool = False
-    width: float = 1.0
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +93,7 @@ class MapPanel(Panel):
     values: FloatArray
     label: str
     log: bool = False
+    contours: bool = True
     points: tuple[Line, ...] = ()
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from nlosctl.reproduce.experiment import Chunk, Paper
+from nlosctl.plotting.panels import LinesPanel, Panel
+from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
+from nlosctl.reproduce.panels import curve
+from nlosctl.reproduce.samples import Drawn, Statistic, median_of, rms_of
 from nlosctl.reproduce.simulated import Fixes, Simulated, fixes, simulated
 
-__all__ = ["FIELD", "PAPER", "ring", "solve"]
+__all__ = ["BOOTSTRAPS", "FIELD", "PAPER", "RECEIVERS", "panels_by_blocked", "ratio", "ring", "solve", "worst_ratio"]
 
 FIELD = "circle:0,0,1"
 """The paper's field: the unit disc of receivers; lengths are in radii."""
+RECEIVERS = 8
+BOOTSTRAPS = {1: 4, 2: 7, 3: 11, 4: 15}
+"""M of Section V-B by the number of blocked receivers."""
 
 
 def ring(chunk: Chunk, **parameters: Any) -> Simulated:
@@ -23,8 +30,98 @@ def solve(given: Simulated, chunk: Chunk, method: str, **parameters: Any) -> Fix
     return fixes(given, chunk, method, field=FIELD, **parameters)
 
 
+def ratio(drawn: Drawn, name: str, other: str, of: Any = rms_of, **keys: Any) -> float:
+    """Return a statistic (rms unless told) of ``name`` over that of ``other``, under one condition."""
+    samples = drawn.of(**keys)
+    upper: Statistic = of(name)
+    lower: Statistic = of(other)
+    return upper(samples) / lower(samples)
+
+
+def worst_ratio(drawn: Drawn, name: str, other: str, of: Any = rms_of, **keys: Any) -> float:
+    """Return the largest `ratio` over all conditions with these values."""
+    return max(float(of(name)(samples) / of(other)(samples)) for _, samples in drawn.where(**keys))
+
+
+def panels_by_blocked(
+    drawn: Drawn, blocked: Sequence[int], marked: tuple[str, str], plain: tuple[str, str]
+) -> Sequence[Panel]:
+    """Return root mean square and median over the spread, a colour for each number of blocked receivers.
+
+    ``marked`` and ``plain`` are the name and label of two kinds of samples, with and without markers.
+    """
+    panels = []
+    for statistic, title in ((rms_of, "root mean square"), (median_of, "median")):
+        lines = tuple(
+            curve(
+                drawn,
+                "bearing_std_deg",
+                f"{count} of {RECEIVERS} blocked, {label}",
+                statistic(name),
+                marker=name == marked[0],
+                style=style,
+                nlos_receivers=count,
+            )
+            for style, count in enumerate(blocked)
+            for name, label in (marked, plain)
+        )
+        x_label, y_label = "AoA spread [deg]", "error [radii of the field]"
+        panels.append(LinesPanel(x_label=x_label, y_label=y_label, title=title, lines=lines, log_y=True))
+    return panels
+
+
 PAPER = Paper(
     name="madhow",
     reference="Ananthasubramaniam, Madhow",
-    errata=(),
+    errata=(
+        Erratum(
+            where="(1)",
+            printed="normalized by 1 - 2 Q(pi / 2 s) over +-pi/2 of broadside",
+            right="exact at broadside only; else Phi((pi/2 - t)/s) - Phi((-pi/2 - t)/s), or an error cut at +-pi/2",
+        ),
+        Erratum(
+            where="(2)",
+            printed="1 / (2 sqrt2 s exp(-pi / (sqrt2 s)))",
+            right="1 / (sqrt2 s (1 - exp(-pi / (sqrt2 s)))); as printed it integrates to 2e9 at s = 0.1",
+        ),
+        Erratum(where="(7)", printed="A S (s + A S A')^-1", right="S A' (s^2 + A S A')^-1"),
+        Erratum(where="(8)-(10), (17)", printed="sigma for its square", right="sigma^2; (17) lacks a factor 1/2"),
+        Erratum(where="(11)", printed="a row vector", right="its transpose"),
+        Erratum(where="(13)", printed="arg(Xc - Xs)", right="arg(Xs - Xc)"),
+        Erratum(
+            where="(20)",
+            printed="2 R^2 s^2 / (pi^2 (N - 1))",
+            right="4 R^2 s^2 / N exactly; with sin <= 1 it is at least 2 R^2 s^2 / (N - 1); the pi^2 is spurious",
+        ),
+        Erratum(
+            where="Section III-C",
+            printed="the bound is largest at the centre of the disc",
+            right="only up to about 0.8 radii: 0.50 s^2 there, 0.71 s^2 at 0.9 radii between two receivers (N = 8)",
+        ),
+        Erratum(where="(21)", printed="gradient (R sin, -R cos), J(n-1)", right="(-sin / R, cos / R) / s^2, and J(n)"),
+        Erratum(where="(22)", printed="T_pol unitary", right="its determinant is R; use the inverse"),
+        Erratum(where="(24)", printed="log(e^a + e^b) ~ min(a, b)", right="max(a, b), each over its own 2 s_k^2"),
+        Erratum(where="(25)", printed="sqrt(2 alpha)", right="sqrt(2) alpha"),
+        Erratum(where="(27), (29)", printed="C(M, K) / C(M, P)", right="C(K, M) / C(P, M)"),
+        Erratum(
+            where="Section V-B",
+            printed="M = 4, 7, 11, 15 for a failure probability below 1e-3",
+            right="these give 1.7e-3, 1.4e-3, 1.5e-3, 4.5e-3 by (27); 5, 8, 12, 18 are needed",
+        ),
+        Erratum(
+            where="Section V-A",
+            printed="K = S~ (S~ + S~)^-1",
+            right="K = S- (S- + S~)^-1; whether SNR = 12 dB is the number 12 or 15.85 can't be told",
+        ),
+        Erratum(
+            where="Section V-B, Fig. 8",
+            printed="Rayleigh(nu) is beyond 3 nu with probability exp(-9) = 1e-4",
+            right="exp(-4.5) = 1.1e-2; exp(-9) where nu^2 is the total variance",
+        ),
+        Erratum(
+            where="Section VI",
+            printed="error = (rms on the unit disc) sqrt(area) / pi",
+            right="(rms) sqrt(area / pi): the unit disc has the area pi",
+        ),
+    ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from nlosctl.plotting.panels import LinesPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
@@ -30,16 +31,28 @@ def _ratio(drawn: Drawn, name: str, other: str, std_deg: float) -> float:
     return rms(samples[name]) / rms(samples[other])
 
 
+def _over_bound(samples: Samples, name: str) -> float:
+    return rms(samples[name]) / rms(samples["crlb"])
+
+
 def _panels(drawn: Drawn) -> Sequence[Panel]:
     names = {
         **{f"sequential_{count}": f"sequential, {count} bootstrap{'s'[: count > 1]}" for count in _BOOTSTRAPS},
         "ml": "maximum likelihood",
         "crlb": "Cramer-Rao bound",
     }
+    x_label = "AoA spread [deg]"
     lines = tuple(
         curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb") for name, label in names.items()
     )
-    return [LinesPanel(x_label="AoA spread [deg]", y_label="rms error [radii of the field]", lines=lines)]
+    ratios = tuple(
+        curve(drawn, "bearing_std_deg", label, partial(_over_bound, name=name), marker=name != "crlb")
+        for name, label in names.items()
+    )
+    return [
+        LinesPanel(x_label=x_label, y_label="rms error [radii of the field]", lines=lines),
+        LinesPanel(x_label=x_label, y_label="over the bound [-]", lines=ratios),
+    ]
 
 
 EXPERIMENT = Experiment(

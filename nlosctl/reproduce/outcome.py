@@ -16,6 +16,9 @@ from nlosctl.reproduce.verdicts import Verdict, verdict
 
 __all__ = ["ClaimRow", "claim_rows", "figure_columns", "with_error"]
 
+_ROUNDING = 1e-9
+"""A standard error this small beside its number is rounding: nothing random is in it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimRow:
@@ -96,7 +99,7 @@ def with_error(value: float, standard_error: float, unit: str = "") -> str:
     if not math.isfinite(value):
         return "-"
     suffix = f" {unit}" if unit else ""
-    if not standard_error > 0.0:
-        return f"{value:.4g}{suffix}"
+    if not standard_error > _ROUNDING * abs(value):
+        return f"{value:.6g}{suffix}"
     decimals = max(0, 1 - math.floor(math.log10(standard_error)))
     return f"{value:.{decimals}f} ± {standard_error:.{decimals}f}{suffix}"

@@ -18,7 +18,6 @@ def curve(
     *,
     marker: bool = True,
     style: int | None = None,
-    error: bool = True,
     **keys: float | int | str,
 ) -> Line:
     """Return a statistic over the condition ``x``, for those conditions that have the values ``keys``.
@@ -32,5 +31,5 @@ def curve(
         places.append(float(condition[x]))
         values.append(ours.value)
         errors.append(ours.standard_error)
-    bars = np.nan_to_num(np.array(errors)) if marker and error and drawn.random else None
+    bars = np.nan_to_num(np.array(errors)) if marker and drawn.random else None
     return Line(label=label, x=np.array(places), y=np.array(values), error=bars, marker=marker, style=style)

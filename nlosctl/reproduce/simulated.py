@@ -12,11 +12,14 @@ import numpy.typing as npt
 from nlosctl.api import bound, localize
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import Scene
+from nlosctl.io.in_memory import input_of_table
+from nlosctl.io.measurements import MeasurementReader, ReadOptions
 from nlosctl.io.simulated_tables import measurement_table
+from nlosctl.pipeline.dense import dense_blocks
 from nlosctl.reproduce.experiment import Chunk
 from nlosctl.scenarios.catalogue import find_scenario
 
-__all__ = ["Fixes", "Simulated", "bound_rms_m", "fixes", "simulated"]
+__all__ = ["Fixes", "Simulated", "batch_of", "bound_rms_m", "fixes", "simulated"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -85,3 +88,12 @@ def bound_rms_m(given: Simulated, **arguments: Any) -> FloatArray:
     found = bound(given.table, kind=given.kind, scene=given.scene, **arguments)
     values: FloatArray = found.column("rms_m").to_numpy(zero_copy_only=False).astype(float)
     return values
+
+
+def batch_of(given: Simulated) -> Any:
+    """Return the trials as one dense batch; raises ValueError where they differ in their number of rows."""
+    reader = MeasurementReader([input_of_table(given.table)], ReadOptions(kind=given.kind, scene=given.scene))
+    (chunk,) = reader.chunks()
+    (block,) = dense_blocks(chunk.offsets, ~chunk.left_out, given.truth_m.shape[0])
+    seed = np.zeros(given.truth_m.shape[0], dtype=np.uint64)
+    return block.batch(given.kind, chunk.columns, given.scene, seed, flags=False)

@@ -48,12 +48,24 @@ def _bias_share(drawn: Drawn, method: str) -> float:
     return float(np.hypot(samples[f"{method}_x"].mean(), samples[f"{method}_y"].mean())) / rms(samples[method])
 
 
+def _over_bound(samples: Samples, name: str) -> float:
+    return rms(samples[name]) / rms(samples["crlb"])
+
+
 def _panels(drawn: Drawn) -> Sequence[Panel]:
     names = {"ls": "least squares", "stansfield": "Stansfield", "ml": "maximum likelihood", "crlb": "Cramer-Rao bound"}
+    x_label = "bearing error, std [deg]"
     lines = tuple(
         curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb") for name, label in names.items()
     )
-    return [LinesPanel(x_label="bearing error, std [deg]", y_label="RMSE [m]", lines=lines)]
+    ratios = tuple(
+        curve(drawn, "bearing_std_deg", label, partial(_over_bound, name=name), marker=name != "crlb")
+        for name, label in names.items()
+    )
+    return [
+        LinesPanel(x_label=x_label, y_label="RMSE [m]", lines=lines),
+        LinesPanel(x_label=x_label, y_label="over the bound [-]", lines=ratios),
+    ]
 
 
 EXPERIMENT = Experiment(

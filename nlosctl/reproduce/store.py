@@ -32,14 +32,12 @@ class SampleStore:
 
     def open(self, *, overwrite: bool) -> None:
         """Make ready for a run; raises DataError where the whole samples of another are there and must stay."""
-        if overwrite:
-            self._whole.unlink(missing_ok=True)
-        elif self._whole.exists() and not self.complete:
+        if self._whole.exists() and not self.complete and not overwrite:
             raise DataError(
                 f"{self._whole}: is of another seed, number of trials or version; --overwrite replaces it, or choose "
                 "another folder with -o"
             )
-        if self._parts.exists() and (overwrite or self.complete):
+        if self._parts.exists() and self.complete:
             shutil.rmtree(self._parts)
 
     @property

@@ -8,13 +8,14 @@ from tempfile import TemporaryDirectory
 
 import pyarrow.parquet
 import pytest
-from cli_support import GOOD
+from cli_support import GOOD, SCENE
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nlosctl.cli.main import run
 from nlosctl.io import measurements
 from nlosctl.io.write import GROUP_ROWS, TableWriter
+from nlosctl.pipeline import sliced, workers
 
 EXTENSIONS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]
 Files = tuple[bytes, bytes]
@@ -52,6 +53,68 @@ def test_workers_and_blocks_change_no_byte(
 ) -> None:
     """Estimates and flags are the same to the byte for any ``--jobs``, ``--block-size`` and cut of the input."""
     assert solved(tmp_path, extension, jobs, block_size, chunk_rows) == reference(extension)
+
+
+@pytest.mark.parametrize("row_group_size", [10, 33])
+@pytest.mark.parametrize("flags", [True, False])
+def test_processes_that_read_slices_change_no_byte(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, row_group_size: int, flags: bool
+) -> None:
+    """Parquet is read in slices by the processes themselves, snapshots cut anywhere: the same bytes and summary."""
+    table = pyarrow.parquet.read_table(GOOD)
+    pyarrow.parquet.write_table(table, tmp_path / "m.parquet", row_group_size=row_group_size)
+    monkeypatch.setattr(sliced, "_SLICE_ROWS", 1)
+    used = []
+    monkeypatch.setattr(
+        sliced, "map_in_processes", lambda *given: used.append(given) or workers.map_in_processes(*given)
+    )
+    words = [
+        "localize",
+        str(tmp_path / "m.parquet"),
+        "--scene",
+        str(SCENE),
+        "-m",
+        "ml",
+        "-m",
+        "ls",
+        "--block-size",
+        "9",
+    ]
+    results = []
+    for jobs in "12":
+        names = [str(tmp_path / f"{name}{jobs}.parquet") for name in ("e", "f", "r")]
+        extra = ["--flags-out", names[1]] if flags else []
+        assert run([*words, "-o", names[0], *extra, "--report", names[2], "--jobs", jobs]) == 0
+        results.append([Path(name).read_bytes() for name in names if Path(name).exists()])
+    assert len(used) == 1
+    assert results[0] == results[1]
+
+
+@pytest.mark.parametrize("fault", ["negative std", "comes back", "duplicate"])
+def test_processes_that_read_slices_tell_the_same_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fault: str
+) -> None:
+    """What is wrong with the input is told in the same words whatever the number of jobs, and nothing is written."""
+    table = pyarrow.parquet.read_table(GOOD)
+    columns = {name: table.column(name).to_pylist() for name in table.column_names}
+    if fault == "negative std":
+        for row in (7, 100, 239):
+            columns["bearing_std_rad"][row] = -1.0
+    elif fault == "comes back":
+        columns["snapshot"] = [3 if identity == 30 else identity for identity in columns["snapshot"]]
+    else:
+        columns = {name: [*cells[:150], cells[149], *cells[150:]] for name, cells in columns.items()}
+    spoilt = pyarrow.table(columns, schema=table.schema)
+    pyarrow.parquet.write_table(spoilt, tmp_path / "m.parquet", row_group_size=20)
+    monkeypatch.setattr(sliced, "_SLICE_ROWS", 1)
+    words = ["localize", str(tmp_path / "m.parquet"), "--scene", str(SCENE), "-o", str(tmp_path / "e.csv")]
+    told = []
+    for jobs in "12":
+        assert run([*words, "--jobs", jobs]) == 1
+        told.append(capsys.readouterr().err)
+    assert told[0] == told[1]
+    assert {"negative std": "3 bad rows", "comes back": "comes back", "duplicate": "duplicate"}[fault] in told[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["m.parquet"]
 
 
 @pytest.mark.parametrize(("jobs", "block_size", "chunk_rows"), [(1, 4096, 131_072), (3, 2, 11), (2, 7, 64)])

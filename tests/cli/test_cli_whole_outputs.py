@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import multiprocessing
 import os
 import stat
 import subprocess
@@ -24,11 +25,13 @@ OUTPUTS = ["-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]
 
 
 def fail_in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, error: BaseException) -> None:
-    """Make the solving of one chunk raise."""
-    solve, calls = run_module.solve_flat, iter(range(1000))
+    """Make the solving of one chunk raise, in whichever process."""
+    solve, calls = run_module.solve_flat, multiprocessing.Value("i", 0)
 
     def failing(*arguments: Any, **settings: Any) -> Any:
-        if next(calls) == number:
+        with calls.get_lock():
+            mine, calls.value = calls.value, calls.value + 1
+        if mine == number:
             raise error
         return solve(*arguments, **settings)
 

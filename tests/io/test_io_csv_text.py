@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from reading_support import Gathered, pa, read, whole
 
 from nlosctl.errors import DataError
-from nlosctl.io import csv_records
 from nlosctl.io.csv_records import RecordBlocks
 from nlosctl.io.inputs import expand_inputs
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
@@ -26,7 +25,7 @@ SMALL_BLOCK = 400
 @pytest.fixture
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read CSV in blocks of a few rows."""
-    monkeypatch.setattr(csv_records, "_BLOCK_BYTES", SMALL_BLOCK)
+    monkeypatch.setenv("NLOSCTL_MAX_LINE_BYTES", str(SMALL_BLOCK))
 
 
 def save_csv(path: Path, *lines: str, header: str = HEADER, end: str = "\n") -> Path:
@@ -89,7 +88,7 @@ def test_records_are_cut_as_the_csv_module_cuts_them(rows: list[list[str]], end:
         written = single.getvalue().replace("\r\n", "\n").replace("\r", "\n")
         line += written.count("\n")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(csv_records, "_BLOCK_BYTES", block)
+        patch.setenv("NLOSCTL_MAX_LINE_BYTES", str(block))
         blocks = list(RecordBlocks(io.BytesIO(data), "f").blocks())
     assert b"".join(block.content for block in blocks) == data
     assert np.concatenate([block.lines for block in blocks]).tolist() == expected

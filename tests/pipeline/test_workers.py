@@ -1,17 +1,23 @@
-"""Threads on a stream: order, errors, and how much is held at a time."""
+"""Threads and processes on a stream: order, errors, how much is held at a time, and that nothing is left behind."""
 
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlosctl.pipeline.workers import map_in_order, usable_jobs
+from nlosctl.errors import DataError, MethodError
+from nlosctl.pipeline import workers
+from nlosctl.pipeline.workers import map_in_order, map_in_processes, usable_jobs
 
 
 @settings(deadline=None, max_examples=40)
@@ -110,5 +116,108 @@ def test_stopping_early_stops_the_work() -> None:
 
 def test_no_jobs_means_as_many_as_there_are() -> None:
     """0 is the number of processors that this process may use; any other number is itself."""
-    assert usable_jobs(0) == len(os.sched_getaffinity(0))
+    assert 1 <= usable_jobs(0) <= len(os.sched_getaffinity(0))
     assert [usable_jobs(jobs) for jobs in (1, 7)] == [1, 7]
+
+
+def test_a_container_gives_its_share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the control group limits the processor time, no more jobs than that are begun, and one at least."""
+    limit = tmp_path / "cpu.max"
+    for text, expected in (("150000 100000", 2), ("20000 100000", 1), ("max 100000", sys.maxsize), ("", sys.maxsize)):
+        limit.write_text(text)
+        assert workers._container_processors(limit) == expected
+    monkeypatch.setattr(workers, "_container_processors", lambda: 1)
+    assert usable_jobs(0) == 1
+
+
+def own_process(item: int) -> tuple[int, int]:
+    """Return the item and the process that took it."""
+    time.sleep(0.05)
+    return item, os.getpid()
+
+
+def test_processes_keep_the_order() -> None:
+    """Several processes work, none of them ours; results leave in the order of the stream."""
+    done = list(map_in_processes(own_process, range(8), 2))
+    assert [item for item, _ in done] == list(range(8))
+    assert len({process for _, process in done}) == 2
+    assert os.getpid() not in {process for _, process in done}
+
+
+@pytest.mark.parametrize(("items", "jobs"), [(0, 2), (1, 2), (5, 1)])
+def test_small_inputs_stay_here(items: int, jobs: int) -> None:
+    """A single item, or a single job, begins no process."""
+    assert [process for _, process in map_in_processes(own_process, range(items), jobs)] == [os.getpid()] * items
+
+
+def test_what_processes_do_is_inherited() -> None:
+    """The function needs not be one that can be sent: only items and results are."""
+    shift = 100
+    assert list(map_in_processes(lambda item: item + shift, range(5), 2)) == [100, 101, 102, 103, 104]
+
+
+def test_an_error_comes_back_from_its_process() -> None:
+    """An error of ours stays what it is, in its place."""
+
+    def work(item: int) -> int:
+        if item == 3:
+            raise DataError("the third")
+        return item
+
+    seen: list[int] = []
+    with pytest.raises(DataError, match="the third"):
+        drain(map_in_processes(work, range(100), 2), seen)
+    assert seen == [0, 1, 2]
+
+
+def test_a_process_that_dies_is_an_error_of_one_line() -> None:
+    """A worker that is killed, as by want of memory, ends the run with a cure."""
+
+    def work(item: int) -> int:
+        if item == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return item
+
+    with pytest.raises(MethodError, match="fewer --jobs"):
+        list(map_in_processes(work, range(10), 2))
+
+
+def test_stopping_early_stops_the_processes() -> None:
+    """Who takes no more results leaves no process behind, and does not wait for those that work."""
+    stream = map_in_processes(lambda item: (time.sleep(30.0 if item else 0.0), os.getpid())[1], range(10), 2)
+    started = time.monotonic()
+    process = next(stream)
+    stream.close()
+    assert time.monotonic() - started < 10.0
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
+
+
+def test_no_process_outlives_a_killed_parent(tmp_path: Path) -> None:
+    """When the program is killed without warning its workers end too."""
+    script = """
+import os, sys, time
+from nlosctl.pipeline.workers import map_in_processes
+def work(item):
+    open(os.path.join(sys.argv[1], str(os.getpid())), "w").close()
+    time.sleep(60)
+list(map_in_processes(work, range(4), 2))
+"""
+    with subprocess.Popen([sys.executable, "-c", script, str(tmp_path)]) as program:
+        deadline = time.monotonic() + 30
+        while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        program.kill()
+    processes = [int(path.name) for path in tmp_path.iterdir()]
+    assert len(processes) == 2
+    while any(is_running(process) for process in processes) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(is_running(process) for process in processes)
+
+
+def is_running(process: int) -> bool:
+    """Whether a process is there and no zombie."""
+    try:
+        return ") Z" not in Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return False

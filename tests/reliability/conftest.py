@@ -1,0 +1,45 @@
+"""An empty folder to run the program in, without settings of the one who runs the tests."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from pathlib import Path
+
+import pytest
+from writing_jobs import make_inputs
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make an empty folder the current one."""
+    monkeypatch.chdir(tmp_path)
+    for name in [name for name in os.environ if name.startswith(("NLOSCTL", "_NLOSCTL"))]:
+        monkeypatch.delenv(name)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def job_inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make the inputs of all writing jobs once."""
+    place, before = tmp_path_factory.mktemp("inputs"), Path.cwd()
+    os.chdir(place)
+    make_inputs(place)
+    os.chdir(before)
+    return place
+
+
+@pytest.fixture
+def job_folder(folder: Path, job_inputs: Path) -> Path:
+    """Link the inputs of all writing jobs into the current folder."""
+    for path in job_inputs.iterdir():
+        (folder / path.name).hardlink_to(path)
+    return folder
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read measurements 37 rows at a time, so that small files come in several chunks."""
+    from nlosctl.io import measurements
+
+    monkeypatch.setattr(measurements, "ReadOptions", partial(measurements.ReadOptions, chunk_rows=37))

@@ -1,0 +1,226 @@
+"""Spoilt files through the command line, a hundred thousand if wanted: `python fuzz_files.py --help`.
+
+Each input is made from its number and the seed alone, so that a failure can be made again. Inputs run in forked
+workers: one that crashes or hangs takes its input down with it, which is counted against it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import mmap
+import os
+import random
+import resource
+import shutil
+import signal
+import struct
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+from guarded_run import Ending, complaints, run_guarded
+from independent_readers import differences, read_independently
+from seed_files import FIXTURES, SeedFile, seed_files
+from spoil import spoil
+
+__all__ = ["Case", "case_of", "check_case"]
+
+_MEMORY_BYTES = 2 << 30
+_WORKER_INPUTS = 2000
+_HANG_S = 60.0
+_COUNTS = ("done", "exit 0", "exit 1", "exit 2", "broken")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One input: its number, the seed file that it was made from, its bytes, and the words that are run on it."""
+
+    number: int
+    seed_file: SeedFile
+    content: bytes
+    words: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def case_of(seed: int, number: int, targets: Sequence[str] = ()) -> Case:
+    """Return input ``number``."""
+    chance = random.Random(f"{seed} {number}")  # noqa: S311 - drawn to be made again
+    files = [file for file in seed_files() if not targets or file.target in targets]
+    target = chance.choice(sorted({file.target for file in files}))
+    file = chance.choice([file for file in files if file.target == target])
+    others = [other.content for other in files if other.target == target]
+    text = target not in ("parquet", "arrow")
+    content = spoil(file.content, others, text=text, zipped=file.name.endswith(".gz"), chance=chance)
+    words, outputs = _words(file, chance)
+    return Case(number=number, seed_file=file, content=content, words=words, outputs=outputs)
+
+
+def _words(file: SeedFile, chance: random.Random) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what to run: the job of the file mostly, else a command that reads it too."""
+    if file.target == "scene":
+        table = {"bearings": "good_bearings.csv", "horizon": "good_over_the_horizon.csv"}[file.kind]
+        return ("localize", str(FIXTURES / table), "--scene", file.name, "-o", "e.csv", "-q", "--jobs", "1"), ("e.csv",)
+    if file.target == "config":
+        table = str(FIXTURES / "good_bearings.csv")
+        return ("localize", table, "--config", file.name, "-o", "e.csv", "-q", "--jobs", "1"), ("e.csv",)
+    share = chance.random()
+    scene = ("--scene", str(FIXTURES / "good_over_the_horizon.scene.toml")) if file.kind == "horizon" else ()
+    if share < 0.12:
+        return ("validate", file.name, "-q", *scene), ()
+    if share < 0.18 and file.job == "localize":
+        return ("bound", file.name, "-o", "b.csv", "-q", *scene), ("b.csv",)
+    if share < 0.24:
+        return ("evaluate", file.name, "-q"), ()
+    aside = ("--bad-rows", "bad.arrow") if share > 0.6 else ()
+    tables = ("-o", "e.arrow", "--flags-out", "f.arrow") if file.job == "localize" else ("-o", "f.arrow")
+    words = (file.job, file.name, *tables, "-q", "--jobs", "1", *scene, *aside)
+    return words, tuple(word for word in words if word.endswith(".arrow") and word != file.name)
+
+
+def check_case(case: Case, folder: Path) -> tuple[Ending, list[str]]:
+    """Run a case in an empty ``folder`` (the current one); return its end and what is wrong with it."""
+    (folder / case.seed_file.name).write_bytes(case.content)
+    ending = run_guarded(case.words)
+    wrong = list(complaints(ending, folder, case.outputs, [case.seed_file.name]))
+    if not wrong and ending.code == 0 and "f.arrow" in case.outputs:
+        wrong += _compared(case, folder)
+    return ending, wrong
+
+
+def _compared(case: Case, folder: Path) -> Iterator[str]:
+    """Yield where the flags do not carry what an independent reader finds in the file."""
+    try:
+        rows = read_independently(case.seed_file.name, case.content)
+    except Exception as error:  # the program read it: then so must any other reader, unless rows were set aside
+        if "bad.arrow" not in case.outputs:
+            yield f"accepted, but not readable elsewhere: {type(error).__name__}: {error}"
+        return
+    with pa.memory_map(str(folder / "f.arrow")) as file:
+        flags = pa.ipc.open_file(file).read_all()
+    if "bad.arrow" in case.outputs:
+        with pa.memory_map(str(folder / "bad.arrow")) as file:
+            aside = pa.ipc.open_file(file).read_all()
+        kept = set(range(1, len(rows) + 1)) - set(aside.column("row").to_pylist())
+        rows = [row for number, row in enumerate(rows, start=1) if number in kept]
+    names = {name for row in rows for name in row} - {"los", "ip", "used"}
+    yield from differences(rows, flags, names)
+
+
+def _work(seed: int, numbers: range, targets: Sequence[str], counts: mmap.mmap, failures: Path) -> None:
+    """Check inputs one after the other; counts and failures are told as they come."""
+    resource.setrlimit(resource.RLIMIT_AS, (_address_space() + _MEMORY_BYTES,) * 2)
+    for number in numbers:
+        counts[:8] = struct.pack("q", number)
+        case = case_of(seed, number, targets)
+        with tempfile.TemporaryDirectory() as name:
+            os.chdir(name)
+            ending, wrong = check_case(case, Path(name))
+            os.chdir("/")
+        _add(counts, "done")
+        _add(counts, "broken" if wrong else f"exit {ending.code}")
+        if wrong:
+            _tell(failures, case, wrong, ending.err)
+
+
+def _tell(failures: Path, case: Case, wrong: Sequence[str], err: str) -> None:
+    told = {"number": case.number, "file": case.seed_file.name, "kind": case.seed_file.kind, "wrong": wrong}
+    with (failures / "failures.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps({**told, "words": case.words, "err": err[:2000]}) + "\n")
+    (failures / f"{case.number}-{case.seed_file.name}").write_bytes(case.content)
+
+
+def _add(counts: mmap.mmap, name: str) -> None:
+    place = 8 + 8 * _COUNTS.index(name)
+    counts[place : place + 8] = struct.pack("q", _count(counts, name) + 1)
+
+
+def _count(counts: mmap.mmap, name: str) -> int:
+    place = 8 + 8 * _COUNTS.index(name)
+    return int(struct.unpack("q", counts[place : place + 8])[0])
+
+
+def _address_space() -> int:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+
+
+def run(seed: int, inputs: int, targets: Sequence[str], failures: Path, minutes: float) -> dict[str, Any]:
+    """Check ``inputs`` inputs, or as many as ``minutes`` allow, and return the counts."""
+    failures.mkdir(parents=True, exist_ok=True)
+    counts = mmap.mmap(-1, 8 + 8 * len(_COUNTS))
+    crashes: Counter[str] = Counter()
+    deadline, started, next_number = time.monotonic() + 60.0 * minutes, time.monotonic(), 0
+    seed_files()
+    while next_number < inputs and time.monotonic() < deadline:
+        stop = min(next_number + _WORKER_INPUTS, inputs)
+        child = os.fork()
+        if child == 0:
+            _work(seed, range(next_number, stop), targets, counts, failures)
+            os._exit(0)
+        status = _watched(child, counts)
+        if status == 0:
+            next_number = stop
+            continue
+        number = int(struct.unpack("q", counts[:8])[0])
+        what = "hang" if status == -1 else f"crash {status}"
+        crashes[what] += 1
+        _add(counts, "done")
+        _add(counts, "broken")
+        _tell(failures, case_of(seed, number, targets), [what], "")
+        next_number = number + 1
+    told = {name: _count(counts, name) for name in _COUNTS}
+    return {"seed": seed, **told, "crashes": dict(crashes), "seconds": round(time.monotonic() - started)}
+
+
+def _watched(child: int, counts: mmap.mmap) -> int:
+    """Wait for a worker; return its wait status, -1 where it hung and was killed."""
+    seen, since = bytes(counts[:16]), time.monotonic()
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status
+        if bytes(counts[:16]) != seen:
+            seen, since = bytes(counts[:16]), time.monotonic()
+        if time.monotonic() - since > _HANG_S:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return -1
+        time.sleep(0.05)
+
+
+def main() -> int:
+    """Run from the command line; exit 1 where an input was not met as promised."""
+    parser = argparse.ArgumentParser(description="Spoilt files through the command line.")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--targets", default="", help="parquet,arrow,csv,jsonl,scene,config (all unless told)")
+    parser.add_argument("--minutes", type=float, default=600.0, help="stop after so long")
+    parser.add_argument("--failures", type=Path, default=Path(tempfile.gettempdir()) / "nlosctl-fuzz")
+    parser.add_argument("--again", type=int, help="run this one input and show its end")
+    arguments = parser.parse_args()
+    targets = [word for word in arguments.targets.split(",") if word]
+    if arguments.again is not None:
+        return _again(case_of(arguments.seed, arguments.again, targets))
+    shutil.rmtree(arguments.failures, ignore_errors=True)
+    told = run(arguments.seed, arguments.inputs, targets, arguments.failures.resolve(), arguments.minutes)
+    sys.stdout.write(json.dumps({**told, "targets": targets or "all"}) + "\n")
+    return 1 if told["broken"] else 0
+
+
+def _again(case: Case) -> int:
+    with tempfile.TemporaryDirectory() as name:
+        os.chdir(name)
+        ending, wrong = check_case(case, Path(name))
+        os.chdir("/")
+    sys.stdout.write(f"{' '.join(case.words)}\ncode {ending.code} {ending.raised}\n{ending.err}{wrong}\n")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+"""One run of the program within this process, guarded by a clock, and the law that its end is held to."""
+
+from __future__ import annotations
+
+import io
+import re
+import signal
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
+
+import typer.main
+
+from nlosctl import registry
+
+__all__ = ["Ending", "HangError", "complaints", "run_guarded", "told_complaints"]
+
+LONGEST_LINE = 1200
+MOST_LINES = 22  # twenty gathered problems, the total, and a hint
+
+
+class HangError(BaseException):
+    """The run took longer than it may."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """How a run ended: exit code (None: it raised), what it printed, what it raised or warned."""
+
+    words: Sequence[str]
+    code: int | None
+    out: bytes
+    err: str
+    raised: str = ""
+
+
+def run_guarded(words: Sequence[Any], *, stdin: bytes = b"", seconds: float = 20.0) -> Ending:
+    """Run ``nlosctl WORDS...`` in this process; whatever it raises, HangError too, is told in the ending."""
+    from nlosctl.cli.main import run
+
+    streams = sys.stdin, sys.stdout, sys.stderr
+    out, err = io.BytesIO(), io.BytesIO()
+    sys.stdin = io.TextIOWrapper(io.BytesIO(stdin))
+    sys.stdout = io.TextIOWrapper(out, write_through=True)
+    sys.stderr = io.TextIOWrapper(err, encoding="utf-8", errors="backslashreplace", write_through=True)
+    code, raised = None, ""
+    try:
+        with _alarm(seconds), _prepared(), warnings.catch_warnings():
+            warnings.simplefilter("error")
+            code = run([str(word) for word in words])
+    except (HangError, Exception) as error:
+        raised = f"{type(error).__name__}: {error}"
+    finally:
+        said_out, said_err = out.getvalue(), err.getvalue().decode("utf-8")
+        sys.stdin, sys.stdout, sys.stderr = streams
+    return Ending(words=[str(word) for word in words], code=code, out=said_out, err=said_err, raised=raised)
+
+
+@cache
+def _parser() -> Any:
+    from nlosctl.cli.main import app
+
+    return typer.main.get_command(app)
+
+
+_known_methods = cache(registry.entries)
+
+
+@contextmanager
+def _prepared() -> Iterator[None]:
+    """Use a parser and a list of methods made once: most of the time of a run would go into making them again."""
+    from nlosctl.cli import main
+
+    main.app, made_again = _parser(), main.app
+    registry.entries, listed_again = _known_methods, registry.entries
+    try:
+        yield
+    finally:
+        main.app, registry.entries = made_again, listed_again
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    def ring(number: int, frame: FrameType | None) -> NoReturn:
+        raise HangError(f"no end after {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def complaints(ending: Ending, folder: Path, outputs: Sequence[str], before: Sequence[str]) -> Iterator[str]:
+    """Yield what is wrong with an end: the law of exit codes, of the one clear line, and of whole outputs.
+
+    ``before`` are the names that were in ``folder`` at the start, ``outputs`` those that the words ask for.
+    """
+    if ending.raised:
+        yield f"raised {ending.raised}"
+        return
+    if ending.code not in (0, 1, 2):
+        yield f"exit code {ending.code}"
+    yield from told_complaints(ending.err, quiet_end=ending.code == 0)
+    new = sorted({path.name for path in folder.iterdir()} - set(before))
+    wanted = sorted(outputs) if ending.code == 0 else []
+    if new != wanted and not (ending.code == 1 and new == sorted(outputs) and "every row is bad" in ending.err):
+        yield f"exit {ending.code} left {new}, expected {wanted}"
+
+
+def told_complaints(err: str, *, quiet_end: bool) -> Iterator[str]:
+    """Yield what is wrong with standard error of a quiet run: empty at exit 0, else one clear line."""
+    lines = err.split("\n")[:-1] if err.endswith("\n") else err.split("\n")
+    if quiet_end:
+        if err:
+            yield f"a quiet run said {err[:300]!r}"
+        return
+    if not err.endswith("\n") or not lines[0].startswith("nlosctl: "):
+        yield f"the message is no line of ours: {err[:300]!r}"
+    if "Traceback" in err or "internal error" in err:
+        yield f"an internal error: {err[:400]!r}"
+    gathered = all(re.search(r", (row|line) \d+|bad rows? in all|^nlosctl: ", line) for line in lines)
+    if len(lines) > MOST_LINES or (len(lines) > 1 and not gathered):
+        yield f"{len(lines)} lines: {err[:600]!r}"
+    if max(map(len, lines)) > LONGEST_LINE:
+        yield f"a line of {max(map(len, lines))} characters: {err[:200]!r}"
+    strange = [character for line in lines for character in line if not character.isprintable()]
+    if strange:
+        yield f"unprintable {strange[0]!r} in {err[:300]!r}"

@@ -1,0 +1,289 @@
+"""What goes wrong around a run: disks, folders, pipes, signals, clocks. One clear line, and no half output."""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+import os
+import pty
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from guarded_run import Ending, complaints, run_guarded, told_complaints
+from kill_runs import kill_and_resume, kill_at_random
+from writing_jobs import FIXTURES, WritingJob, resumed_jobs, writing_jobs
+
+from nlosctl.pipeline import run as run_module
+
+PROGRAM = Path(sys.executable).with_name("nlosctl")
+GOOD = FIXTURES / "good_bearings.parquet"
+JOBS = [pytest.param(job, id=job.command) for job in writing_jobs()]
+NOBODY = 65534
+
+
+def names(folder: Path) -> list[str]:
+    """Return the names in a folder, hidden ones too."""
+    return [path.name for path in folder.iterdir()]
+
+
+def check(ending: Ending, folder: Path, before: list[str], told: str) -> None:
+    """Hold the end of a run to the law: exit 1, one line that says ``told``, nothing left."""
+    assert list(complaints(ending, folder, [], before)) == []
+    assert ending.code == 1
+    assert told in ending.err
+
+
+def shell(script: str, folder: Path, **settings: Any) -> tuple[int, bytes, str]:
+    """Run a script of bash where ``nlosctl`` is this program."""
+    done = subprocess.run(
+        ["bash", "-c", script],
+        capture_output=True,
+        cwd=folder,
+        env={**os.environ, "PATH": f"{PROGRAM.parent}:{os.environ['PATH']}"},
+        check=False,
+        timeout=120,
+        **settings,
+    )
+    return done.returncode, done.stdout, done.stderr.decode()
+
+
+def in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, action: Callable[[], Any]) -> None:
+    """Do something between two chunks of a run, in whichever process."""
+    solve, calls = run_module.solve_flat, multiprocessing.Value("i", 0)
+
+    def solve_then(*arguments: Any, **settings: Any) -> Any:
+        with calls.get_lock():
+            mine, calls.value = calls.value, calls.value + 1
+        if mine == number:
+            action()
+        return solve(*arguments, **settings)
+
+    monkeypatch.setattr(run_module, "solve_flat", solve_then)
+
+
+@pytest.fixture
+def small_disk() -> Any:
+    """Let no file of this process grow beyond 1000 bytes: as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_a_file_that_can_grow_no_more(job: WritingJob, job_folder: Path, small_disk: None) -> None:
+    """Where the disk takes no more every command says which file can't be written, and leaves nothing."""
+    before = names(job_folder)
+    check(run_guarded([*job.line, "-q"], seconds=60), job_folder, before, "can't be written: File too large")
+
+
+@pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl", "jsonl.gz"])
+def test_every_format_meets_a_full_disk(extension: str, folder: Path, small_disk: None) -> None:
+    """Whatever the format, a full disk is one line and leaves nothing, the flags neither."""
+    words = ["localize", GOOD, "-o", f"e.{extension}", "--flags-out", f"f.{extension}", "-q"]
+    check(run_guarded(words), folder, [], "can't be written: File too large")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("job", JOBS)
+def test_a_disk_that_is_full(job: WritingJob, job_folder: Path) -> None:
+    """On a real full disk, of 64 KiB, it is the same: one line, nothing left, what was there is whole."""
+    disk = job_folder / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False).returncode:
+        pytest.skip("a disk of one's own takes root")
+    try:
+        words = [f"disk/{word}" if word in job.outputs else word for word in job.line]
+        (disk / job.outputs[0]).write_bytes(b"x" * 30_000)
+        ending = run_guarded([*words, "-q", "--overwrite"], seconds=60)
+        check(ending, disk, [job.outputs[0]], "can't be written: No space left on device")
+        assert (disk / job.outputs[0]).read_bytes() == b"x" * 30_000
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_output_folder_that_goes_away(jobs: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the folder of an output goes while the run goes on, that is exit 1 with the file named."""
+    (folder / "out").mkdir()
+    in_chunk(monkeypatch, 2, lambda: shutil.rmtree(folder / "out"))
+    ending = run_guarded(["localize", GOOD, "-o", "out/e.csv", "-q", "--jobs", jobs])
+    check(ending, folder, [], "out/e.csv: can't be written: No such file or directory")
+
+
+CHANGES: dict[str, Callable[[Path], Any]] = {
+    "appended to": lambda path: path.write_bytes(path.read_bytes() + b"\n"),
+    "cut": lambda path: os.truncate(path, path.stat().st_size // 2),
+    "replaced": lambda path: path.with_name("other").replace(path),
+    "written again": lambda path: (time.sleep(0.02), path.write_bytes(path.read_bytes())),
+    "taken away": lambda path: path.unlink(),
+}
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+@pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl"])
+def test_an_input_that_changes(
+    extension: str, change: Callable[[Path], Any], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An input that changes under way gives no result: neither the old file's nor the new one's, and no crash."""
+    source = folder / f"m.{extension}"
+    shutil.copy(FIXTURES / f"good_bearings.{extension}", source)
+    shutil.copy(FIXTURES / f"good_bearings.{extension}", folder / "other")
+    in_chunk(monkeypatch, 1, lambda: change(source))
+    scene = FIXTURES / "good_bearings.scene.toml"
+    ending = run_guarded(["localize", source.name, "--scene", scene, "-o", "e.csv", "-q", "--jobs", 1])
+    check(ending, folder, names(folder), f"m.{extension}: was changed while it was read")
+    assert "e.csv" not in names(folder)
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_killed_at_any_moment(job: WritingJob, job_folder: Path) -> None:
+    """After kill -9 each output is the old one whole or the new one whole."""
+    assert kill_at_random(job, 2, job_folder, seed=9)["torn"] == 0
+
+
+@pytest.mark.parametrize("job", [pytest.param(job, id=job.command) for job in resumed_jobs()])
+def test_killed_and_gone_on(job: WritingJob, folder: Path, job_folder: Path) -> None:
+    """What goes on after kill -9 comes to the bytes of a run that nobody killed."""
+    assert kill_and_resume(job, 1, job_folder, seed=9)["torn"] == 0
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
+    ids=lambda value: str(value),
+)
+@pytest.mark.parametrize("command", ["localize", "simulate"])
+def test_signals_end_in_one_line(command: str, number: int, code: int, folder: Path) -> None:
+    """An interrupt, a request to end and a hang-up are one line each, and leave nothing."""
+    words = {
+        "localize": ["localize", "-", "-o", "e.csv", "--input-format", "csv"],
+        "simulate": ["simulate", "ring", "-n", "100000000", "-o", "m.csv"],
+    }[command]
+    running = subprocess.Popen([PROGRAM, *words], stdin=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder)
+    assert running.stdin is not None
+    deadline = time.monotonic() + 60
+    while command == "simulate" and not names(folder) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    if command == "localize":
+        running.stdin.write(b"snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n")
+        running.stdin.flush()
+        time.sleep(2.0)
+    running.send_signal(number)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == code
+    assert [line for line in err.decode().splitlines() if line] == [err.decode().strip()], "more than a line was said"
+    assert b"interrupted" in err
+    assert names(folder) == []
+
+
+BIG = "nlosctl simulate ring -n 20000 -q"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [BIG, f"{BIG} --format parquet", f"{BIG} --format arrow", f"nlosctl localize -q {GOOD}", "nlosctl methods"],
+    ids=["csv", "parquet", "arrow", "small", "methods"],
+)
+def test_a_closed_pipe_is_quiet(line: str, folder: Path) -> None:
+    """Whoever reads a pipe may stop reading: nothing is said, and it is no failure."""
+    code, _, err = shell(f"set -o pipefail; {line} | head -c 10 > /dev/null", folder)
+    assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("nlosctl localize - -q <&-", "standard input is closed"),
+        (f"nlosctl localize {GOOD} -q >&-", "standard output is closed"),
+        ("nlosctl methods >&-", "standard output is closed"),
+        (f"nlosctl localize {GOOD} -q > /dev/full", "No space left on device"),
+        ("nlosctl methods --json > /dev/full", "No space left on device"),
+    ],
+)
+def test_a_stream_that_is_closed_or_full(line: str, told: str, folder: Path) -> None:
+    """A closed input or output and a full one are exit 1 and a line that names it."""
+    code, out, err = shell(line, folder)
+    assert (code, out) == (1, b"")
+    assert list(told_complaints(err, quiet_end=False)) == []
+    assert told in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("way", ["2>&-", "2> /dev/full"])
+def test_nobody_hears_what_is_said(way: str, folder: Path) -> None:
+    """A closed or full standard error takes nothing from the result, nor from the exit code."""
+    code, out, _ = shell(f"nlosctl localize {GOOD} -o e.csv {way}", folder)
+    assert (code, out) == (0, b"")
+    assert len((folder / "e.csv").read_text().splitlines()) == 41
+    assert shell(f"nlosctl localize absent.csv {way}", folder)[0] == 1
+    assert shell(f"nlosctl localize --nonsense {way}", folder)[0] == 2
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_a_folder_that_is_read_only(job: WritingJob, job_folder: Path) -> None:
+    """Where nothing may be written that is said, before any work is done, and the folder stays as it was."""
+    run_guarded([*job.line, "-q", "--overwrite"], seconds=60)  # what is imported late comes from folders of root
+    for name in job.outputs:
+        (job_folder / name).unlink()
+    before = names(job_folder)
+    user = os.geteuid()
+    job_folder.chmod(0o555)
+    for path in [job_folder, *job_folder.parents]:
+        if not os.access(path, os.X_OK) or (path.stat().st_uid == user and path.stat().st_mode & 0o005 != 0o005):
+            path.chmod(path.stat().st_mode | 0o055)
+    if user == 0:
+        os.seteuid(NOBODY)
+    try:
+        ending = run_guarded([*job.line, "-q"])
+    finally:
+        os.seteuid(user)
+        job_folder.chmod(0o755)
+    check(ending, job_folder, before, "can't be written")
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_clock_that_goes_backwards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results do not depend on the clock, and a progress bar that sees it go backwards does no harm."""
+    assert run_guarded(["localize", GOOD, "-o", "a.parquet", "-q"]).code == 0
+    ticks = itertools.count()
+    for name in ("time", "monotonic", "perf_counter"):
+        monkeypatch.setattr(time, name, lambda: 1e9 - 100.0 * next(ticks))
+    monkeypatch.setattr("nlosctl.cli.terminal._is_terminal", lambda stream: True)
+    ending = run_guarded(["localize", GOOD, "-o", "b.parquet", "--jobs", 1])
+    assert (ending.code, ending.raised) == (0, "")
+    assert (folder / "a.parquet").read_bytes() == (folder / "b.parquet").read_bytes()
+
+
+def test_without_any_terminal(folder: Path) -> None:
+    """In a session without a terminal, a home or a TERM the bytes are those of any other."""
+    plain = {"PATH": os.environ["PATH"]}
+    words = [PROGRAM, "localize", GOOD, "-q"]
+    done = subprocess.run(words, capture_output=True, cwd=folder, env=plain, start_new_session=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout == run_guarded(words[1:]).out
+
+
+def test_a_terminal_that_hangs_up(folder: Path) -> None:
+    """When the terminal goes away a run ends, and leaves nothing."""
+    child, terminal = pty.fork()
+    if child == 0:
+        os.chdir(folder)
+        os.execv(PROGRAM, [str(PROGRAM), "simulate", "ring", "-n", "100000000", "-o", "m.csv"])  # noqa: S606
+    deadline = time.monotonic() + 60
+    while not names(folder) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.close(terminal)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 129
+    assert names(folder) == []

@@ -1,0 +1,104 @@
+"""The commands that write files, each with the words of a run that takes a moment, and what it writes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import typer.main
+
+from nlosctl.cli.main import app
+from nlosctl.cli.main import run as run_program
+
+__all__ = ["FIXTURES", "WritingJob", "make_inputs", "resumed_jobs", "writing_jobs"]
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WritingJob:
+    """A run of the program in a folder made by `make_inputs`; ``outputs`` are the files that it writes.
+
+    ``code`` is how it ends. With a ``folder`` its outputs are all files in there, and a run that was stopped goes on
+    with the words ``going_on`` in place of ``--overwrite``.
+    """
+
+    command: str
+    words: Sequence[str]
+    outputs: Sequence[str] = ()
+    code: int = 0
+    folder: str | None = None
+    going_on: Sequence[str] = ()
+
+    @property
+    def line(self) -> list[str]:
+        """The words of the command line."""
+        return [self.command, *self.words]
+
+
+_JOBS = [
+    WritingJob(
+        command="localize",
+        words=["bearings.parquet", "-m", "mixture-ml", "-o", "e.parquet", "--flags-out", "f.csv.gz", "--jobs", "1"],
+        outputs=["e.parquet", "f.csv.gz"],
+    ),
+    WritingJob(
+        command="detect-ip",
+        words=["triplets.parquet", "-m", "joint", "-o", "f.arrow", "--estimates-out", "e.jsonl", "--jobs", "2"],
+        outputs=["f.arrow", "e.jsonl"],
+    ),
+    WritingJob(
+        command="identify-los",
+        words=["echoes.parquet", "-o", "f.csv", "--estimates-out", "e.parquet"],
+        outputs=["f.csv", "e.parquet"],
+    ),
+    WritingJob(
+        command="simulate",
+        words=["ring", "-n", "40000", "-o", "m.csv", "--scene-out", "m.scene.toml"],
+        outputs=["m.csv", "m.scene.toml"],
+    ),
+    WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
+    WritingJob(command="validate", words=["spoilt.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
+    WritingJob(command="convert", words=["bearings.parquet", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
+]
+
+
+_RESUMED = [
+    WritingJob(command="reproduce", words=["song-fig8", "--trials", "100", "-o", "r"], folder="r"),
+]
+
+
+def writing_jobs() -> list[WritingJob]:
+    """Return the jobs of the commands that there are."""
+    return [job for job in _JOBS if job.command in _commands()]
+
+
+def resumed_jobs() -> list[WritingJob]:
+    """Return the jobs that go on after they were stopped."""
+    return [job for job in _RESUMED if job.command in _commands()]
+
+
+def _commands() -> Sequence[str]:
+    return list(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+
+
+@cache
+def _inputs() -> tuple[tuple[str, ...], ...]:
+    return (
+        ("simulate", "ring", "-n", "3000", "-o", "bearings.parquet"),
+        ("simulate", "room", "-n", "300", "-o", "triplets.parquet"),
+        ("simulate", "echo-field", "-n", "60", "-o", "echoes.parquet"),
+        ("simulate", "ring", "-n", "2000", "-o", "spoilt.csv"),
+    )
+
+
+def make_inputs(folder: Path) -> None:
+    """Write the inputs of all jobs into ``folder``, which is the current one."""
+    for words in _inputs():
+        assert run_program([*words, "-q"]) == 0
+    spoilt = folder / "spoilt.csv"
+    lines = spoilt.read_text(encoding="utf-8").splitlines()
+    lines[20:] = [line.replace(",", ";") for line in lines[20:]]
+    spoilt.write_text("\n".join(lines) + "\n", encoding="utf-8")
