@@ -41,6 +41,7 @@ fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_ranges.py
 	$(BIN)/python fixtures/builders/build_over_the_horizon.py
 	$(BIN)/python fixtures/builders/build_triplets.py
+	$(BIN)/python fixtures/builders/build_formats.py
 
 benchmark: .venv/dev
 	$(BIN)/python benchmarks/run.py

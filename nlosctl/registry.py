@@ -1,26 +1,29 @@
-"""Which methods there are, and loading one. The only reader of entry points; imports neither numpy nor pyarrow."""
+"""Which methods and formats there are, and loading one. The only reader of entry points; imports no numpy."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from nlosctl.errors import MethodError, UsageError, did_you_mean, in_one_line
 
 if TYPE_CHECKING:
+    from nlosctl.contract.formats import ExporterSpec, ImporterSpec
     from nlosctl.contract.methods import MethodSpec
 
-__all__ = ["MethodEntry", "entries", "load", "resolve"]
+__all__ = ["MethodEntry", "entries", "format_entries", "load", "load_format", "resolve", "resolve_format"]
 
 GROUP = "nlosctl.methods"
+FORMATS_GROUP = "nlosctl.formats"
 DISTRIBUTION = "nlosctl"
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodEntry:
-    """A method that is installed, not imported yet."""
+    """A method or format that is installed, not imported yet; the ``kind`` of a format is import or export."""
 
     kind: str
     name: str
@@ -36,7 +39,16 @@ class MethodEntry:
 
 def entries() -> list[MethodEntry]:
     """Return all methods, ordered by kind and name; ``NLOSCTL_NO_PLUGINS=1`` leaves out those of others."""
-    found = [_entry(point) for point in entry_points(group=GROUP)]
+    return _entries(GROUP)
+
+
+def format_entries() -> list[MethodEntry]:
+    """Return all importers and exporters of files, as `entries` does."""
+    return _entries(FORMATS_GROUP)
+
+
+def _entries(group: str) -> list[MethodEntry]:
+    found = [_entry(point) for point in entry_points(group=group)]
     if os.environ.get("NLOSCTL_NO_PLUGINS", "") not in ("", "0"):
         found = [entry for entry in found if entry.distribution == DISTRIBUTION]
     return sorted(set(found), key=lambda entry: (entry.kind, entry.name, entry.distribution))
@@ -52,40 +64,75 @@ def resolve(name: str, kind: str, job: str | None = None) -> MethodSpec:
     matches = [entry for entry in known if entry.full_name == wanted and entry.kind == kind]
     if not matches:
         raise UsageError(_unknown(name, kind, known))
-    if len(matches) > 1:
-        owners = " and ".join(sorted(entry.distribution for entry in matches))
-        raise UsageError(f"method {wanted!r} is provided more than once, by {owners}; uninstall one of them")
-    spec = load(matches[0])
+    spec = load(_single(matches, f"method {wanted!r}"))
     if job is not None and spec.job != job:
         raise UsageError(f"method {name!r} does the job of '{spec.job}', not of '{job}'")
     return spec
+
+
+def resolve_format(name: str, way: str) -> ImporterSpec | ExporterSpec:
+    """Return the loaded importer or exporter ``name``; ``way`` is import or export.
+
+    Raises UsageError where there is none, or more than one, with the nearest name.
+    """
+    known = [entry for entry in format_entries() if entry.kind == way]
+    matches = [entry for entry in known if name in (entry.name, entry.full_name)]
+    if not matches:
+        names = [entry.name for entry in known]
+        raise UsageError(f"no {way}er {name!r}{did_you_mean(name, names)}; there are: {', '.join(names) or 'none'}")
+    return load_format(_single(matches, f"{way}er {name!r}"))
 
 
 def load(entry: MethodEntry) -> MethodSpec:
     """Import a method and check that it is what its entry point says; raises MethodError that tells the fault."""
     from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec, contract_fault
 
-    where = f"method {entry.full_name!r} of {entry.distribution} {entry.version}"
+    spec: MethodSpec = _load(entry, "method", MethodSpec, CONTRACT_VERSION, contract_fault)
+    return spec
+
+
+def load_format(entry: MethodEntry) -> ImporterSpec | ExporterSpec:
+    """Import an importer or exporter and check it, as `load` does a method."""
+    from nlosctl.contract.formats import FORMATS_VERSION, ExporterSpec, ImporterSpec, formats_fault
+
+    wanted = {"import": ImporterSpec, "export": ExporterSpec}.get(entry.kind)
+    if wanted is None:
+        raise MethodError(f"format {entry.full_name!r} of {entry.distribution}: expected import.NAME or export.NAME")
+    spec: ImporterSpec | ExporterSpec = _load(entry, "format", wanted, FORMATS_VERSION, formats_fault)
+    return spec
+
+
+def _load(
+    entry: MethodEntry, what: str, wanted: type[Any], version: int, find_fault: Callable[[int | None], str]
+) -> Any:
+    where = f"{what} {entry.full_name!r} of {entry.distribution} {entry.version}"
     try:
         spec = entry.entry_point.load()
     except (Exception, SystemExit) as error:  # whatever a plugin raises on import is its fault, not ours
-        hint = f" (this nlosctl has contract version {CONTRACT_VERSION})" if _touches_contract(error) else ""
+        hint = f" (this nlosctl has contract version {version})" if _touches_contract(error, wanted) else ""
         raise MethodError(f"{where} can't be loaded: {in_one_line(error)}{hint}") from error
-    if not isinstance(spec, MethodSpec):
-        raise MethodError(f"{where} is a {type(spec).__name__}, not a nlosctl.contract.methods.MethodSpec")
+    if not isinstance(spec, wanted):
+        raise MethodError(f"{where} is a {type(spec).__name__}, not a {wanted.__module__}.{wanted.__name__}")
     if spec.full_name != entry.full_name:
         raise MethodError(f"{where} calls itself {spec.full_name!r}; entry point and spec must agree")
     built_in = entry.distribution == DISTRIBUTION and spec.contract_version is None
-    fault = "" if built_in else contract_fault(spec.contract_version)
+    fault = "" if built_in else find_fault(spec.contract_version)
     if fault:
         raise MethodError(f"{where} {fault}")
     return spec
 
 
-def _touches_contract(error: BaseException) -> bool:
+def _touches_contract(error: BaseException, wanted: type[Any]) -> bool:
     """Whether what went wrong may come from another version of the contract: a name or an argument that it lacks."""
     missing = isinstance(error, ImportError) and str(error.name).startswith(DISTRIBUTION)
-    return missing or (isinstance(error, TypeError) and "MethodSpec" in str(error))
+    return missing or (isinstance(error, TypeError) and wanted.__name__ in str(error))
+
+
+def _single(matches: list[MethodEntry], what: str) -> MethodEntry:
+    if len(matches) > 1:
+        owners = " and ".join(sorted(entry.distribution for entry in matches))
+        raise UsageError(f"{what} is provided more than once, by {owners}; uninstall one of them")
+    return matches[0]
 
 
 def _entry(point: EntryPoint) -> MethodEntry:

@@ -10,7 +10,9 @@ import typer
 __all__ = [
     "complete_column",
     "complete_command",
+    "complete_exporter",
     "complete_format",
+    "complete_importer",
     "complete_kind",
     "complete_method",
     "complete_method_name",
@@ -49,6 +51,23 @@ def complete_scenario(incomplete: str) -> list[Offer]:
     from nlosctl.scenarios.catalogue import scenarios
 
     return list(_starting(incomplete, ((name, "") for name in scenarios())))
+
+
+def complete_importer(incomplete: str) -> list[Offer]:
+    """Offer the importers of other programs' files."""
+    return _formats("import", incomplete)
+
+
+def complete_exporter(incomplete: str) -> list[Offer]:
+    """Offer the exporters of estimates."""
+    return _formats("export", incomplete)
+
+
+def _formats(way: str, incomplete: str) -> list[Offer]:
+    from nlosctl import registry
+
+    entries = [entry for entry in registry.format_entries() if entry.kind == way]
+    return list(_starting(incomplete, ((entry.name, entry.distribution) for entry in entries)))
 
 
 def complete_table(incomplete: str) -> list[Offer]:
@@ -117,6 +136,12 @@ def _specs(ctx: typer.Context) -> Iterator[tuple[str, str]]:
     if "scenario" in ctx.params:  # an unfinished option leaves the arguments where the parser found them
         words = [ctx.params["scenario"], *ctx.args]
         yield from ((module, "SCENARIO") for module in map(scenario_module, words) if module is not None)
+        return
+    if "target" in ctx.params and "source" in ctx.params:
+        names = (ctx.params["source"], ctx.params["target"])
+        for entry in registry.format_entries():
+            if entry.name == names[entry.kind == "export"]:
+                yield entry.entry_point.module, entry.entry_point.attr
         return
     named = ctx.params.get("method") or []
     for entry in registry.entries():

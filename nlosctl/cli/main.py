@@ -14,6 +14,7 @@ import typer
 
 from nlosctl.cli.bound import bound
 from nlosctl.cli.config import config_app
+from nlosctl.cli.convert import convert
 from nlosctl.cli.detect_ip import detect_ip
 from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
@@ -89,7 +90,7 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, reproduce, validate, schema):
+for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, reproduce, convert, validate, schema):
     app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 app.add_typer(config_app, name="config")

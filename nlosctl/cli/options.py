@@ -221,8 +221,8 @@ Params = Annotated[
         "-p",
         metavar="KEY=VALUE",
         autocompletion=complete_parameter,
-        help="A parameter ('nlosctl methods show NAME' or 'simulate NAME --show' lists them); METHOD:KEY=VALUE for one "
-        "of several methods. Repeatable.",
+        help="A parameter ('nlosctl methods show NAME', 'simulate NAME --show', 'convert --from NAME --show' tell); "
+        "METHOD:KEY=VALUE for one of several methods. Repeatable.",
     ),
 ]
 Sweeps = Annotated[

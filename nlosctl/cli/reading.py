@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from nlosctl.io.inputs import Input
     from nlosctl.io.measurements import MeasurementReader
     from nlosctl.io.write import TableWriter
+    from nlosctl.pipeline.exporting import MapWriter
 
 __all__ = ["Opened", "ReadWords", "added_columns", "open_measurements", "open_output"]
 
@@ -149,11 +150,20 @@ def open_output(
     overwrite: bool,
     inputs: Sequence[Path],
     metadata: Mapping[str, str],
-) -> Iterator[TableWriter]:
-    """Open an output table, ``-`` for stdout; it appears whole when the block ends well."""
+) -> Iterator[TableWriter | MapWriter]:
+    """Open an output table, ``-`` for stdout; it appears whole when the block ends well.
+
+    Where extension or format name an exporter of maps, it takes estimates; any other table is told as its fault.
+    """
     from nlosctl.io.file_format import format_named
     from nlosctl.io.write import TableWriter
+    from nlosctl.pipeline.exporting import MapWriter, exporter_of
 
+    exporter = exporter_of(target, format_name)
+    if exporter is not None:
+        with MapWriter(target, exporter, {}, overwrite=overwrite, inputs=inputs, metadata=metadata) as maps:
+            yield maps
+        return
     chosen = None if format_name is None else format_named(format_name)
     with TableWriter(target, schema, format=chosen, overwrite=overwrite, inputs=inputs, metadata=metadata) as writer:
         yield writer

@@ -42,7 +42,7 @@ def simulate(
     scene_out: Annotated[
         str | None, typer.Option("--scene-out", metavar="FILE", help="Write the scene as TOML.")
     ] = None,
-    show: Annotated[bool, typer.Option("--show", help="Show the scenario's parameters and stop.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Show the parameters and stop.")] = False,
     format: Format = None,
     overwrite: Overwrite = False,
     json: Json = False,

@@ -19,6 +19,7 @@ __all__ = [
     "Law",
     "MethodSpec",
     "contract_fault",
+    "version_fault",
 ]
 
 CONTRACT_VERSION = 1
@@ -105,9 +106,13 @@ class MethodSpec:
 
 def contract_fault(version: int | None) -> str:
     """Return in words why a plugin written for a version of the contract can't be used here; empty where it can."""
-    here, oldest = CONTRACT_VERSION, OLDEST_CONTRACT_VERSION
+    return version_fault(version, CONTRACT_VERSION, OLDEST_CONTRACT_VERSION, "MethodSpec")
+
+
+def version_fault(version: int | None, here: int, oldest: int, spec: str) -> str:
+    """Return why what was written for a version can't be used by ``here``, which works back to ``oldest``."""
     if version is None:
-        return f"doesn't say for which contract version it was written: give its MethodSpec contract_version={here}"
+        return f"doesn't say for which contract version it was written: give its {spec} contract_version={here}"
     if version > here:
         return f"was written for contract version {version}, newer than {here} of this nlosctl: upgrade nlosctl"
     if version < oldest:

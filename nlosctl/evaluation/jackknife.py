@@ -19,4 +19,5 @@ def jackknife_error(without: Sequence[float]) -> float:
     observations. NaN where the statistic has no value without one of the groups.
     """
     values = np.asarray(without, dtype=np.float64)
-    return float(np.sqrt((values.size - 1) * np.mean((values - values.mean()) ** 2)))
+    away = values - values[0]  # exactly 0 for what no group changes
+    return float(np.sqrt((values.size - 1) * np.mean((away - away.mean()) ** 2)))

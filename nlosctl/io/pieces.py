@@ -199,7 +199,7 @@ def _log_bad_rows(
             first[place] = (opened.file_name(fault.column), fault.describe(place))
         bad |= fault.mask
     rows = [*_bad_lines(raw, opened), *_bad_cells(raw, batch, first, opened)]
-    rows.sort(key=lambda row: row.problem.row)
+    rows.sort(key=lambda row: row.problem.row or 0)
     log.add(rows[:wanted], total=int(bad.sum()) + len(raw.line_faults))
     return bad
 

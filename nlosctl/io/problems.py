@@ -14,16 +14,23 @@ SHOWN_PROBLEMS = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """One fault of one row. ``row`` counts data rows from 1; ``line`` is the line of a text file, if it is one."""
+    """One fault of one row. ``row`` counts data rows from 1; ``line`` is the line of a text file, if it is one.
+
+    A line of another program's file is no row yet: ``row`` is None.
+    """
 
     file: str
-    row: int
+    row: int | None
     line: int | None
     column: str | None
     fault: str
 
     def __str__(self) -> str:
         """Return the one line that a user reads."""
+        if self.row is None:
+            place = f", line {self.line}" if self.line is not None else ""
+            field = f", field {self.column!r}" if self.column is not None else ""
+            return f"{self.file}{place}{field}: {self.fault}"
         line = f" (line {self.line})" if self.line is not None and self.line != self.row else ""
         column = f", column {self.column!r}" if self.column is not None else ""
         return f"{self.file}, row {self.row}{line}{column}: {self.fault}"

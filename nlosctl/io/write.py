@@ -26,6 +26,7 @@ __all__ = [
     "TableWriter",
     "check_targets",
     "is_folder_target",
+    "open_bytes_out",
     "provenance_text",
     "write_bytes",
     "write_text",
@@ -225,6 +226,36 @@ def write_bytes(target: str, content: bytes) -> None:
         try:
             with sink:
                 sink.write(content)
+                sink.flush()
+                os.fsync(sink.fileno())
+            temporary.replace(Path(target).resolve())
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def open_bytes_out(target: str, *, overwrite: bool = False, inputs: Sequence[Path] = ()) -> Iterator[IO[bytes]]:
+    """Open a file (``-``: stdout) for bytes: it appears whole under its name when the block ends well, or not at all.
+
+    Raises as `TableWriter` does.
+    """
+    check_targets([target], overwrite=overwrite, inputs=inputs)
+    with _writing(target):
+        if target == "-":
+            if sys.stdout is None:
+                raise DataError("standard output is closed; name a file with -o")
+            yield sys.stdout.buffer
+            sys.stdout.buffer.flush()
+            return
+        if _takes_bytes_as_they_come(target):
+            with Path(target).open("wb") as file:
+                yield file
+            return
+        temporary, sink = _temporary_beside(target)
+        try:
+            with sink:
+                yield sink
                 sink.flush()
                 os.fsync(sink.fileno())
             temporary.replace(Path(target).resolve())

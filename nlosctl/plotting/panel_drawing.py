@@ -36,18 +36,19 @@ __all__ = ["draw_panels"]
 
 _PANEL_IN = {1: (6.0, 4.2), 2: (5.0, 3.8), 3: (4.2, 3.4)}
 """Width and height of a panel by how many stand in a row."""
-_HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----")
+_HATCHES = ("", "////", "||||", "\\\\\\\\", "xxxx", "----")
 
 
 @figure_style()
 def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
-    """Return a figure with all panels, two in a row, or three where there are three.
+    """Return a figure with all panels, two in a row, or three where that fills all rows.
 
     Panels with the same labels share one legend, beside them all, and so do all with points.
     """
-    columns = 3 if len(panels) == 3 else min(len(panels), 2)
+    columns = 3 if len(panels) % 3 == 0 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
     width, height = _PANEL_IN[columns]
+    height *= max(panel.height for panel in panels)
     figure, places = new_figure(rows, columns, width_in=width * columns, height_in=height * rows + 0.3, title=title)
     for place, panel in zip(places, panels, strict=False):
         _draw(panel, place)
@@ -75,7 +76,7 @@ def _place_legends(figure: Figure, places: Sequence[Axes], panels: Sequence[Pane
     alike = len(panels) > 1 and len(told[0]) > 1 and all(list(one) == list(told[0]) for one in told)
     if not alike and not all(isinstance(panel, PointsPanel) for panel in panels):
         for axes, panel, labels in zip(places, panels, told, strict=True):
-            if len(labels) > 1 and not isinstance(panel, RegionsPanel):
+            if panel.legend and len(labels) > 1 and not isinstance(panel, RegionsPanel):
                 place_legend(axes)
         return
     for legend in filter(None, (axes.get_legend() for axes in places)):
@@ -152,13 +153,17 @@ def _(panel: HistogramPanel, axes: Axes) -> None:
 
 @_draw.register
 def _(panel: BarsPanel, axes: Axes) -> None:
-    width = 0.8 / max(len(panel.values), 1)
+    count = max(len(panel.values), 1)
+    width = 0.8 if panel.stacked else 0.8 / count
     place = np.arange(len(panel.groups), dtype=np.float64)
-    for number, (label, heights) in enumerate(panel.values.items()):
+    base = np.zeros(place.shape)
+    for number, (label, values) in enumerate(panel.values.items()):
+        heights = np.nan_to_num(values)
         axes.bar(
-            place + (number - 0.5 * (len(panel.values) - 1)) * width,
+            place if panel.stacked else place + (number - 0.5 * (count - 1)) * width,
             heights,
             width,
+            bottom=base if panel.stacked else 0.0,
             yerr=panel.errors.get(label),
             label=label,
             color=series_style(number).color,
@@ -166,7 +171,12 @@ def _(panel: BarsPanel, axes: Axes) -> None:
             edgecolor="white",
             error_kw={"elinewidth": 0.8, "ecolor": "#404040"},
         )
+        base = base + heights
     axes.set_xticks(place, panel.groups)
+    if panel.log_y:
+        axes.set_yscale("log")
+    else:
+        axes.margins(y=0.0 if panel.stacked else 0.3)
 
 
 def _series(lines: Sequence[Line]) -> list[Series]:

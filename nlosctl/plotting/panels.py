@@ -44,7 +44,10 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What all panels have: axis labels as ``quantity [unit]``, a title, and limits where the data don't set them."""
+    """What all panels have: axis labels as ``quantity [unit]``, a title, and limits where the data don't set them.
+
+    ``legend`` false: that of another panel holds. ``height`` is in units of the usual one; the largest counts.
+    """
 
     x_label: str = ""
     y_label: str = ""
@@ -52,6 +55,8 @@ class Panel:
     equal_aspect: bool = False
     x_range: tuple[float, float] | None = None
     y_range: tuple[float, float] | None = None
+    legend: bool = True
+    height: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,8 +122,13 @@ class HistogramPanel(Panel):
 
 @dataclass(frozen=True, kw_only=True)
 class BarsPanel(Panel):
-    """Groups of bars side by side: ``values[label]`` (G,) over the ``groups``, with half-lengths of error bars."""
+    """Groups of bars: ``values[label]`` (G,) over the ``groups``, with half-lengths of error bars; NaN: no bar.
+
+    Side by side, or one upon the other where ``stacked``.
+    """
 
     groups: tuple[str, ...]
     values: Mapping[str, FloatArray]
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    stacked: bool = False
+    log_y: bool = False

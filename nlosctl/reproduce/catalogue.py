@@ -16,6 +16,8 @@ __all__ = ["chosen_names", "experiment_names", "find_experiment"]
 _ITEMS = {
     "song": ("fig5", "fig6", "fig7", "fig8", "fig9"),
     "madhow": ("fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "fig11"),
+    "liang": ("fig2", "fig3", "fig4", "table1", "table2"),
+    "shen": ("fig4", "fig5", "fig6", "fig7", "fig8", "table1", "table3", "table4", "table5"),
 }
 """Figures and tables by paper, in the order of the paper; the module is ``PAPER_ITEM``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -77,7 +78,7 @@ class _Without(Mapping[str, FloatArray]):
 
     def __getitem__(self, name: str) -> FloatArray:
         values = self._samples[name]
-        left: FloatArray = values[np.arange(values.shape[0]) % GROUPS != self._group]
+        left: FloatArray = values[_kept(values.shape[0], self._group)]
         return left
 
     def __iter__(self) -> Iterator[str]:
@@ -85,6 +86,11 @@ class _Without(Mapping[str, FloatArray]):
 
     def __len__(self) -> int:
         return len(self._samples)
+
+
+@lru_cache(maxsize=2 * GROUPS)
+def _kept(trials: int, group: int) -> npt.NDArray[np.bool_]:
+    return np.asarray(np.arange(trials) % GROUPS != group)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,39 @@
+"""Directions that an anchor measures from its own boresight: its position and heading are in the scene."""
+
+from __future__ import annotations
+
+from nlosctl.contract.formats import ForeignFile, UnfitError
+from nlosctl.contract.scene import Sensor
+from nlosctl.errors import DataError, did_you_mean
+
+__all__ = ["anchor_values", "anchors_of"]
+
+
+def anchors_of(file: ForeignFile) -> dict[str, Sensor]:
+    """Return the scene's sensors by name; raise DataError where there are none."""
+    if not file.scene.sensors:
+        raise DataError(
+            f"{file.name}: directions from a boresight need a scene with the anchors: --scene FILE with [[sensor]], "
+            f"name, position and heading_deg"
+        )
+    return {sensor.name: sensor for sensor in file.scene.sensors}
+
+
+def anchor_values(anchors: dict[str, Sensor], name: str, clockwise_deg: float, field: str) -> dict[str, object]:
+    """Return sensor, its position and the azimuth of a direction ``clockwise_deg`` from the anchor's boresight.
+
+    Raises UnfitError where the scene lacks the anchor, or its heading.
+    """
+    if name not in anchors:
+        raise UnfitError(f"the scene has no sensor {name[:60]!r}{did_you_mean(name, anchors)}", field)
+    anchor = anchors[name]
+    if anchor.heading_deg is None:
+        raise UnfitError(
+            f"the scene's sensor {name!r} has no heading_deg: its boresight, clockwise from +y or north", field
+        )
+    return {
+        "sensor": name,
+        "sensor_x_m": anchor.position[0],
+        "sensor_y_m": anchor.position[1],
+        "azimuth_deg": (anchor.heading_deg + clockwise_deg) % 360.0,
+    }

@@ -1,0 +1,84 @@
+"""Estimates as GeoParquet 1.1: their columns, the point as ``geometry`` and the ellipse as ``ellipse``, both WKB."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from nlosctl.contract.formats import ExporterSpec, Places
+from nlosctl.formats.map_options import MapOptions
+
+__all__ = ["FORMAT"]
+
+_GEOMETRIES = {"geometry": "Point", "ellipse": "Polygon"}
+
+
+class _Writer:
+    """Holds all places until the end: the types of the columns are those of all of their values."""
+
+    def __init__(self, sink: IO[bytes], options: MapOptions) -> None:
+        self._sink = sink
+        self._columns: dict[str, list[Any]] = {}
+
+    def write(self, places: Places) -> None:
+        made = {"geometry": _points(places), "ellipse": _polygons(places)}
+        for name, cells in {**places.columns, **made}.items():
+            self._columns.setdefault(name, []).extend(cells)
+
+    def close(self) -> None:
+        columns = {name: pa.array(cells, _type(name)) for name, cells in self._columns.items()}
+        described = {name: {"encoding": "WKB", "geometry_types": [kind]} for name, kind in _GEOMETRIES.items()}
+        geo = {"version": "1.1.0", "primary_column": "geometry", "columns": described}
+        columns = columns or {name: pa.array([], pa.binary()) for name in _GEOMETRIES}
+        table = pa.table(columns).replace_schema_metadata({"geo": json.dumps(geo)})
+        pyarrow.parquet.write_table(table, pa.PythonFile(_Unclosed(self._sink), mode="w"))
+
+
+def _type(name: str) -> Any:
+    return pa.binary() if name in _GEOMETRIES else None
+
+
+class _Unclosed:
+    """A sink that stays open for whoever made it."""
+
+    def __init__(self, sink: IO[bytes]) -> None:
+        self._sink = sink
+        self.closed = False
+
+    def write(self, content: bytes) -> int:
+        return self._sink.write(content)
+
+    def flush(self) -> None:
+        self._sink.flush()
+
+    def close(self) -> None:
+        """Leave the sink open."""
+
+
+def _points(piece: Places) -> Sequence[bytes | None]:
+    return [
+        None if np.isnan(x) else struct.pack("<BIdd", 1, 1, x, y)
+        for x, y in zip(piece.x.tolist(), piece.y.tolist(), strict=True)
+    ]
+
+
+def _polygons(piece: Places) -> Sequence[bytes | None]:
+    head = struct.pack("<BIII", 1, 3, 1, piece.outline.shape[1])
+    rings: Any = np.ascontiguousarray(piece.outline, dtype="<f8")
+    return [None if np.isnan(ring[0, 0]) else head + ring.tobytes() for ring in rings]
+
+
+FORMAT = ExporterSpec(
+    name="geoparquet",
+    summary="GeoParquet: a table with points and ellipses",
+    reference="GeoParquet 1.1.0; WKB of OGC 06-103r4",
+    options=MapOptions,
+    start=_Writer,
+)
+"""The specification of the exporter."""

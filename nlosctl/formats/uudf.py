@@ -1,0 +1,82 @@
+"""Angle events of u-blox u-connectLocate: ``+UUDF:`` lines of a serial log, other lines between them left out."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row, UnfitError
+from nlosctl.contract.options import option
+from nlosctl.errors import DataError
+from nlosctl.formats.anchors import anchor_values, anchors_of
+from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, in_rounds, parse_window
+from nlosctl.formats.fields import integer, lines, number, take_apart
+
+__all__ = ["FORMAT"]
+
+_EVENT = "+UUDF:"
+_FIELDS = (9, 10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class UudfOptions:
+    """What a log of angle events leaves open."""
+
+    window: str = option(
+        "round",
+        meaning=f"round: a snapshot of a tag lasts until an anchor speaks again; {WINDOW_MEANING}, by the anchors' "
+        "clocks, which count from their own start",
+    )
+    bearing_std_deg: float | None = option(
+        None, meaning="std of every azimuth; else give it to the next command", unit="deg", minimum=0.0, exclusive=True
+    )
+
+
+def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
+    anchors = anchors_of(file)
+    events = 0
+
+    def parse(line: int, text: str) -> Row | None:
+        nonlocal events
+        start = text.find(_EVENT)
+        if start < 0:
+            return None
+        events += 1
+        fields = [field.strip() for field in next(csv.reader([text[start + len(_EVENT) :].replace("”", '"')]))]
+        if len(fields) not in _FIELDS:
+            raise UnfitError(f"got {len(fields)} fields after {_EVENT}, expected 9, or 10 with the sequence number")
+        return Row(
+            line=line,
+            epoch_s=number(fields[8], "timestamp_ms", 0.0) / 1e3,
+            group=fields[0],
+            values={
+                **anchor_values(anchors, fields[6], number(fields[2], "angle_azimuth", -90.0, 90.0), "anchor_id"),
+                "bearing_std_deg": options.bearing_std_deg,
+                "tag": fields[0],
+                "elevation_deg": number(fields[3], "angle_elevation", -90.0, 90.0),
+                "rssi_dbm": number(fields[1], "rssi_pol1"),
+                "channel": integer(fields[5], "channel", 0, 39),
+                "time_s": number(fields[8], "timestamp_ms", 0.0) / 1e3,
+            },
+        )
+
+    rows = take_apart(lines(file), parse)
+    if options.window == "round":
+        yield from in_rounds(rows)
+    else:
+        yield from in_epochs(rows, parse_window(options.window, "importer 'uudf'"))
+    if not events:
+        raise DataError(f"{file.name}: no line has {_EVENT!r}: this is no log of u-connectLocate")
+
+
+FORMAT = ImporterSpec(
+    name="uudf",
+    summary="u-blox u-connectLocate angle events (+UUDF lines of a serial log)",
+    reference="u-blox XPLR-AOA user guide UBX-21004616, appendix A.4: Angle calculation event +UUDF",
+    options=UudfOptions,
+    kind=lambda options: "bearings",
+    rows=_rows,
+    extra={"tag": "text", "elevation_deg": "number", "rssi_dbm": "number", "channel": "integer", "time_s": "number"},
+)
+"""The specification of the importer."""

@@ -1,0 +1,86 @@
+"""Logs of UWB ranging, one range per line: lines of one window of time are a snapshot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row, UnfitError
+from nlosctl.contract.options import option
+from nlosctl.errors import UsageError
+from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
+from nlosctl.formats.fields import number, read_table
+
+__all__ = ["FORMAT"]
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UwbOptions:
+    """The names of the columns, their units, and what they leave open."""
+
+    time: str = option("time", meaning="column of the time")
+    time_unit: Literal["s", "ms", "us", "ns"] = option("s", meaning="its unit")
+    anchor: str = option("anchor", meaning="column of the anchor's name, as in the scene")
+    range: str = option("range", meaning="column of the range")
+    range_unit: Literal["m", "cm", "mm"] = option("m", meaning="unit of range and std; of the variance its square")
+    tag: str | None = option(None, meaning="column of the tag's name: each its own snapshots")
+    std: str | None = option(None, meaning="column of the std of a range")
+    variance: str | None = option(None, meaning="column of the variance of a range")
+    range_std_m: float | None = option(
+        None, meaning="std of every range; else give it to the next command", unit="m", minimum=0.0, exclusive=True
+    )
+    window: str = option("0.1s", meaning=WINDOW_MEANING)
+
+
+def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
+    told = [word for word in (options.std, options.variance, options.range_std_m) if word is not None]
+    if len(told) > 1:
+        raise UsageError("importer 'uwb' takes one of the parameters std, variance and range_std_m")
+    named = (options.tag, options.std, options.variance)
+    wanted = [options.time, options.anchor, options.range, *(name for name in named if name)]
+    places = {sensor.name: sensor.position for sensor in file.scene.sensors}
+    metres = _METRES[options.range_unit]
+
+    def parse(line: int, cells: Mapping[str, str]) -> Row:
+        anchor = cells[options.anchor]
+        if not anchor:
+            raise UnfitError("empty, expected the name of the anchor", options.anchor)
+        time_s = number(cells[options.time], options.time) * _SECONDS[options.time_unit]
+        x, y = places.get(anchor, (None, None))
+        values: dict[str, Any] = {
+            "sensor": anchor,
+            "sensor_x_m": x,
+            "sensor_y_m": y,
+            "range_m": number(cells[options.range], options.range, 1e-9) * metres,
+            "range_std_m": _std(cells, options, metres),
+            "time_s": time_s,
+            "tag": cells[options.tag] if options.tag else None,
+        }
+        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values)
+
+    yield from in_epochs(read_table(file, wanted, parse), parse_window(options.window, "importer 'uwb'"))
+
+
+def _std(cells: Mapping[str, str], options: UwbOptions, metres: float) -> float | None:
+    if options.variance is not None:
+        return math.sqrt(number(cells[options.variance], options.variance, 1e-18)) * metres
+    if options.std is not None:
+        return number(cells[options.std], options.std, 1e-9) * metres
+    return options.range_std_m
+
+
+FORMAT = ImporterSpec(
+    name="uwb",
+    summary="UWB ranging logs, one range per line (CSV: time, anchor, range, or as named)",
+    reference="this project, docs/formats.md; columns as UWB loggers have them",
+    options=UwbOptions,
+    kind=lambda options: "ranges",
+    rows=_rows,
+    extra={"time_s": "number", "tag": "text"},
+)
+"""The specification of the importer."""

@@ -1,0 +1,83 @@
+"""Compass bearings of wildlife telemetry: a CSV with a line per bearing, grouped by animal and time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
+from nlosctl.contract.options import option
+from nlosctl.formats.fields import number, read_table
+
+__all__ = ["FORMAT"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WildlifeOptions:
+    """The names of the columns, as in the R package sigloc unless told, and what they leave open."""
+
+    group: str = option("GID", meaning="column that the bearings of one location share")
+    x: str = option("Easting", meaning="column of the observer's easting in metres, or longitude with degrees=true")
+    y: str = option("Northing", meaning="column of the observer's northing in metres, or latitude with degrees=true")
+    azimuth: str = option("Azimuth", meaning="column of the bearing to the animal, degrees clockwise from north")
+    station: str | None = option(None, meaning="column of the observer's or station's name; else they are numbered")
+    degrees: bool = option(False, meaning="whether x and y are longitude and latitude (WGS 84)")
+    declination_deg: float = option(
+        0.0,
+        meaning="magnetic declination, east positive, that is added to each bearing",
+        unit="deg",
+        minimum=-180.0,
+        maximum=180.0,
+    )
+    bearing_std_deg: float | None = option(
+        None, meaning="std of every bearing; else give it to the next command", unit="deg", minimum=0.0, exclusive=True
+    )
+
+
+def _rows(file: ForeignFile, options: WildlifeOptions) -> Iterator[Row | BadLine]:
+    wanted = [options.group, options.x, options.y, options.azimuth, *([options.station] if options.station else [])]
+    names = ("sensor_lon_deg", "sensor_lat_deg") if options.degrees else ("sensor_x_m", "sensor_y_m")
+    limits = (180.0, 90.0) if options.degrees else (1e9, 1e9)
+
+    def parse(line: int, cells: Mapping[str, str]) -> Row:
+        azimuth = number(cells[options.azimuth], options.azimuth, -360.0, 360.0)
+        values: dict[str, Any] = {
+            "sensor": cells[options.station] if options.station else "",
+            names[0]: number(cells[options.x], options.x, -limits[0], limits[0]),
+            names[1]: number(cells[options.y], options.y, -limits[1], limits[1]),
+            "azimuth_deg": (azimuth + options.declination_deg) % 360.0,
+            "bearing_std_deg": options.bearing_std_deg,
+        }
+        return Row(line=line, group=cells[options.group], values=values)
+
+    groups: dict[str, list[Row]] = {}
+    for row in read_table(file, wanted, parse):
+        if isinstance(row, BadLine):
+            yield row
+        else:
+            groups.setdefault(row.group, []).append(row)
+    for group, rows in groups.items():
+        yield from _named(group, rows)
+
+
+def _named(group: str, rows: list[Row]) -> Iterator[Row]:
+    """Yield the bearings of a location; stations without a name, or heard again, are numbered."""
+    said: Counter[str] = Counter()
+    for row in rows:
+        station = str(row.values["sensor"])
+        said[station] += 1
+        name = str(said[station]) if not station else station if said[station] == 1 else f"{station}#{said[station]}"
+        yield Row(line=row.line, values={"snapshot": group, **row.values, "sensor": name})
+
+
+FORMAT = ImporterSpec(
+    name="wildlife",
+    summary="Compass bearings of wildlife telemetry (CSV: GID, Easting, Northing, Azimuth, or as named)",
+    reference="R package sigloc 0.0.4, data 'bear' and as.receiver: GID, Easting, Northing, Azimuth",
+    options=WildlifeOptions,
+    kind=lambda options: "bearings",
+    rows=_rows,
+)
+"""The specification of the importer."""

@@ -1,0 +1,154 @@
+"""Shen, Molisch 2012: the paper, where its text is in error, and its trials: direct and indirect paths, and rules."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.api import detect_ip
+from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
+from nlosctl.reproduce.samples import Condition, Drawn, Samples
+from nlosctl.reproduce.simulated import Simulated, simulated
+from nlosctl.reproduce.verdicts import Expected, printed
+
+__all__ = [
+    "CHUNK_TRIALS",
+    "LEVELS",
+    "PAPER",
+    "READINGS",
+    "RULES",
+    "TRIALS",
+    "detection_samples",
+    "p_values",
+    "printed_share",
+    "rate",
+    "rate_in",
+    "rates",
+    "triplet_trials",
+]
+
+FloatArray = npt.NDArray[np.float64]
+
+PAPER = Paper(
+    name="shen",
+    reference="Shen, Molisch 2012",
+    errata=(
+        Erratum(
+            where="(11)",
+            printed="c3 = -2 (x^2 / mu3^3 - y^2 mu3 / (mu3^2 - d^2)^2)",
+            right="a plus between the terms; no number of the paper shows it, the path length has hardly any weight",
+        ),
+        Erratum(
+            where="(14)",
+            printed="(3,1) b3 c3, (5,1) over alpha, (5,3) b3, and superscripts of rows 1 to 4",
+            right="b3 c1, over gamma, b1, each coefficient at its own intersection; Table III has the right W",
+        ),
+        Erratum(where="(26), (33)", printed="1 / (2 pi)", right="1 / sqrt(2 pi)"),
+        Erratum(
+            where="(29)-(31)",
+            printed="each of the three densities is shifted by the mean",
+            right="only one of them: the mean would be three times as large",
+        ),
+        Erratum(where="(34)", printed="y / (m - x / 2), y / (m + x / 2)", right="y / (x - d / 2), y / (x + d / 2)"),
+        Erratum(where="Section IV", printed="x1 = x2 = x3, y2 = y2 = y3", right="y1 = y2 = y3"),
+        Erratum(where="Section IV-D", printed="a false alarm is to decide for a DP when an IP happens", right="a miss"),
+        Erratum(where="Section VI-A", printed="6 scenarios; scenario 5 has three objects", right="5; one reflector"),
+        Erratum(where="Section VI-E", printed='"several orders of magnitude"', right="its Table V says 5 to 9 times"),
+        Erratum(where="Table IV", printed="expected P_f 0075", right="0.07"),
+        Erratum(
+            where="Table I, Theorem 1",
+            printed="blind spots of indirect paths alone; all rules equal for direct ones",
+            right="direct paths have them too (lambda 1 at mu2 = pi/2, 3 at mu1 = pi/2, 6 at x = 0, 5 at y -> 0): "
+            "there the false alarms of a rule are far from P_f",
+        ),
+        Erratum(
+            where="Algorithm 1",
+            printed="no word on lines that meet behind transmitter or receiver",
+            right="the simulator behind Tables IV and V must have taken lines for rays and called such paths indirect: "
+            "with that, and not without, their numbers come out (fold_angles, behind_is_ip)",
+        ),
+    ),
+)
+
+TRIALS = 200_000
+CHUNK_TRIALS = 20_000
+
+LEVELS = tuple(
+    sorted(
+        {*(round(10.0**power, 6) for power in np.linspace(-3.0, 0.0, 31)), 0.03, 0.04, 0.05, 0.07, 0.3, 0.5, 0.9, 0.95}
+    )
+)
+"""The expected P_f at which paths are judged; samples hold the place of the first at which a path is flagged."""
+
+RULES: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
+    **{f"lambda{rule}": (f"lambda {rule}", "tdaj", {"rule": f"lambda{rule}"}) for rule in range(1, 7)},
+    **{f"fusion{k}": (f"fusion, K = {k}", "tdaj", {"rule": "fusion", "k": k}) for k in (0, 1, 5)},
+    "chi2": ("chi2 (recommended)", "chi2", {}),
+    "chi2_miss": ("chi2, rays_miss=true", "chi2", {"rays_miss": True}),
+}
+"""Label, method and parameters of each rule."""
+
+READINGS = {"rays": "rays, Algorithm 1", "lines": "lines, as simulated"}
+"""Rays, as Algorithm 1 has it; or lines, those that meet behind a node being indirect, as the paper's simulator."""
+
+
+def triplet_trials(chunk: Chunk, *, indirect: bool, reading: str = "rays", **parameters: Any) -> Simulated:
+    """Draw the chunk's trials of ``shen``, one path each, all indirect or all direct."""
+    share, folded = float(indirect), reading == "lines"
+    return simulated("shen", chunk, indirect_fraction=share, fold_angles=folded, **parameters)
+
+
+def p_values(given: Simulated, chunk: Chunk, rule: str, *, reading: str = "rays") -> FloatArray:
+    """Return each path's p-value (T,) by a rule, 1 where it can't judge."""
+    _, method, options = RULES[rule]
+    parameters: dict[str, Any] = {**options, **({"behind_is_ip": True} if reading == "lines" else {})}
+    flags = detect_ip(given.table, method=method, seed=chunk.seed, **parameters).flags
+    return np.nan_to_num(np.asarray(flags.column("p_value").to_numpy(zero_copy_only=False), dtype=np.float64), nan=1.0)
+
+
+def detection_samples(condition: Condition, chunk: Chunk, *, number: int, rules: Sequence[str]) -> Samples:
+    """Return for direct and indirect paths and each rule the place in `LEVELS` from which a path is flagged.
+
+    The condition may have a ``reading``, which is for the paper's rules alone; the rest are parameters of ``shen``.
+    """
+    parameters: dict[str, Any] = {"number": number, **condition}
+    wanted = str(parameters.pop("reading", "rays"))
+    samples = {}
+    for truth in ("direct", "indirect"):
+        indirect = truth == "indirect"
+        given = {
+            reading: triplet_trials(chunk, indirect=indirect, reading=reading, **parameters)
+            for reading in {"rays", wanted}
+        }
+        for rule in rules:
+            reading = wanted if RULES[rule][1] == "tdaj" else "rays"
+            p_value = p_values(given[reading], chunk, rule, reading=reading)
+            samples[f"{truth}_{rule}"] = np.searchsorted(LEVELS, p_value, side="right").astype(float)
+    return samples
+
+
+def rate(samples: Samples, *, truth: str, rule: str, level: float) -> float:
+    """Return the share of paths that are flagged at an expected P_f, one of `LEVELS`: P_f or P_d."""
+    return float(np.mean(samples[f"{truth}_{rule}"] <= LEVELS.index(level)))
+
+
+def rate_in(drawn: Drawn, *, truth: str, rule: str, level: float, **keys: float | int | str) -> float:
+    """Return the `rate` in one condition."""
+    return rate(drawn.of(**keys), truth=truth, rule=rule, level=level)
+
+
+def printed_share(shown: str, trials: int = TRIALS) -> Expected:
+    """Return a printed share of the paper's trials, with its binomial error."""
+    probability = float(shown)
+    return printed(shown, standard_error=math.sqrt(probability * (1.0 - probability) / trials))
+
+
+def rates(samples: Samples, *, truth: str, rule: str) -> FloatArray:
+    """Return the `rate` at each of `LEVELS`."""
+    places = samples[f"{truth}_{rule}"].astype(np.int64)
+    counts = np.bincount(places, minlength=len(LEVELS) + 1)[: len(LEVELS)]
+    return np.asarray(np.cumsum(counts) / places.shape[0])

@@ -1,0 +1,208 @@
+"""Exporters, each read back by a program of others: GDAL, geopandas, czml3."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import geopandas
+import numpy as np
+import pyarrow as pa
+import pyproj
+import pytest
+from czml3 import Packet, Position
+from czml3.properties import Ellipse
+from shapely.geometry import Point
+
+from nlosctl.contract.scene import EarthFrame, parse_frame
+from nlosctl.errors import DataError, UsageError
+from nlosctl.io.frames import plane_of
+from nlosctl.pipeline.exporting import MapWriter, exporter_of
+
+GEOD = pyproj.Geod(ellps="WGS84")
+FRAMES = {"tangent": "47.37 8.54", "turned": "47.37 8.54 30.0", "utm": "EPSG:32632"}
+NAME = 'a<b> & \u0007 "c"'
+
+
+def estimates(words: str | None = FRAMES["tangent"]) -> Any:
+    """Return a fix with an ellipse, one without covariance, and none at all."""
+    x, y = 3000.0, -1000.0
+    if words is not None:
+        lat, lon = np.array([47.36]), np.array([8.58])
+        x, y = (float(axis[0]) for axis in plane_of(parse_frame(words, "frame")).to_plane(lat, lon))
+    rows: dict[str, list[Any]] = {
+        "snapshot": [NAME, "1", "2"],
+        "method": ["ml"] * 3,
+        "x_m": [x, x, None],
+        "y_m": [y, y, None],
+        "cov_xx_m2": [900.0, None, None],
+        "cov_xy_m2": [200.0, None, None],
+        "cov_yy_m2": [100.0, None, None],
+        "status": ["ok", "boundary", "too_few"],
+    }
+    return pa.table(rows if words is None else {**rows, "frame": [words] * 3})
+
+
+def export(folder: Path, name: str, table: Any, **parameters: Any) -> Path:
+    """Write a table with an exporter and return the file."""
+    path = folder / f"fixes.{name}"
+    with MapWriter(str(path), name, parameters) as writer:
+        writer.write(table)
+    return path
+
+
+def hold_ellipse(polygon: Any, words: str) -> None:
+    """Hold a 95 % ellipse on earth against the covariance: vertices at the Mahalanobis distance of chi-square 5.99."""
+    lon, lat = (np.array(axis) for axis in polygon.exterior.coords.xy)
+    plane = plane_of(parse_frame(words, "frame"))
+    x, y = plane.to_plane(lat, lon)
+    centre = plane.to_plane(np.array([47.36]), np.array([8.58]))
+    away = np.stack([x - centre[0], y - centre[1]])
+    squared = np.einsum("in,ij,jn->n", away, np.linalg.inv([[900.0, 200.0], [200.0, 100.0]]), away)
+    np.testing.assert_allclose(squared, -2.0 * math.log(0.05), rtol=1e-6)
+    assert polygon.is_valid
+    assert polygon.exterior.is_ccw
+
+
+@pytest.mark.parametrize("words", FRAMES.values())
+def test_geojson_by_gdal(tmp_path: Path, words: str) -> None:
+    """GDAL reads points, ellipses and the fix that is none, with all columns."""
+    frame = geopandas.read_file(export(tmp_path, "geojson", estimates(words)))
+    assert frame.crs.to_epsg() == 4326
+    assert frame["feature"].tolist() == ["estimate", "ellipse", "estimate", "estimate"]
+    point = frame.geometry[0]
+    assert GEOD.inv(point.x, point.y, 8.58, 47.36)[2] < 1e-3
+    hold_ellipse(frame.geometry[1], words)
+    assert frame.geometry[3] is None
+    assert frame["status"].tolist() == ["ok", "ok", "boundary", "too_few"]
+    assert frame["snapshot"][0] == NAME
+
+
+def test_geojson_is_json_of_its_rfc(tmp_path: Path) -> None:
+    """Strict JSON: rings are closed, nulls where there is nothing."""
+    tree = json.loads(export(tmp_path, "geojson", estimates()).read_text(), parse_constant=pytest.fail)
+    assert tree["type"] == "FeatureCollection"
+    ring = tree["features"][1]["geometry"]["coordinates"][0]
+    assert ring[0] == ring[-1]
+    assert len(ring) == 73
+    assert tree["features"][-1]["geometry"] is None
+
+
+def test_kml_by_gdal(tmp_path: Path) -> None:
+    """GDAL reads a placemark for each estimate; names that are no XML are made harmless."""
+    path = export(tmp_path, "kml", estimates())
+    frame = geopandas.read_file(path)
+    assert frame["Name"].tolist() == ['a<b> & \ufffd "c" ml', "1 ml", "2 ml"]
+    assert "status: boundary" in frame["description"][1]
+    point, polygon = frame.geometry[0].geoms
+    assert GEOD.inv(point.x, point.y, 8.58, 47.36)[2] < 1e-3
+    hold_ellipse(polygon, FRAMES["tangent"])
+    assert ElementTree.parse(path).getroot().tag == "{http://www.opengis.net/kml/2.2}kml"  # noqa: S314 - our own file
+
+
+def test_geoparquet_by_geopandas(tmp_path: Path) -> None:
+    """geopandas reads both geometries with their CRS, nulls, and the columns in their types."""
+    frame = geopandas.read_parquet(export(tmp_path, "geoparquet", estimates()))
+    assert str(frame.crs) == "OGC:CRS84"
+    assert GEOD.inv(frame.geometry[0].x, frame.geometry[0].y, 8.58, 47.36)[2] < 1e-3
+    hold_ellipse(frame["ellipse"][0], FRAMES["tangent"])
+    assert frame.geometry[2] is None
+    assert frame["x_m"].dtype == np.float64
+    assert isinstance(frame.geometry[1], Point)
+
+
+@pytest.mark.parametrize("words", FRAMES.values())
+def test_czml_is_what_czml3_would_write(tmp_path: Path, words: str) -> None:
+    """Positions and ellipses are those of czml3's packets; the rotation is counter-clockwise from true north."""
+    document, first, *others = json.loads(export(tmp_path, "czml", estimates(words)).read_text())
+    assert (document["id"], document["version"], len(others)) == ("document", "1.0", 2)
+    told = Packet(
+        id="estimate-0",
+        position=Position(cartographicDegrees=first["position"]["cartographicDegrees"]),
+        ellipse=Ellipse(
+            semiMajorAxis=first["ellipse"]["semiMajorAxis"],
+            semiMinorAxis=first["ellipse"]["semiMinorAxis"],
+            rotation=first["ellipse"]["rotation"],
+        ),
+    )
+    theirs = json.loads(told.dumps())
+    assert first["position"] == theirs["position"]
+    assert {**theirs["ellipse"], "material": first["ellipse"]["material"]} == first["ellipse"]
+    lon, lat = first["position"]["cartographicDegrees"][:2]
+    tip = GEOD.fwd(lon, lat, -math.degrees(first["ellipse"]["rotation"]), first["ellipse"]["semiMajorAxis"])
+    plane = plane_of(parse_frame(words, "frame"))
+    x, y = plane.to_plane(np.array([lat, tip[1]]), np.array([lon, tip[0]]))
+    along = np.linalg.eigh([[900.0, 200.0], [200.0, 100.0]])[1][:, 1]
+    assert abs(np.dot([x[1] - x[0], y[1] - y[0]], along)) == pytest.approx(math.hypot(*np.diff([x, y])[:, 0]), rel=1e-6)
+    assert "position" not in others[1]
+
+
+def test_the_scene_or_a_word_tells_the_frame(tmp_path: Path) -> None:
+    """A frame from an option stands before the column; without any there is no map, and no file."""
+    table = estimates(None)
+    path = tmp_path / "fixes.geojson"
+    with MapWriter(str(path), "geojson", {}, frame=EarthFrame(origin_lat_deg=47.37, origin_lon_deg=8.54)) as writer:
+        writer.write(table)
+    assert geopandas.read_file(path).geometry[0].y == pytest.approx(47.361, abs=1e-3)
+    with (
+        pytest.raises(DataError, match="no place on earth"),
+        MapWriter(str(tmp_path / "none.kml"), "kml", {}) as writer,
+    ):
+        writer.write(table)
+    assert not (tmp_path / "none.kml").exists()
+    assert list(tmp_path.glob(".*")) == []
+
+
+def test_metres_only_when_asked(tmp_path: Path) -> None:
+    """Plain metres are a choice of geojson's."""
+    tree = json.loads(export(tmp_path, "geojson", estimates(None), metres=True).read_text())
+    assert tree["features"][0]["geometry"]["coordinates"] == [3000.0, -1000.0]
+    with pytest.raises(UsageError, match="has no parameter 'metres'"):
+        export(tmp_path, "kml", estimates(None), metres=True)
+
+
+def test_an_ellipse_of_another_share(tmp_path: Path) -> None:
+    """The share and the number of vertices are parameters."""
+    path = export(tmp_path, "geojson", estimates(), ellipse=0.5, vertices=12)
+    feature = json.loads(path.read_text())["features"][1]
+    assert feature["properties"]["ellipse_probability"] == 0.5
+    assert len(feature["geometry"]["coordinates"][0]) == 13
+
+
+@pytest.mark.parametrize("name", ["geojson", "kml", "czml", "geoparquet"])
+def test_no_estimates_at_all_is_a_whole_file(tmp_path: Path, name: str) -> None:
+    """An empty table gives an empty map that can be read, and pieces give what the whole gives."""
+    path = tmp_path / f"none.{name}"
+    with MapWriter(str(path), name, {}):
+        pass
+    if name == "geojson":
+        assert json.loads(path.read_text())["features"] == []
+    elif name == "czml":
+        assert len(json.loads(path.read_text())) == 1
+    elif name == "kml":
+        ElementTree.parse(path)  # noqa: S314 - our own file
+    else:
+        assert len(geopandas.read_parquet(path)) == 0
+    whole = export(tmp_path, name, estimates()).read_bytes()
+    with MapWriter(str(path), name, {}, overwrite=True) as writer:
+        for row in range(3):
+            writer.write(estimates().slice(row, 1))
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    ("target", "name", "found"),
+    [("a.geojson", None, "geojson"), ("a.KML", None, "kml"), ("a.parquet", None, None), ("-", "czml", "czml")],
+)
+def test_the_extension_names_the_exporter(target: str, name: str | None, found: str | None) -> None:
+    """An exporter is named by the extension or in a word; a table is none."""
+    assert exporter_of(target, name) == found
+
+
+def test_measurements_are_no_map(tmp_path: Path) -> None:
+    """What is not localized yet can't be put on a map."""
+    with pytest.raises(DataError, match="geojson takes estimates"):
+        export(tmp_path, "geojson", pa.table({"snapshot": [1], "sensor": ["a"]}))

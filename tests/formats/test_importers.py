@@ -1,0 +1,328 @@
+"""Importers on lines built by hand from the documents of their formats."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nlosctl import registry
+from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
+from nlosctl.contract.options import parse_options
+from nlosctl.contract.scene import Scene, Sensor
+from nlosctl.errors import DataError, UsageError
+
+ANCHORS = Scene(
+    sensors=(
+        Sensor(name="CCF9579B21AE", position=(0.0, 0.0), heading_deg=45.0),
+        Sensor(name="CCF9579B217F", position=(10.0, 0.0), heading_deg=315.0),
+        Sensor(name="blind", position=(5.0, 5.0)),
+    )
+)
+
+
+def read(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any) -> list[Row | BadLine]:
+    """Return what an importer makes of a file."""
+    spec = registry.resolve_format(name, "import")
+    assert isinstance(spec, ImporterSpec)
+    content = text.encode() if isinstance(text, str) else text
+    file = ForeignFile(name="log", stream=io.BytesIO(content), scene=scene)
+    return list(spec.rows(file, parse_options(spec.options, parameters, name)))
+
+
+def good(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any) -> list[dict[str, Any]]:
+    """Return the values of a file's rows, all of which are good."""
+    rows = read(name, text, scene, **parameters)
+    assert not [row for row in rows if isinstance(row, BadLine)]
+    return [dict(row.values) for row in rows if isinstance(row, Row)]
+
+
+def bad(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any) -> BadLine:
+    """Return the only bad line of a file."""
+    (line,) = [row for row in read(name, text, scene, **parameters) if isinstance(row, BadLine)]
+    return line
+
+
+KRAKEN = (
+    "1712000000000, 30.0, 9.5, -35.2, 433920000, UCA, 100, hill, 47.37, 8.54, 90.0, 90.0, GPS, R, R, R, R, 0.10, 0.20"
+)
+
+
+def test_a_kraken_direction_counts_against_the_clock_from_the_array() -> None:
+    """Azimuth is heading + 360 - DoA: as df-aggregator has it, and krakensdr_doa's own map."""
+    (row,) = good("kraken-csv", KRAKEN + " \n")
+    assert row["azimuth_deg"] == pytest.approx(60.0)
+    assert (row["sensor"], row["sensor_lat_deg"], row["sensor_lon_deg"]) == ("hill", 47.37, 8.54)
+    assert (row["time_s"], row["frequency_hz"], row["confidence"], row["power_db"]) == (1.712e9, 433.92e6, 9.5, -35.2)
+    assert good("kraken-csv", KRAKEN, sense="clockwise")[0]["azimuth_deg"] == pytest.approx(120.0)
+    assert good("kraken-csv", KRAKEN, heading_deg=10.0)[0]["azimuth_deg"] == pytest.approx(340.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "column", "says"),
+    [
+        ("30.0,", "due north,", "DoA", "got 'due north', expected a number from -360 to 360"),
+        ("47.37", "147.37", "latitude", "got '147.37', expected a number from -90 to 90"),
+        ("47.37, 8.54", "0.0, 0.0", "latitude", "got 0, 0: the station did not know its place"),
+        (" hill", "", "station ID", "empty, expected the name of the station"),
+        (", UCA, 100, hill, 47.37, 8.54, 90.0, 90.0, GPS, R, R, R, R, 0.10, 0.20", "", None, "got 5 fields"),
+        ("1712000000000", "nan", "time in ms", "got 'nan', expected a number of at least 0"),
+    ],
+)
+def test_a_kraken_line_that_does_not_fit(old: str, new: str, column: str | None, says: str) -> None:
+    """A bad field is told by its name, with what came and what was expected; the other lines stay."""
+    line = bad("kraken-csv", f"{KRAKEN}\n{KRAKEN.replace(old, new, 1)}\n")
+    assert (line.line, line.column) == (2, column)
+    assert says in line.fault
+
+
+def test_readings_of_two_frequencies_are_two_sources() -> None:
+    """Snapshots part by frequency and, where asked, by windows of time; readings again from one place get a number."""
+    other = KRAKEN.replace("433920000", "868000000")
+    later = KRAKEN.replace("1712000000000", "1712000010000")
+    rows = good("kraken-csv", "\n".join([KRAKEN, other, later]))
+    assert [(row["snapshot"], row["sensor"]) for row in rows] == [
+        ("433920000_0", "hill"),
+        ("433920000_0", "hill#2"),
+        ("868000000_0", "hill"),
+    ]
+    rows = good("kraken-csv", "\n".join([KRAKEN, later]), window="5s")
+    assert [(row["snapshot"], row["sensor"]) for row in rows] == [(0, "hill"), (1, "hill")]
+
+
+XML = """<?xml version='1.0' encoding='utf-8'?>
+<DATA>
+  <STATION_ID>hill &amp; dale</STATION_ID>
+  <TIME>1712000000000</TIME>
+  <FREQUENCY>433.92</FREQUENCY>
+  <LOCATION><LATITUDE>47.37</LATITUDE><LONGITUDE>8.54</LONGITUDE><HEADING>90.0</HEADING></LOCATION>
+  <DOA>30.0</DOA><PWR>-35.2</PWR><CONF>95</CONF>
+</DATA>
+"""
+
+
+def test_documents_of_df_aggregator_one_after_the_other() -> None:
+    """Each DATA element is a reading, whatever declarations stand between them; the frequency is in MHz or Hz."""
+    rows = good("kraken-xml", XML + XML.replace("433.92", "433920000").replace("hill", "van"))
+    assert [row["sensor"] for row in rows] == ["hill & dale", "van & dale"]
+    assert {row["frequency_hz"] for row in rows} == {433.92e6}
+    assert rows[0]["azimuth_deg"] == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('<!DOCTYPE d [<!ENTITY a "aaaa">]>\n<DATA>&a;</DATA>', "log, line 1: holds a document type or an entity"),
+        ('<?xml version="1.0"?><!DOCTYPE d SYSTEM "file:///etc/passwd"><DATA/>', "log, line 1: holds a document type"),
+        ("<DATA>\n<DOA>3</DATA>", "log, line 2: not XML: mismatched tag"),
+        ("<DATA><DOA>&nbsp;</DOA></DATA>", "log, line 1: not XML: undefined entity"),
+        ("<HTML></HTML>", "log: no <DATA> element"),
+        ("<a>" * 20, "elements within elements"),
+        ("<DATA>", "not XML"),
+    ],
+)
+def test_xml_that_is_none_or_wants_more(text: str, says: str) -> None:
+    """Entities and document types are refused, and what is no XML is told with its line."""
+    with pytest.raises(DataError) as caught:
+        read("kraken-xml", text)
+    assert says in str(caught.value)
+
+
+def test_an_element_that_is_absent() -> None:
+    """A reading without one of its elements is a bad line, told where its DATA begins."""
+    line = bad("kraken-xml", XML + XML.replace("<DOA>30.0</DOA>", ""))
+    assert (line.line, line.column) == (10, "DOA")
+    assert line.fault == "absent or empty, expected <DOA> in <DATA>"
+
+
+UUDF = '+UUDF:6C1DEBA4241B,-52,10,5,-43,37,"CCF9579B21AE","",15869'
+
+
+def test_an_angle_event_turns_from_the_boresight() -> None:
+    """The azimuth is to the right of the boresight: heading plus angle, from the anchor's place in the scene."""
+    (row,) = good("uudf", f"+STARTUP\r\nOK\r\n{UUDF},23\r\n")
+    assert row["azimuth_deg"] == pytest.approx(55.0)
+    assert (row["sensor"], row["sensor_x_m"], row["sensor_y_m"]) == ("CCF9579B21AE", 0.0, 0.0)
+    assert (row["rssi_dbm"], row["elevation_deg"], row["channel"], row["time_s"]) == (-52.0, 5.0, 37, 15.869)
+    assert good("uudf", UUDF)[0]["tag"] == "6C1DEBA4241B"
+
+
+def test_a_round_ends_where_an_anchor_speaks_again() -> None:
+    """Without a common clock a snapshot of a tag lasts until one of its anchors comes back."""
+    other = UUDF.replace("CCF9579B21AE", "CCF9579B217F")
+    rows = good("uudf", "\n".join([UUDF, other, UUDF, other.replace("6C1DEBA4241B", "B" * 12), other]))
+    assert [row["snapshot"] for row in rows] == [
+        "6C1DEBA4241B_0",
+        "6C1DEBA4241B_0",
+        "6C1DEBA4241B_1",
+        "6C1DEBA4241B_1",
+        f"{'B' * 12}_0",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "column", "says"),
+    [
+        (",10,5", ",100,5", "angle_azimuth", "got '100', expected a number from -90 to 90"),
+        ("CCF9579B21AE", "CCF9579B21AF", "anchor_id", "the scene has no sensor 'CCF9579B21AF' (did you mean"),
+        ("CCF9579B21AE", "blind", "anchor_id", "the scene's sensor 'blind' has no heading_deg"),
+        (",15869", "", None, "got 8 fields after +UUDF:, expected 9, or 10"),
+        (",37,", ",99,", "channel", "got '99', expected an integer from 0 to 39"),
+    ],
+)
+def test_an_angle_event_that_does_not_fit(old: str, new: str, column: str | None, says: str) -> None:
+    """A bad field is told by the name that the manual gives it."""
+    line = bad("uudf", UUDF.replace(old, new))
+    assert (line.line, line.column) == (1, column)
+    assert says in line.fault
+
+
+@pytest.mark.parametrize("name", ["uudf", "anchor-azimuths"])
+def test_anchors_need_a_scene(name: str) -> None:
+    """Directions from a boresight say nothing without it."""
+    with pytest.raises(DataError, match="need a scene with the anchors"):
+        read(name, UUDF, Scene())
+
+
+def test_a_log_without_events() -> None:
+    """A file without a single event is no such log."""
+    with pytest.raises(DataError, match=r"no line has '\+UUDF:'"):
+        read("uudf", "OK\nOK\n")
+
+
+def test_directions_from_anchors_in_either_sense() -> None:
+    """Clockwise from the boresight unless told; windows part snapshots."""
+    text = "t,who,angle\n0.00,CCF9579B21AE,10\n0.05,CCF9579B217F,-20\n0.30,CCF9579B21AE,12\n"
+    names = {"time": "t", "sensor": "who", "azimuth": "angle"}
+    rows = good("anchor-azimuths", text, **names)
+    assert [row["azimuth_deg"] for row in rows] == pytest.approx([55.0, 295.0, 57.0])
+    assert [row["snapshot"] for row in rows] == [0, 0, 1]
+    rows = good("anchor-azimuths", text, sense="counter-clockwise", **names)
+    assert [row["azimuth_deg"] for row in rows] == pytest.approx([35.0, 335.0, 33.0])
+
+
+def test_ranges_in_other_units_and_any_order_of_time() -> None:
+    """Units are turned to metres and seconds, a variance to a std; lines in any order fall into their windows."""
+    text = "time,anchor,range,var\n1150,CCF9579B217F,250,4\n1000,CCF9579B21AE,100,4\n1040,CCF9579B217F,200,1\n"
+    rows = good("uwb", text, time_unit="ms", range_unit="cm", variance="var", window="100ms")
+    assert [row["snapshot"] for row in rows] == [0, 0, 1]
+    assert [row["range_m"] for row in rows] == pytest.approx([1.0, 2.0, 2.5])
+    assert [row["range_std_m"] for row in rows] == pytest.approx([0.02, 0.01, 0.02])
+    assert [row["sensor_x_m"] for row in rows] == [0.0, 10.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("cells", "column", "says"),
+    [
+        ("0,a,-1", "range", "got '-1', expected a number of at least 1e-09"),
+        ("0,,1", "anchor", "empty, expected the name of the anchor"),
+        ("0,a", None, "got 2 fields, expected 3 as in the header"),
+        ('0,"a,1', None, "the quotes don't match"),
+    ],
+)
+def test_a_range_that_does_not_fit(cells: str, column: str | None, says: str) -> None:
+    """A bad cell is told by its column and line."""
+    line = bad("uwb", f"time,anchor,range\n0,a,1\n{cells}\n")
+    assert (line.line, line.column) == (3, column)
+    assert says in line.fault
+
+
+@pytest.mark.parametrize("window", ["0s", "-1s", "fast", "1", "1 parsec", "infs", "1e400s"])
+def test_a_window_that_is_no_time(window: str) -> None:
+    """A window is a time with its unit, or all."""
+    with pytest.raises(UsageError, match=r"must be a time, as 0\.1s or 2min, or 'all'"):
+        read("uwb", "time,anchor,range\n0,a,1\n", window=window)
+
+
+def test_only_one_way_to_tell_the_std() -> None:
+    """std, variance and range_std_m are answers to one question."""
+    with pytest.raises(UsageError, match="takes one of the parameters"):
+        read("uwb", "time,anchor,range,s\n0,a,1,1\n", std="s", range_std_m=0.1)
+
+
+def test_a_column_that_is_not_there() -> None:
+    """A column under another name is told with those there are."""
+    with pytest.raises(DataError, match=r"no column 'range' \(did you mean 'rangee'\?\). The file has: time, anchor"):
+        read("uwb", "time,anchor,rangee\n0,a,1\n")
+
+
+def test_compass_bearings_get_their_declination() -> None:
+    """Magnetic bearings plus declination are from true north; groups come together; stations are numbered."""
+    text = "GID,Easting,Northing,Azimuth\n7,500,0,350\n8,1,2,3\n7,0,500,100.5\n"
+    rows = good("wildlife", text, declination_deg=12.0)
+    assert [(row["snapshot"], row["sensor"]) for row in rows] == [("7", "1"), ("7", "2"), ("8", "1")]
+    assert [row["azimuth_deg"] for row in rows] == pytest.approx([2.0, 112.5, 15.0])
+    named = good("wildlife", "g,lon,lat,b\n1,8.5,47.3,10\n", group="g", x="lon", y="lat", azimuth="b", degrees=True)
+    assert (named[0]["sensor_lon_deg"], named[0]["sensor_lat_deg"]) == (8.5, 47.3)
+
+
+@pytest.mark.parametrize("text", [b"\xff\xfeG\x00", b"a\x00b\n1,2\n", b"", b"\n\n"])
+def test_what_is_no_text(text: bytes) -> None:
+    """Other encodings, zero bytes and emptiness are told in one line."""
+    with pytest.raises(DataError):
+        read("wildlife", text)
+
+
+def arrays(**changed: Any) -> dict[str, Any]:
+    """Return one receiver at (0, 0), one transmitter at (3, 4): in sight, and over a bounce at (0, 4)."""
+    made = {
+        "tau": np.array([[[5.0, 7.0, -1.0]]]) / 299_792_458.0,
+        "phi_r": np.array([[[math.atan2(4, 3), math.pi / 2, 0.0]]]),
+        "phi_t": np.array([[[math.atan2(-4, -3), math.pi, 0.0]]]),
+        "interactions": np.array([[[[0, 1, 0]]]], dtype=np.uint32),
+        "vertices": np.array([[[[[0, 0, 0], [0, 4, 0], [0, 0, 0]]]]], dtype=np.float64),
+        "sources": np.array([[3.0], [4.0], [1.0]]),
+        "targets": np.array([[0.0], [0.0], [1.0]]),
+    }
+    return {**made, **changed}
+
+
+def npz(**changed: Any) -> bytes:
+    """Return the arrays as a file; None leaves one out."""
+    held = {name: array for name, array in arrays(**changed).items() if array is not None}
+    buffer = io.BytesIO()
+    np.savez(buffer, **held)
+    return buffer.getvalue()
+
+
+def test_traced_paths_are_bearings_with_their_truth() -> None:
+    """Paths that are there come shortest first, their lengths from the delay; no interaction is line of sight."""
+    rows = good("sionna", npz(), range_std_m=0.1)
+    assert [(row["path"], row["truth_los"], row["interactions"]) for row in rows] == [(0, True, 0), (1, False, 1)]
+    assert [row["range_m"] for row in rows] == pytest.approx([5.0, 7.0])
+    assert [row["bearing_rad"] for row in rows] == pytest.approx([math.atan2(4, 3), math.pi / 2])
+    assert {(row["truth_x_m"], row["truth_y_m"]) for row in rows} == {(3.0, 4.0)}
+
+
+def test_traced_paths_are_triplets_over_a_target() -> None:
+    """The line of sight is no triplet; a single bounce on the target is direct, elsewhere it is indirect."""
+    (row,) = good("sionna", npz(), kind="triplets", target="0,4.2")
+    assert (row["tx_x_m"], row["rx_x_m"], row["truth_ip"]) == (3.0, 0.0, False)
+    assert row["path_length_m"] == pytest.approx(7.0)
+    assert (row["dod_rad"], row["doa_rad"]) == pytest.approx((math.pi, math.pi / 2))
+    assert good("sionna", npz(), kind="triplets", target="2,2")[0]["truth_ip"] is True
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"tau": np.zeros((1, 2, 1, 2, 3))}, r"got the shape \(1, 2, 1, 2, 3\).*synthetic_array=True"),
+        ({"phi_r": None}, "no array 'phi_r'"),
+        ({"phi_r": np.zeros((1, 1, 2))}, "array 'phi_r': got float64 of the shape"),
+        ({"phi_r": np.array([[[2.0, 0.0, 0.0]]])}, "a path in line of sight comes from"),
+        ({"tau": np.array([[[{"a": 1}, 2, 3]]], dtype=object)}, "an array that can't be read: Object arrays"),
+    ],
+)
+def test_arrays_that_do_not_fit(changed: dict[str, Any], says: str) -> None:
+    """Missing arrays, other shapes, angles that contradict the positions and pickled objects are told."""
+    with pytest.raises(DataError, match=says):
+        read("sionna", npz(**changed))
+
+
+def test_a_file_that_is_no_npz() -> None:
+    """Bytes of another kind are told in one line."""
+    with pytest.raises(DataError, match="not a whole NPZ file"):
+        read("sionna", b"PK\x03\x04 no more")

@@ -1,0 +1,46 @@
+"""Trials of the paper on unlabelled echoes: scored as the paper counts, noise in its decibels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nlosctl.evaluation.targets import CASES
+from nlosctl.reproduce.experiment import Chunk
+from nlosctl.reproduce.liang import candidates, echo_trials, identified
+
+CHUNK = Chunk(seed=3, number=2, first=100, size=20, total=1000)
+
+
+def test_decibels_are_of_the_standard_deviation() -> None:
+    """-10 dB is a tenth of a metre, 5 dB 3.16 m: the ranges differ from those without noise by that."""
+    quiet, loud = (echo_trials({"sensors": 5, "noise_db": noise_db}, CHUNK).columns for noise_db in (-60.0, 5.0))
+    assert np.std(loud["range_m"] - quiet["range_m"]) == pytest.approx(10.0**0.5, rel=0.1)
+    assert loud["range_std_m"][0] == pytest.approx(10.0**0.5)
+
+
+def test_trials_are_scored_one_by_one() -> None:
+    """Without noise to speak of all trials are right, and each has its three true sets first among the candidates."""
+    given = echo_trials({"sensors": 6, "noise_db": -40.0}, CHUNK)
+    found = identified(given, CHUNK, "assignment")
+    assert found.found.tolist() == [3.0] * CHUNK.size
+    assert found.exact.tolist() == [1.0] * CHUNK.size
+    for some in candidates(given, CHUNK.size):
+        assert some.case[some.kept][:3].tolist() == [CASES.index("i")] * 3
+
+
+def test_a_wrong_number_is_not_exact() -> None:
+    """With an elbow threshold near zero only one target is found, and no trial counts as right."""
+    given = echo_trials({"sensors": 6, "noise_db": 5.0}, CHUNK)
+    found = identified(given, CHUNK, "extended-tca", eta=1e-6)
+    assert (found.found < 3.0).any()
+    assert not found.exact[found.found != 3.0].any()
+
+
+def test_every_chunk_has_scatterers_of_its_own() -> None:
+    """The paper's scatterers are not told: trials of another chunk have others, those of one chunk share them."""
+    other = Chunk(seed=3, number=3, first=100, size=20, total=1000)
+    condition = {"sensors": 4, "noise_db": -60.0}
+    ours, theirs = (echo_trials(condition, chunk).columns["range_m"] for chunk in (CHUNK, other))
+    assert ours.shape == theirs.shape
+    assert not np.allclose(np.sort(ours), np.sort(theirs))
