@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference fixtures benchmark papers clean
+.PHONY: demo test format schemas reference fixtures benchmark papers clean figures
 
 .venv/runtime: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -34,7 +34,10 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables/
 	$(BIN)/nlosctl schema --write schemas
 
 reference: .venv/runtime ## write docs/commands.md and man/nlosctl.1 again from the commands
-	$(BIN)/python docs/build_reference.py
+	$(BIN)/python docs/builders/build_reference.py
+
+figures: .venv/dev ## make the pictures of docs/plotting.md again
+	$(BIN)/python docs/figures/build_plots.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py

@@ -8,6 +8,7 @@ import typer
 
 from nlosctl.cli.completion import complete_method_name
 from nlosctl.cli.options import Debug, Json
+from nlosctl.cli.papers import papers_of
 from nlosctl.cli.terminal import print_json, print_table
 from nlosctl.errors import MethodError, UsageError, did_you_mean
 
@@ -89,6 +90,7 @@ def _describe(entry: Any) -> dict[str, Any]:
         "job": spec.job,
         "summary": spec.summary,
         "reference": spec.reference,
+        "papers": papers_of(spec.reference),
         "distribution": f"{entry.distribution} {entry.version}",
         "required_columns": [column.name for column in KINDS[spec.kind].required],
         "minimum_measurements": spec.minimum_measurements,
@@ -104,7 +106,7 @@ def _describe(entry: Any) -> dict[str, Any]:
 def _render(description: dict[str, Any]) -> None:
     parameters = description.pop("parameters")
     for key, value in description.items():
-        shown = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+        shown = ("; " if key == "papers" else ", ").join(map(str, value)) if isinstance(value, list) else str(value)
         if shown:
             typer.echo(f"{key.replace('_', ' '):22s}{shown}")
     typer.echo("parameters")

@@ -115,7 +115,7 @@ def plan_columns(
     given = {*found, *constants, *from_scene}
     missing = [column for column in table.required if column.name not in given]
     if missing:
-        raise DataError(_missing(missing, names, file))
+        raise DataError(_missing(missing, names, table, file))
     return ColumnPlan(
         table=table, found=found, constants=dict(constants), from_scene=from_scene, has_snapshot=SNAPSHOT in found
     )
@@ -151,7 +151,7 @@ def _check_constants(table: Table, constants: Mapping[str, float], found: Mappin
             raise UsageError(f"{option} must be a finite number larger than 0. Got {value!r} instead.")
 
 
-def _missing(missing: Sequence[Column], names: Sequence[str], file: str) -> str:
+def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file: str) -> str:
     told = []
     for column in missing:
         others = [spelling.name for spelling in column.spellings]
@@ -166,7 +166,7 @@ def _missing(missing: Sequence[Column], names: Sequence[str], file: str) -> str:
     plural = "s" if len(missing) > 1 else ""
     return (
         f"{file}: missing column{plural} {'; '.join(told)}. The file has: {', '.join(names) or 'no columns'}; "
-        f"--column NAME=COLUMN reads one under another name{comment}"
+        f"--column NAME=COLUMN reads one under another name, --kind another kind than {table.name}{comment}"
     )
 
 

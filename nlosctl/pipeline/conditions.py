@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.pipeline.evaluating import group_title, is_label
 
@@ -43,11 +44,12 @@ class Condition:
         """
         reasons = []
         for group in self._meant(groups):
-            known = [key for key, figure in group.items() if _is_figure(key, figure)]
+            figures = {**group, **_status_counts(group)}
+            known = [key for key, figure in figures.items() if _is_figure(key, figure)]
             if self.name not in known:
                 near, there = did_you_mean(self.name, known), ", ".join(known)
                 raise UsageError(f"--fail-if {self.words}: no figure {self.name!r}{near}; there are: {there}")
-            value = group[self.name]
+            value = figures[self.name]
             if math.isnan(value) or _OPERATORS[self.sign](value, self.limit):
                 whose = f" of {group_title(group)}" if group_title(group) else ""
                 told = "unknown" if math.isnan(value) else f"{value:.6g}"
@@ -82,6 +84,13 @@ def parse_condition(words: str) -> Condition:
     if math.isnan(limit):
         raise UsageError(f"--fail-if {words}: nothing compares with {text!r}; give a number")
     return Condition(words=words, method=None if method is None else method.strip(), name=name, sign=sign, limit=limit)
+
+
+def _status_counts(group: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many rows have each status, as ``status_ok`` and the like: figures of estimates as others are."""
+    if "statuses" not in group:
+        return {}
+    return {f"status_{status.word}": group["statuses"].get(status.word, 0) for status in Status}
 
 
 def _is_figure(name: str, value: object) -> bool:

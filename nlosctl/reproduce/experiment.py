@@ -74,6 +74,9 @@ class Claim:
     ``ours`` is a number from the samples; ``expected`` is the range in which it must lie for the paper to be
     right, or None where the text has neither a number nor a statement that could be wrong (then ours is told alone).
     ``note`` says where the text is in error, or why the claim does not reproduce.
+
+    ``per_trial``, of a number that is so many times a share of the trials: where none or all of n trials count,
+    its standard error is taken to be ``per_trial`` / n in place of the 0 that samples without a difference give.
     """
 
     says: str
@@ -82,6 +85,7 @@ class Claim:
     expected: Expected | None = None
     unit: str = ""
     note: str = ""
+    per_trial: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -177,6 +177,7 @@ def table_experiment(
             ours=partial(_per_thousand, method="extended_tca", sensors=sensors, noise_db=noise_db),
             expected=_count(counts[sensors][NOISES_DB.index(noise_db)], sensors),
             note=notes.get(sensors, ""),
+            per_trial=1000.0,
         )
         for sensors, noise_db in cells
     )

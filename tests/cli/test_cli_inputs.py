@@ -187,3 +187,9 @@ def test_the_scene_option_beats_the_others(cli: Cli, tmp_path: Path) -> None:
     refused = cli("localize", "m.parquet", "--scene", "m.scene.toml")
     assert refused.code == 1
     assert "m.scene.toml" in refused.err
+
+
+def test_a_name_that_tells_its_format_keeps_it(cli: Cli, tmp_path: Path) -> None:
+    """``--format`` is for outputs whose names tell none: the flags beside a stream are what their name says."""
+    assert cli("localize", GOOD, "-q", "--format", "arrow", "--flags-out", "f.parquet").code == 0
+    assert (tmp_path / "f.parquet").read_bytes()[:4] == b"PAR1"

@@ -9,14 +9,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow.csv
 import pytest
 import typer.main
+import yaml
+from doc_pages import run_shell
 
 from nlosctl import registry
 from nlosctl.cli.main import app
 from nlosctl.cli.main import run as run_program
+from nlosctl.cli.papers import papers_of
 from nlosctl.contract.statuses import Status
 from nlosctl.scenarios.catalogue import scenarios
+from nlosctl.version import __version__
 
 ROOT = Path(__file__).parents[2]
 WRITTEN = [path for path in sorted((ROOT / "docs").rglob("*.md")) if path.name != "commands.md"]  # that is generated
@@ -95,13 +100,14 @@ def test_every_command_has_debug(name: str) -> None:
 def test_an_option_means_the_same_everywhere() -> None:
     """An option that several commands have has one help text and short form; ``--alternatives`` has two jobs.
 
-    ``reproduce`` writes a folder, and its trials are of each condition.
+    ``reproduce`` writes a folder, and its trials are of each condition; ``plot`` writes a picture.
     """
     known: dict[str, tuple[str, tuple[str, ...], str]] = {}
     for name, option in OPTIONS:
         if name == "nlosctl" or not option.opts[0].startswith("--") or option.name == "alternatives":
             continue
-        if name == "nlosctl reproduce" and option.name in ("output", "trials"):
+        own = {"nlosctl reproduce": ("output", "trials"), "nlosctl plot": ("output", "format")}
+        if option.name in own.get(name, ()):
             continue
         told = (option.help, tuple(option.opts))
         first = known.setdefault(option.opts[0], (*told, name))
@@ -191,6 +197,39 @@ def test_references_of_methods_are_in_the_bibliography() -> None:
     assert [author for author in authors if author not in text] == []
 
 
+def test_the_bibliography_is_whole() -> None:
+    """Every entry of docs/references.bib ends with its brace before the next begins, and has a title and authors."""
+    entries = re.split(r"^@", (ROOT / "docs" / "references.bib").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    assert len(entries) > 5
+    for entry in entries:
+        assert entry.count("{") == entry.count("}"), entry
+        assert entry.rstrip().endswith("}")
+        assert re.search(r"^  author +=", entry, re.MULTILINE)
+        assert re.search(r"^  title +=", entry, re.MULTILINE)
+
+
+@pytest.mark.parametrize("entry", [one for one in registry.entries() if one.distribution == "nlosctl"], ids=str)
+def test_every_method_names_its_paper_and_place(entry: registry.MethodEntry) -> None:
+    """``methods show`` tells the paper in full, and the section or equation in it."""
+    reference = registry.load(entry).reference
+    assert papers_of(reference)
+    assert re.search(r"equations? \(\d+\)|[Ss]ections? [IVX\d]|Algorithm \d", reference)
+    plain = re.sub(r"[{}]", "", (ROOT / "docs" / "references.bib").read_text(encoding="utf-8"))
+    for paper in papers_of(reference):
+        title = paper.split(", ")[1:]
+        assert any(part in plain for part in title if len(part) > 20), paper
+
+
+def test_the_citation_file_is_that_of_this_version() -> None:
+    """CITATION.cff names the version, the licence and the entity that wrote it."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= citation.keys()
+    assert citation["authors"] == [{"name": "The nlosctl developers"}]
+    assert (citation["version"], citation["license"]) == (__version__, project["license"])
+
+
 def test_the_changelog_tells_this_version() -> None:
     """The changelog has the version that the package has, or what is unreleased."""
     from nlosctl import __version__
@@ -204,3 +243,38 @@ def test_the_installed_program_is_there() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     module, _, function = project["scripts"]["nlosctl"].partition(":")
     assert callable(getattr(importlib.import_module(module), function))
+
+
+def readme_block(begin: str) -> str:
+    """Return an indented block of the README from the line that begins so."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    block = re.search(rf"^    {begin}(?:.*\n    )*.*\n", text, re.MULTILINE)
+    assert block is not None
+    return re.sub(r"^    ", "", block[0], flags=re.MULTILINE)
+
+
+def test_a_users_own_file_becomes_positions_on_earth(tmp_path: Path) -> None:
+    """With the README's line alone a log with headers of its own, compass bearings and places on earth is solved."""
+    rows = ["Time,Station,Lat,Lon,Bearing,Quality"]
+    for time, turn in (("2026-05-01 10:00:00", 0.0), ("2026-05-01 10:00:10", 1.0)):
+        for name, place, azimuth in (
+            ("Alpha", "47.3700,8.5400", 110.2),
+            ("Bravo", "47.4000,8.6000", 198.8),
+            ("Charlie", "47.3300,8.6200", 317.8),
+        ):
+            rows.append(f"{time},{name},{place},{azimuth + turn},85")
+    (tmp_path / "drive.csv").write_text("\n".join(rows) + "\n")
+    line = readme_block("nlosctl localize drive.csv --column sensor=Station")
+    done = run_shell(line, tmp_path)
+    assert done.returncode == 0, done.stderr
+    fixes = pyarrow.csv.read_csv(tmp_path / "fixes.csv").to_pylist()
+    assert [fix["status"] for fix in fixes] == ["ok", "ok"]
+    assert fixes[0]["lat_deg"] == pytest.approx(47.36, abs=0.002)
+    assert fixes[0]["lon_deg"] == pytest.approx(8.58, abs=0.002)
+
+
+def test_the_readmes_pipeline_runs(tmp_path: Path) -> None:
+    """The pipeline on the README's first screen ends with 0 as it stands."""
+    done = run_shell(readme_block("nlosctl simulate ring"), tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 4

@@ -47,7 +47,7 @@ def spoil(folder: Path, into: Path) -> Path:
 def test_the_pipe(folder: Path) -> None:
     """The pipe of four ends in figures of every snapshot."""
     do(PIPE, folder)
-    assert json.loads((folder / "figures.json").read_text())["overall"]["rows"] == 200
+    assert json.loads((folder / "room.json").read_text())["overall"]["rows"] == 200
 
 
 def test_make_does_what_is_new_and_checks(folder: Path) -> None:

@@ -10,6 +10,8 @@ from nlosctl.reproduce.experiment import Chunk
 from nlosctl.reproduce.shen import LEVELS, detection_samples, p_values, rate, rates, triplet_trials
 from nlosctl.reproduce.shen_spots import REGION_M, SCENE, SPOTS
 
+_LOW_M = 20.0 * 1e-3 / 0.5
+"""Along the baseline reflectors are 1 mm above it, from 0.5 m on: within 20 m such a ray stays lower than this."""
 CHUNK = Chunk(seed=5, number=0, first=0, size=2000, total=2000)
 
 
@@ -47,7 +49,9 @@ def test_blind_spots_are_what_table_i_says(rule: str) -> None:
         if spot.kind == "BS2":
             assert np.abs(found.spread).max() < 1e-9
         else:
-            assert np.abs(found.mean_m).max() < (1e-2 if rule in ("lambda2", "lambda4") else 1e-9)
+            assert np.abs(found.mean_m).max() < (
+                _LOW_M if spot.kind == "BS3" and rule in ("lambda2", "lambda4") else 1e-9
+            )
         if spot.kind == "BS1":
             off = np.minimum(np.abs(found.off_dod_line_m), np.abs(found.off_doa_line_m))
             assert off.max() < 1e-9

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from nlosctl.evaluation.jackknife import GROUPS, jackknife_error
-from nlosctl.reproduce.outcome import with_error
+from nlosctl.reproduce.catalogue import find_experiment
+from nlosctl.reproduce.experiment import Claim
+from nlosctl.reproduce.outcome import claim_rows, with_error
 from nlosctl.reproduce.samples import Drawn, measure, median, rms, share
 from nlosctl.reproduce.verdicts import Verdict, at_least, at_most, between, printed, verdict
 
@@ -111,3 +114,16 @@ def test_missing_fixes_are_left_out_of_rms_and_count_as_infinite_in_the_median()
 def test_numbers_show_as_many_digits_as_their_error_allows(value: float, standard_error: float, text: str) -> None:
     """Two digits of the standard error, and the value to the same place."""
     assert with_error(value, standard_error, "m") == text
+
+
+@pytest.mark.parametrize(("trials", "says"), [(10, Verdict.REPRODUCED), (10_000, Verdict.NOT_REPRODUCED)])
+def test_all_trials_right_is_not_certainty(trials: int, says: Verdict) -> None:
+    """Ten of ten trials are no proof against a printed 0.9, ten thousand of ten thousand are."""
+    experiment = find_experiment("liang-fig4")
+    claim = Claim(
+        says="", where="", ours=lambda drawn: share(drawn.samples[0]["right"]), expected=printed("0.9"), per_trial=1.0
+    )
+    drawn = Drawn(conditions=[{}], samples=[{"right": np.ones(trials)}])
+    (row,) = claim_rows(dataclasses.replace(experiment, claims=(claim,), beside=()), drawn)
+    assert row.verdict == says
+    assert row.standard_error == pytest.approx(1.0 / trials)

@@ -15,7 +15,7 @@ from nlosctl.cli.main import app
 from nlosctl.cli.settings import SettingsCommand, long_name, variable_name
 from nlosctl.version import __version__
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 _HEAD = """\
 # Commands
