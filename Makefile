@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference fixtures benchmark papers clean
+.PHONY: demo test format schemas reference pictures fixtures benchmark papers clean
 
 .venv/runtime: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -35,6 +35,9 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables/
 
 reference: .venv/runtime ## write docs/commands.md and man/nlosctl.1 again from the commands
 	$(BIN)/python docs/builders/build_reference.py
+
+pictures: .venv/dev ## make docs/pictures/ again by running the pages that show them
+	$(BIN)/python docs/builders/build_pictures.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py
