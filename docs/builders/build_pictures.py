@@ -13,8 +13,8 @@ PICTURES = ROOT / "docs" / "pictures"
 
 
 def pages() -> list[str]:
-    """Return the pages that show pictures of this folder, by their paths in the repository."""
-    found = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    """Return the pages that make pictures for this folder, by their paths in the repository."""
+    found = sorted((ROOT / "docs").rglob("*.md"))
     return [path.relative_to(ROOT).as_posix() for path in found if pictures_of(path)]
 
 
