@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference pictures fixtures benchmark papers clean
+.PHONY: demo test format schemas reference pictures figures fixtures benchmark papers clean
 
 .venv/runtime: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -38,6 +38,9 @@ reference: .venv/runtime ## write docs/commands.md and man/nlosctl.1 again from 
 
 pictures: .venv/dev ## make docs/pictures/ again by running the pages that show them
 	$(BIN)/python docs/builders/build_pictures.py
+
+figures: .venv/dev ## make the pictures of docs/plotting.md again
+	$(BIN)/python docs/figures/build_plots.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py

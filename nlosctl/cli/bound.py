@@ -14,6 +14,7 @@ from nlosctl.cli.options import (
     ConfigFile,
     Crs,
     Debug,
+    Engine,
     Format,
     InputFormat,
     Inputs,
@@ -26,6 +27,7 @@ from nlosctl.cli.options import (
     Report,
     Resume,
     SceneFile,
+    Scheduler,
 )
 from nlosctl.cli.reading import ReadWords, open_measurements
 from nlosctl.cli.solving import Outputs, solve_and_write
@@ -64,6 +66,8 @@ def bound(
     input_format: InputFormat = None,
     overwrite: Overwrite = False,
     resume: Resume = False,
+    engine: Engine = "local",
+    scheduler: Scheduler = None,
     max_snapshot_rows: MaxSnapshotRows = 1_000_000,
     report: Report = None,
     quiet: Quiet = False,
@@ -106,6 +110,8 @@ def bound(
         format=format,
         overwrite=overwrite,
         resume=resume,
+        engine=engine,
+        scheduler=scheduler,
         bad_rows=bad_rows,
         report=report,
     )

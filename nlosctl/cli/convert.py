@@ -118,7 +118,11 @@ class _Conversion:
     def __init__(
         self, stack: ExitStack, words: ReadWords, bad_rows: str | None, overwrite: bool, others: list[Path]
     ) -> None:
+        from nlosctl.io.frames import plane_of
+
         self._stack, self._words, self._bad_rows, self._overwrite = stack, words, bad_rows, overwrite
+        if words.frame is not None:
+            plane_of(words.frame)  # a CRS of no use is told at once
         word = words.inputs[0]
         self._paths = [*([] if word == "-" else [Path(word)]), *others]
         self._tables: Any = None
@@ -154,7 +158,12 @@ class _Conversion:
         from nlosctl.io.table_copy import TableCopy
 
         chosen = None if input_format is None else format_named(input_format)
-        (given, *more) = expand_inputs(self._words.inputs, chosen)
+        try:
+            (given, *more) = expand_inputs(self._words.inputs, chosen)
+        except UsageError as error:
+            raise UsageError(
+                f"{error}; a file of another program: --from NAME ('nlosctl convert' lists them)"
+            ) from None
         if more:
             raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
         copy = TableCopy(given, scene_file=self._words.scene, frame=self._words.frame)

@@ -20,6 +20,7 @@ from nlosctl.cli.evaluate import evaluate
 from nlosctl.cli.identify_los import identify_los
 from nlosctl.cli.localize import localize
 from nlosctl.cli.methods import methods_app
+from nlosctl.cli.plot import PLOT_EPILOG, plot
 from nlosctl.cli.reproduce import reproduce
 from nlosctl.cli.schema import schema
 from nlosctl.cli.settings import SettingsCommand
@@ -90,8 +91,10 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-for _command in (localize, bound, detect_ip, identify_los, simulate, evaluate, reproduce, convert, validate, schema):
-    app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand)(_guarded(_command))
+_COMMANDS = (localize, bound, detect_ip, identify_los, simulate, evaluate, plot, reproduce, convert, validate, schema)
+for _command in _COMMANDS:
+    _epilog = PLOT_EPILOG if _command is plot else None
+    app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand, epilog=_epilog)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 app.add_typer(config_app, name="config")
 

@@ -26,6 +26,7 @@ __all__ = [
     "DoaStdDeg",
     "DodStdDeg",
     "Ellipse",
+    "Engine",
     "EstimatesOut",
     "Format",
     "Hash",
@@ -46,6 +47,7 @@ __all__ = [
     "Report",
     "Resume",
     "SceneFile",
+    "Scheduler",
     "SearchField",
     "Seed",
     "TargetZM",
@@ -102,6 +104,16 @@ InputFormat = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace output files that exist.")]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on where an interrupted run into a folder stopped; the same bytes result.")
+]
+Engine = Annotated[
+    str,
+    typer.Option("--engine", metavar="NAME", help="Who does the work: local (this machine) or dask (a Dask cluster)."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", help="The Dask scheduler, tcp://host:8786; a local cluster unless given."
+    ),
 ]
 Kind = Annotated[
     str | None,

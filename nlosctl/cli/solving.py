@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.reading import Opened, open_output
 from nlosctl.cli.terminal import Preview, Terminal, tell, write_report
-from nlosctl.errors import UsageError
+from nlosctl.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
-    from nlosctl.pipeline.run import MeasurementRun
+    from nlosctl.pipeline.folder_run import Engine
+    from nlosctl.pipeline.run import ChunkTables, MeasurementRun
     from nlosctl.pipeline.writing import Run
 
 __all__ = ["Outputs", "exit_code", "solve_and_write"]
 
 _NOTHING_TO_DO = 1
 _UNANSWERED = 3
+_ENGINES = ("local", "dask")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +31,8 @@ class Outputs:
     format: str | None
     overwrite: bool
     resume: bool = False
+    engine: str = "local"
+    scheduler: str | None = None
     bad_rows: str | None = None
     with_hash: bool = False
     jobs: int = 1
@@ -44,6 +48,7 @@ def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, te
     """Run to the end, write all tables, tell the summary on standard error and in the report file."""
     from nlosctl.io.write import is_folder_target
 
+    _check_engine(outputs)
     if any(is_folder_target(target) for target in outputs.wanted.values()):
         _write_folders(run, opened, outputs, command, terminal)
     elif outputs.resume:
@@ -57,7 +62,6 @@ def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, te
 
 
 def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
-    from nlosctl.pipeline.sliced import tables_of
     from nlosctl.pipeline.writing import write_tables
 
     main, *_ = outputs.wanted
@@ -86,16 +90,51 @@ def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, termi
             for name, target in outputs.wanted.items()
         }
         progress = stack.enter_context(terminal.progress(command))
-        tables = tables_of(run, opened.inputs, outputs.jobs)
+        tables = stack.enter_context(_tables(run, opened, outputs))
         write_tables(tables, sinks, metadata, lambda rows: progress(rows, None))
     if preview is not None:
         preview.show()
 
 
+@contextmanager
+def _tables(run: Run, opened: Opened, outputs: Outputs) -> Iterator[Iterable[ChunkTables]]:
+    """Give the tables of the run, made by the engine that is asked for."""
+    if outputs.engine == "local":
+        from nlosctl.pipeline.sliced import tables_of
+
+        yield tables_of(run, opened.inputs, outputs.jobs)
+        return
+    from nlosctl.io.part_files import scratch_folder
+    from nlosctl.pipeline.gathered import gathered_tables
+
+    engine, wanted = _engine(outputs), outputs.wanted
+    with scratch_folder(next(iter(wanted.values()))) as scratch:
+        yield gathered_tables(run, opened.inputs, list(wanted), engine, scratch)
+
+
+def _engine(outputs: Outputs) -> Engine:
+    if outputs.engine == "local":
+        from nlosctl.pipeline.folder_run import in_this_machine
+
+        return in_this_machine(outputs.jobs)
+    from nlosctl.pipeline.dask_engine import dask_engine
+    from nlosctl.pipeline.workers import usable_jobs
+
+    return dask_engine(outputs.scheduler, usable_jobs(outputs.jobs))
+
+
+def _check_engine(outputs: Outputs) -> None:
+    if outputs.engine not in _ENGINES:
+        known = ", ".join(_ENGINES)
+        raise UsageError(f"no engine {outputs.engine!r}{did_you_mean(outputs.engine, _ENGINES)}; there are: {known}")
+    if outputs.scheduler is not None and outputs.engine != "dask":
+        raise UsageError("--scheduler is of the engine dask: say --engine dask too")
+
+
 def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     from nlosctl.io.file_format import format_named
     from nlosctl.io.write import is_folder_target
-    from nlosctl.pipeline.folder_run import FolderRun, in_this_machine
+    from nlosctl.pipeline.folder_run import FolderRun
     from nlosctl.pipeline.parts import BAD_ROWS
 
     roots = outputs.wanted
@@ -114,7 +153,7 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
     )
     with terminal.progress(command) as progress:
         writer.write(
-            in_this_machine(outputs.jobs),
+            _engine(outputs),
             resume=outputs.resume,
             overwrite=outputs.overwrite,
             progress=lambda rows: progress(rows, None),

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 
 from nlosctl.contract.formats import BadLine, ForeignFile, Row, UnfitError
 from nlosctl.errors import DataError, did_you_mean
@@ -32,7 +33,8 @@ def lines(file: ForeignFile) -> Iterator[tuple[int, str]]:
     except UnicodeDecodeError as error:
         raise DataError(f"{file.name}, after line {number}: not UTF-8 text; save it as UTF-8") from error
     finally:
-        text.detach()
+        with suppress(ValueError):  # closed already, where the reader was left before its end
+            text.detach()
 
 
 def take_apart(numbered: Iterator[tuple[int, str]], parse: Callable[[int, str], Row | None]) -> Iterator[Row | BadLine]:
@@ -88,7 +90,7 @@ def read_table(
 def column(places: Mapping[str, int], name: str, file: ForeignFile) -> int:
     """Return the place of a column; raise DataError that names those there are."""
     if name not in places:
-        known = ", ".join(places)
+        known = ", ".join(known if known.isprintable() else repr(known) for known in places)
         raise DataError(
             f"{file.name}: no column {name!r}{did_you_mean(name, places)}. The file has: {known}; --param names others"
         )

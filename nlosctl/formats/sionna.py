@@ -1,4 +1,4 @@
-"""Paths that Sionna RT has traced, saved as arrays (NPZ): bearings of each receiver, or triplets over a target.
+"""Paths that Sionna RT has traced, saved as arrays (NPZ) or rows (Parquet): bearings, or triplets over a target.
 
 The arrays are those of ``sionna.rt.Paths`` with a synthetic array, shapes (receivers, transmitters, paths): ``tau`` (s,
 -1 where there is no path), ``phi_r`` and ``phi_t`` (azimuths of arrival and departure, rad), ``interactions`` (depth,
@@ -20,6 +20,7 @@ import numpy.typing as npt
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
 from nlosctl.errors import DataError, UsageError
+from nlosctl.formats.sionna_table import arrays_of_table
 
 __all__ = ["FORMAT"]
 
@@ -178,7 +179,11 @@ def _read(file: ForeignFile) -> _Paths:
 
 
 def _arrays(file: ForeignFile) -> dict[str, Any]:
-    """Return the arrays of an NPZ; objects are refused, and so is what would not fit into memory."""
+    """Return the arrays of an NPZ, or of a Parquet table; objects and what would not fit into memory are refused."""
+    head = file.stream.read(4)
+    file.stream.seek(0)
+    if head == b"PAR1":
+        return arrays_of_table(file)
     try:
         with zipfile.ZipFile(file.stream) as archive:
             size = sum(member.file_size for member in archive.infolist())
@@ -220,7 +225,7 @@ def _check_direct(file: ForeignFile, paths: _Paths) -> None:
 
 FORMAT = ImporterSpec(
     name="sionna",
-    summary="Paths traced by Sionna RT, saved as arrays (NPZ): bearings or triplets with truth",
+    summary="Paths traced by Sionna RT, saved as arrays (NPZ) or as a table (Parquet): bearings or triplets with truth",
     reference="Sionna RT documentation, class Paths: tau, phi_r, phi_t, interactions, vertices, sources, targets",
     options=SionnaOptions,
     kind=lambda options: str(options.kind),

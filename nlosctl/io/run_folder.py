@@ -64,14 +64,16 @@ class RunFolder:
         return {}
 
     def keep(self, number: int, record: Mapping[str, Any]) -> None:
-        """Remember that a part is done."""
-        write_text(str(self._record_path(number)), json.dumps(record))
+        """Remember that a part is done, where a plan was begun."""
+        if self._state.is_dir():
+            write_text(str(self._record_path(number)), json.dumps(record))
 
     def finish(
         self, plan: Mapping[str, Any], records: Mapping[int, Mapping[str, Any]], report: Mapping[str, Any]
     ) -> None:
         """Write the manifest of each table's folder, that of the first last; the run is finished then."""
         parts = [records[number] for number in sorted(records)]
+        self._remove_temporary_files(plan)
         for table, root in reversed(self.roots.items()):
             manifest = make_manifest(table, plan, parts, report, is_main=Path(root) == self.main)
             text = json.dumps(manifest, indent=2, ensure_ascii=False)

@@ -34,8 +34,15 @@ class TableCopy:
 
     def __post_init__(self) -> None:
         self.log = ProblemLog()
-        self._source = open_part(self.given.parts[0], _BATCH_ROWS, True)
+        part = self.given.parts[0]
+        self._source = open_part(part, _BATCH_ROWS, True)
         try:
+            twice = sorted({name for name in self._source.names if self._source.names.count(name) > 1})
+            if twice:
+                raise DataError(
+                    f"{part.name}: column {twice[0]!r} is there twice; rename or drop one, or name the importer of "
+                    f"another program's file with --from ('nlosctl convert' lists them)"
+                )
             self._schema = self._source.start(self._types(self._source), None)
             self.scene = self._scene()
         except BaseException:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,18 @@ class PartWork:
         }
         RunFolder(self.roots).keep(number, record)
         return record
+
+    def with_absolute_paths(self) -> PartWork:
+        """Return the same work for a process with another current folder; the inputs keep the names they go by."""
+        inputs = tuple(
+            replace(
+                given,
+                parts=tuple(replace(part, path=part.path and part.path.absolute()) for part in given.parts),
+            )
+            for given in self.inputs
+        )
+        roots = {table: str(Path(root).absolute()) for table, root in self.roots.items()}
+        return replace(self, inputs=inputs, roots=roots)
 
     def _writer(self, table: str, number: int, run: Run, metadata: Mapping[str, str]) -> TableWriter:
         schema = BadRowWriter.schema(self.found.schema.names) if table == BAD_ROWS else run.schemas[table]

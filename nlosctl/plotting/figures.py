@@ -97,11 +97,20 @@ def figure_style() -> Iterator[None]:
 
 @figure_style()
 def new_figure(
-    rows: int = 1, columns: int = 1, *, width_in: float = 6.4, height_in: float = 4.4, title: str | None = None
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width_in: float = 6.4,
+    height_in: float = 4.4,
+    title: str | None = None,
+    width_ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure of ``width_in`` by ``height_in`` inches and its panels, row by row."""
+    """Return an empty figure of ``width_in`` by ``height_in`` inches and its panels, row by row.
+
+    ``width_ratios`` are those of the columns, equal unless given.
+    """
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False)
+    panels = figure.subplots(rows, columns, squeeze=False, width_ratios=width_ratios)
     if title:
         figure.suptitle(title)
     return figure, list(panels.ravel())

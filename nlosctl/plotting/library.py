@@ -10,13 +10,11 @@ from nlosctl.errors import MissingExtraError
 try:
     from matplotlib import colormaps, style
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection, PatchCollection
-    from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
+    from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Wedge
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Rectangle
+    from matplotlib.text import Text
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 except ModuleNotFoundError as error:
     if error.name is None or error.name.partition(".")[0] != "matplotlib":
         raise
@@ -26,20 +24,19 @@ __all__ = [
     "Axes",
     "BoundaryNorm",
     "Circle",
-    "Colormap",
     "Ellipse",
     "Figure",
-    "Line2D",
-    "LineCollection",
+    "FuncFormatter",
     "ListedColormap",
+    "LogLocator",
     "LogNorm",
     "MaxNLocator",
     "Normalize",
+    "NullFormatter",
     "Patch",
-    "PatchCollection",
     "Polygon",
-    "ScalarMappable",
-    "Wedge",
+    "Rectangle",
+    "Text",
     "colormaps",
     "style",
 ]

@@ -11,11 +11,15 @@ from nlosctl.plotting.figures import figure_style
 from nlosctl.plotting.library import (
     Axes,
     BoundaryNorm,
+    FuncFormatter,
     ListedColormap,
+    LogLocator,
     LogNorm,
     MaxNLocator,
     Normalize,
+    NullFormatter,
     Patch,
+    Text,
     colormaps,
 )
 
@@ -25,6 +29,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _LEVELS = 9
+_LABELS_APART = 0.09
 _LIGHTEST, _DARKEST = 0.96, 0.25
 _HATCHES = ("", "////", "\\\\\\\\", "xxxx", "----", "++++", "....", "oo")
 
@@ -88,9 +93,25 @@ def draw_map(
     levels = _levels(values[good], log) if contours and min(values.shape) > 1 else np.empty(0)
     if levels.size:
         lines = axes.contour(x, y, shown, levels=levels, colors="black", linewidths=0.6)
-        axes.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.3g}")
+        _thin_labels(axes, axes.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.6g}"))
         bar.add_lines(lines)
+    if isinstance(norm, LogNorm):
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
     _finish(axes, equal_aspect)
+
+
+def _thin_labels(axes: Axes, labels: Sequence[Text]) -> None:
+    """Take away labels of contours that would stand on an earlier one."""
+    low, high = np.array(axes.dataLim.min), np.array(axes.dataLim.max)
+    kept: list[FloatArray] = []
+    for label in labels:
+        place = (np.array(label.get_position()) - low) / (high - low)
+        if any(np.hypot(*(place - other)) < _LABELS_APART for other in kept):
+            label.remove()
+        else:
+            kept.append(place)
 
 
 def edges_of(centres: FloatArray) -> FloatArray:

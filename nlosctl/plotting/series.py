@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.plotting.figures import figure_style, series_style
-from nlosctl.plotting.library import Axes
+from nlosctl.plotting.library import Axes, FuncFormatter
 
 __all__ = ["Series", "draw_cdf", "draw_histogram", "draw_points", "draw_reference_lines", "draw_series", "place_legend"]
 
@@ -159,10 +159,10 @@ def draw_reference_lines(axes: Axes, levels: Mapping[str, float]) -> None:
         )
 
 
-def place_legend(axes: Axes) -> None:
-    """Put the legend inside where few entries leave room, else beside the panel."""
+def place_legend(axes: Axes, *, beside: bool = False) -> None:
+    """Put the legend inside where few entries leave room, else (or if told) beside the panel."""
     handles, labels = axes.get_legend_handles_labels()
-    if len(labels) > _INSIDE_ENTRIES:
+    if labels and (beside or len(labels) > _INSIDE_ENTRIES):
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     elif labels:
         axes.legend(handles, labels, loc="best")
@@ -171,5 +171,14 @@ def place_legend(axes: Axes) -> None:
 def _scale(axes: Axes, log_x: bool, log_y: bool) -> None:
     if log_x:
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(FuncFormatter(_plain_power))
     if log_y:
         axes.set_yscale("log", nonpositive="clip")
+        axes.yaxis.set_major_formatter(FuncFormatter(_plain_power))
+
+
+def _plain_power(value: float, _: int) -> str:
+    """Return a tick of a logarithmic axis: plain where that is short, else a power of ten."""
+    if 1e-3 <= value <= 1e4 or value <= 0.0:
+        return f"{value:g}"
+    return f"$10^{{{np.log10(value):g}}}$"

@@ -122,6 +122,8 @@ def test_a_map_of_fixes_without_a_place_is_told(cli: Any) -> None:
         (["a.csv", "-o", "b.parquet", "-p", "x=1"], "--param is for importers and exporters"),
         (["a.csv", "b.csv"], "convert takes one input, got 2"),
         (["--from", "uwb"], "name a file to convert"),
+        (["a.csv", "--crs", "EPSG:4326"], "expected a projected one in metres"),
+        (["a.csv", "--input-format", "xml"], "no format 'xml'"),
         (["a.csv", "--from", "uwb", "--input-format", "csv"], "--input-format is for tables"),
     ],
 )
@@ -155,3 +157,14 @@ def test_a_folder_is_one_table(cli: Any, tmp_path: Path) -> None:
     assert cli("convert", folder, "--format", "csv").table.column("snapshot").to_pylist() == [0, 1]
     pyarrow.parquet.write_table(pa.table({"other": [1]}), folder / "2.parquet")
     assert "its columns are not those of" in cli("convert", folder, "--format", "csv").err
+
+
+def test_a_foreign_file_taken_for_a_table_leads_to_the_importers(cli: Any) -> None:
+    """Without --from a log is no table: the message says how to name its importer."""
+    for name, code in (("kraken_app.csv", 1), ("df_aggregator.xml", 2)):
+        outcome = cli("convert", LOGS / name, "-o", "a.parquet")
+        assert (outcome.code, outcome.out) == (code, b"")
+        assert "--from" in outcome.err
+        assert "internal error" not in outcome.err
+    wrong = cli("convert", LOGS / "kraken_app.csv", "--from", "wildlife")
+    assert wrong.err == f"nlosctl: {LOGS / 'kraken_app.csv'}: column '0.0' is there twice; rename or drop one\n"

@@ -100,13 +100,14 @@ def test_every_command_has_debug(name: str) -> None:
 def test_an_option_means_the_same_everywhere() -> None:
     """An option that several commands have has one help text and short form; ``--alternatives`` has two jobs.
 
-    ``reproduce`` writes a folder, and its trials are of each condition.
+    ``reproduce`` writes a folder, and its trials are of each condition; ``plot`` writes a picture.
     """
     known: dict[str, tuple[str, tuple[str, ...], str]] = {}
     for name, option in OPTIONS:
         if name == "nlosctl" or not option.opts[0].startswith("--") or option.name == "alternatives":
             continue
-        if name == "nlosctl reproduce" and option.name in ("output", "trials"):
+        own = {"nlosctl reproduce": ("output", "trials"), "nlosctl plot": ("output", "format")}
+        if option.name in own.get(name, ()):
             continue
         told = (option.help, tuple(option.opts))
         first = known.setdefault(option.opts[0], (*told, name))

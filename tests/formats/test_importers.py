@@ -7,6 +7,8 @@ import math
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 
 from nlosctl import registry
@@ -320,6 +322,24 @@ def test_arrays_that_do_not_fit(changed: dict[str, Any], says: str) -> None:
     """Missing arrays, other shapes, angles that contradict the positions and pickled objects are told."""
     with pytest.raises(DataError, match=says):
         read("sionna", npz(**changed))
+
+
+def test_a_table_of_paths_gives_what_the_arrays_give() -> None:
+    """A Parquet file with a row for each path is read as the NPZ of the same paths is."""
+    held = arrays()
+    rows = {name: held[name][0, 0, :2] for name in ("tau", "phi_r", "phi_t")}
+    ends = {"rx_x": [0.0] * 2, "rx_y": [0.0] * 2, "tx_x": [3.0] * 2, "tx_y": [4.0] * 2}
+    bounces = {"interactions": [0, 1], "vertex_x": [0.0, 0.0], "vertex_y": [0.0, 4.0]}
+    table = pa.table({"rx": ["a", "a"], "tx": [7, 7], **rows, **ends, **bounces})
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(table, buffer)
+    assert good("sionna", buffer.getvalue()) == good("sionna", npz())
+    words = {"kind": "triplets", "target": "0,4.2"}
+    assert good("sionna", buffer.getvalue(), **words) == good("sionna", npz(), **words)
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(table.drop_columns(["phi_t"]), buffer)
+    with pytest.raises(DataError, match="no column 'phi_t'"):
+        read("sionna", buffer.getvalue())
 
 
 def test_a_file_that_is_no_npz() -> None:

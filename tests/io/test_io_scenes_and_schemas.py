@@ -136,6 +136,6 @@ def test_fixtures_are_what_the_builder_makes(name: str, tmp_path: Path) -> None:
     builder = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(builder)
     builder.main(tmp_path)
-    for path in tmp_path.iterdir():
-        if path.suffix in (".csv", ".toml", ".jsonl"):
-            assert path.read_bytes() == (FIXTURES / path.name).read_bytes(), path.name
+    for path in tmp_path.rglob("*"):
+        if path.suffix in (".csv", ".toml", ".jsonl", ".xml", ".log"):
+            assert path.read_bytes() == (FIXTURES / path.relative_to(tmp_path)).read_bytes(), path.name

@@ -1,0 +1,72 @@
+"""Traced paths as a Parquet table, a row for each path: turned into the arrays that an NPZ of Sionna RT has."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from nlosctl.contract.formats import ForeignFile
+from nlosctl.errors import DataError, did_you_mean
+
+__all__ = ["arrays_of_table"]
+
+_NUMBERS = ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")
+_OPTIONAL = ("interactions", "vertex_x", "vertex_y")
+
+
+def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
+    """Return the arrays of the table's paths; raises DataError for a column that is absent, empty or no number."""
+    columns = _columns(file)
+    rx, tx = (np.unique(columns[name], return_inverse=True)[1] for name in ("rx", "tx"))
+    receivers, transmitters = int(rx.max()) + 1, int(tx.max()) + 1
+    link = rx * transmitters + tx
+    order = np.argsort(link, kind="stable")
+    starts = np.searchsorted(link[order], link[order])
+    place = np.empty(order.shape[0], dtype=np.int64)
+    place[order] = np.arange(order.shape[0]) - starts
+    shape = (receivers, transmitters, int(place.max()) + 1)
+    at = (rx, tx, place)
+
+    def filled(name: str, absent: float) -> Any:
+        array = np.full(shape, absent)
+        array[at] = columns[name]
+        return array
+
+    made: dict[str, Any] = {name: filled(name, -1.0 if name == "tau" else 0.0) for name in ("tau", "phi_r", "phi_t")}
+    for name, end, count in (("targets", rx, receivers), ("sources", tx, transmitters)):
+        prefix = "rx" if name == "targets" else "tx"
+        made[name] = np.zeros((3, count))
+        made[name][0, end], made[name][1, end] = columns[f"{prefix}_x"], columns[f"{prefix}_y"]
+    if "interactions" in columns:
+        count = filled("interactions", 0.0)
+        made["interactions"] = (np.arange(max(int(count.max()), 1))[:, None, None, None] < count).astype(np.int64)
+        if "vertex_x" in columns and "vertex_y" in columns:
+            vertices = np.zeros((*made["interactions"].shape, 3))
+            vertices[0, ..., 0], vertices[0, ..., 1] = filled("vertex_x", 0.0), filled("vertex_y", 0.0)
+            made["vertices"] = vertices
+    return made
+
+
+def _columns(file: ForeignFile) -> dict[str, Any]:
+    try:
+        table = pyarrow.parquet.read_table(file.stream)
+    except (pa.ArrowException, OSError) as error:
+        raise DataError(f"{file.name}: not a whole Parquet file: {str(error).splitlines()[0]}") from error
+    if not table.num_rows:
+        raise DataError(f"{file.name}: no rows")
+    found = {}
+    for name in ("rx", "tx", *_NUMBERS, *_OPTIONAL):
+        if name not in table.column_names:
+            if name in _OPTIONAL:
+                continue
+            near = did_you_mean(name, table.column_names)
+            raise DataError(f"{file.name}: no column {name!r}{near}; a row of paths has rx, tx, {', '.join(_NUMBERS)}")
+        cells = table.column(name)
+        number = pa.types.is_floating(cells.type) or pa.types.is_integer(cells.type)
+        if cells.null_count or (name in (*_NUMBERS, *_OPTIONAL) and not number):
+            raise DataError(f"{file.name}, column {name!r}: holds {cells.type}, expected numbers in every row")
+        found[name] = cells.combine_chunks().to_numpy(zero_copy_only=False)
+    return found

@@ -1,0 +1,68 @@
+"""A run of an engine into single files: its part files are gathered in order, for the bytes to be those of one go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from nlosctl.errors import DataError, UsageError
+from nlosctl.io.file_format import FileFormat
+from nlosctl.io.inputs import Input
+from nlosctl.io.part_files import read_part
+from nlosctl.io.slices import sliced
+from nlosctl.pipeline.folder_run import Engine
+from nlosctl.pipeline.id_order import IdOrder
+from nlosctl.pipeline.parts import PartWork
+from nlosctl.pipeline.run import ChunkTables
+from nlosctl.pipeline.writing import Run
+
+__all__ = ["gathered_tables"]
+
+_SLICE_ROWS = 1_048_576
+
+
+def gathered_tables(
+    run: Run, inputs: Sequence[Input], tables: Sequence[str], engine: Engine, scratch: str
+) -> Iterator[ChunkTables]:
+    """Yield the tables of a run that ``engine`` makes, in input order, by way of part files in the folder ``scratch``.
+
+    Raises UsageError where an input is a stream or bad rows are set aside.
+    """
+    reader = run.reader
+    if any(part.path is None for given in inputs for part in given.parts):
+        raise UsageError("standard input can't be shared out: save it as a file, or leave --engine out")
+    if reader.sets_bad_rows_aside:
+        raise UsageError("--engine with --bad-rows FILE: give -o and --bad-rows a folder each")
+    pieces = sliced(inputs, _SLICE_ROWS)
+    places = [(group, place) for group, given in enumerate(pieces) for place in range(len(given.parts))]
+    work = PartWork(
+        command="",
+        inputs=pieces,
+        options=reader.options,
+        found=reader.found(),
+        start=run.again(),
+        roots={table: str(Path(scratch) / table) for table in tables},
+        names=tuple(f"{number}.arrow" for number in range(len(places))),
+        places=tuple(places),
+        format=FileFormat.ARROW,
+        with_hash=False,
+    )
+    order = IdOrder(pieces, reader)
+    waiting: dict[int, dict[str, Any]] = {}
+    rows = reader.report.rows_by_file
+    awaited = 0
+    for number, record in engine(work, range(len(places))):
+        waiting[number] = record
+        while awaited in waiting:
+            record = waiting.pop(awaited)
+            order.add(places[awaited][0], record["span"])
+            run.report.take(record["counts"])
+            rows[record["input"]] = rows.get(record["input"], 0) + record["rows"]
+            named = {table: read_part(str(Path(root) / work.names[awaited])) for table, root in work.roots.items()}
+            yield ChunkTables(named=named, rows=record["rows"])
+            awaited += 1
+    for given in inputs:
+        if not sum(rows[part.name] for part in given.parts):
+            raise DataError(f"{given.name}: no rows: the file has columns and nothing else")
+    run.add_notes(reader.report.remarks)

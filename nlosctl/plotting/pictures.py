@@ -1,0 +1,53 @@
+"""Which view suits some files, and the picture of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.io.drawn_files import DrawnFile
+from nlosctl.plotting.bound_view import draw_bound_map
+from nlosctl.plotting.catalogue import VIEWS
+from nlosctl.plotting.detection_view import draw_detection_view
+from nlosctl.plotting.echo_view import draw_echo_view
+from nlosctl.plotting.error_views import draw_error_cdf, draw_sweep
+from nlosctl.plotting.estimates_view import draw_estimates_view
+from nlosctl.plotting.fitting_views import fitting_views
+from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.scene_view import draw_scene_view
+from nlosctl.plotting.triplet_view import draw_triplet_view
+
+__all__ = ["choose_view", "draw_picture"]
+
+_DRAW: dict[str, Callable[[Request], Picture]] = {
+    "scene": draw_scene_view,
+    "estimates": draw_estimates_view,
+    "cdf": draw_error_cdf,
+    "sweep": draw_sweep,
+    "roc": draw_detection_view,
+    "map": draw_bound_map,
+    "echoes": draw_echo_view,
+    "triplets": draw_triplet_view,
+}
+
+
+def choose_view(files: Sequence[DrawnFile], wanted: str | None, *, one_snapshot: bool = False) -> str:
+    """Return the ``wanted`` view, or the first that suits the files; UsageError where there is none such."""
+    fitting = fitting_views(files, one_snapshot=one_snapshot)
+    if wanted is None:
+        if not fitting:
+            held = ", ".join(f"{file.name} ({file.content})" for file in files)
+            raise UsageError(f"no view suits {held} together; 'nlosctl plot --views' lists what each takes")
+        return fitting[0]
+    if wanted not in VIEWS:
+        raise UsageError(f"no view {wanted!r}{did_you_mean(wanted, VIEWS)}; there are: {', '.join(VIEWS)}")
+    if wanted not in fitting:
+        held = ", ".join(f"{file.name} has {file.content}" for file in files)
+        suits = f"; these suit: {', '.join(fitting)}" if fitting else ""
+        raise UsageError(f"--view {wanted} takes {VIEWS[wanted].takes}; {held}{suits}")
+    return wanted
+
+
+def draw_picture(request: Request, view: str) -> Picture:
+    """Return the picture of a view; raises DataError for faults of the files."""
+    return _DRAW[view](request)

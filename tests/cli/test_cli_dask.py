@@ -1,0 +1,170 @@
+"""A real Dask cluster on loopback: the bytes of a local run, whoever is killed half-way."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+from cli_support import PROGRAM, Outcome, plain_environment, process
+
+from nlosctl.cli.main import run
+
+pytest.importorskip("distributed")
+
+Cli = Callable[..., Outcome]
+PARTS = 8
+SNAPSHOTS = 800  # in each
+WORDS = ["localize", "in", "-m", "mixture-ml", "-q"]
+
+
+class Cluster:
+    """A scheduler and two workers, processes of their own, started from Dask's command line."""
+
+    def __init__(self, address: str, workers: list[subprocess.Popen[bytes]]) -> None:
+        self.address, self.workers = address, workers
+
+    @property
+    def words(self) -> list[str]:
+        """How the program is told to use the cluster."""
+        return ["--engine", "dask", "--scheduler", self.address]
+
+
+@contextmanager
+def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process of Dask and kill it at the end, whatever happens."""
+    environment = plain_environment(OMP_NUM_THREADS="1", DASK_DISTRIBUTED__ADMIN__EVENT_LOOP="asyncio")
+    command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
+    with (
+        (cwd / f"{words[0]}.log").open("ab") as log,
+        subprocess.Popen(command, cwd=cwd, env=environment, stdout=log, stderr=log) as running,
+    ):
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+@pytest.fixture
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A cluster whose processes are gone at the end of the test; its current folder is not the test's."""
+    folder = tmp_path_factory.mktemp("cluster")
+    told = folder / "scheduler.json"
+    with ExitStack() as stack:
+        words = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told))
+        stack.enter_context(started(*words, cwd=folder))
+        deadline = time.monotonic() + 60
+        while not (told.exists() and told.read_text().rstrip().endswith("}")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        address = str(json.loads(told.read_text())["address"])
+        workers = []
+        for number in range(2):
+            local = str(folder / f"worker{number}")
+            words = ("worker", address, "--nthreads", "1", "--no-nanny", "--local-directory", local)
+            workers.append(stack.enter_context(started(*words, cwd=folder)))
+        yield Cluster(address, workers)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, with parts of measurements with outliers, and what a local run makes of them."""
+    monkeypatch.chdir(tmp_path)
+    parameters = ("-p", "nlos_receivers=2", "-p", "nlos_span_deg=360", "-p", "bearing_std_deg=2")
+    assert run(["simulate", "madhow-ring", "-n", str(PARTS * SNAPSHOTS), *parameters, "-o", "m.parquet", "-q"]) == 0
+    table = pyarrow.parquet.read_table("m.parquet")
+    cuts = [place * table.num_rows // PARTS + (3 if 0 < place < PARTS else 0) for place in range(PARTS + 1)]
+    Path("in").mkdir()
+    for number, (first, behind) in enumerate(pairwise(cuts)):  # within snapshots
+        pyarrow.parquet.write_table(table.slice(first, behind - first), f"in/p{number}.parquet")
+    Path("m.parquet").unlink()
+    assert run([*WORDS, "-o", "local/", "--flags-out", "local_flags/"]) == 0
+    return tmp_path
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of every file in a folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def done(folder: Path) -> int:
+    """Return how many parts a running command has done."""
+    return len(list(folder.glob("_unfinished/0*.json")))
+
+
+def when_half_way(running: subprocess.Popen[bytes], folder: Path, strike: Callable[[], None]) -> None:
+    """Wait until some parts are done and some are not, then do something."""
+    deadline = time.monotonic() + 90
+    while done(folder) < 2 and running.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert 2 <= done(folder) < PARTS, "the run must be half-way"
+    strike()
+
+
+def test_a_cluster_writes_the_bytes_of_a_local_run_though_a_worker_is_killed(cluster: Cluster, folder: Path) -> None:
+    """Single files, folders, and a run that loses one of two workers half-way: nothing lost, nothing twice."""
+    words = [*WORDS, "--overwrite", "-o", "one.parquet", "--flags-out", "flags.csv"]
+    names = ("one.parquet", "flags.csv")
+    assert run(words) == 0
+    local = [(folder / name).read_bytes() for name in names]
+    outcome = process(*words, *cluster.words, cwd=folder)
+    assert outcome.code == 0, outcome.err
+    assert [(folder / name).read_bytes() for name in names] == local
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
+
+    command = [str(PROGRAM), *WORDS, "-o", "out/", "--flags-out", "out_flags/", *cluster.words]
+    with subprocess.Popen(command, cwd=folder, env=plain_environment()) as running:
+        when_half_way(running, folder / "out", cluster.workers[0].kill)
+        assert running.wait(timeout=90) == 0
+    assert content(folder / "out") == content(folder / "local")
+    assert content(folder / "out_flags") == content(folder / "local_flags")
+
+
+def test_a_killed_driver_is_gone_on_with(cluster: Cluster, folder: Path) -> None:
+    """After kill -9 of the command itself ``--resume`` finishes on the cluster, to the same bytes."""
+    words = [*WORDS, "-o", "out/", "--flags-out", "out_flags/", *cluster.words]
+    with subprocess.Popen([str(PROGRAM), *words], cwd=folder, env=plain_environment()) as running:
+        when_half_way(running, folder / "out", lambda: running.send_signal(signal.SIGKILL))
+    assert not (folder / "out" / "_manifest.json").exists()
+    outcome = process(*words, "--resume", cwd=folder)
+    assert outcome.code == 0, outcome.err
+    assert content(folder / "out") == content(folder / "local")
+    assert content(folder / "out_flags") == content(folder / "local_flags")
+
+
+def test_errors_of_a_worker_are_told_as_here(cli: Cli, cluster: Cluster, folder: Path) -> None:
+    """A bad row on a worker is the same line and exit code as in a local run."""
+    path = folder / "in" / "p4.parquet"
+    table = pyarrow.parquet.read_table(path)
+    spoilt = pyarrow.array([-0.5] * table.num_rows)
+    place = table.column_names.index("bearing_std_rad")
+    pyarrow.parquet.write_table(table.set_column(place, "bearing_std_rad", spoilt), path)
+    local = cli(*WORDS, "-o", "bad/")
+    there = cli(*WORDS, "-o", "bad2/", *cluster.words)
+    assert (there.code, there.err) == (local.code, local.err)
+    assert local.code == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (["--engine", "dusk"], 2, "did you mean 'dask'"),
+        (["--scheduler", "tcp://127.0.0.1:1"], 2, "--engine dask"),
+        (["--engine", "dask", "--bad-rows", "bad.csv"], 2, "a folder each"),
+    ],
+)
+def test_words_that_do_not_fit(cli: Cli, tmp_path: Path, words: list[str], code: int, told: str) -> None:
+    """Engines there are not, a scheduler without its engine: one line."""
+    from cli_support import GOOD
+
+    outcome = cli("localize", GOOD, "-o", "e.csv", *words)
+    assert (outcome.code, outcome.err.count("\n")) == (code, 1), outcome.err
+    assert told in outcome.err
+    assert list(tmp_path.iterdir()) == []

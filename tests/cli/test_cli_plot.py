@@ -1,0 +1,114 @@
+"""``nlosctl plot`` as a user meets it: names, pipes, errors with their cure."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from cli_support import FIXTURES, GOOD, Outcome
+
+Cli = Callable[..., Outcome]
+
+PNG, SVG = b"\x89PNG", b"<?xml"
+
+
+def test_a_picture_of_a_file(cli: Cli, tmp_path: Path) -> None:
+    """``plot FILE -o NAME`` writes the picture, tells the view, and replaces nothing unless told."""
+    outcome = cli("plot", GOOD, "-o", "a.svg")
+    assert outcome.code == 0, outcome.err
+    assert "view 'scene' in a.svg" in outcome.err
+    first = (tmp_path / "a.svg").read_bytes()
+    assert first.startswith(SVG)
+    refused = cli("plot", GOOD, "-o", "a.svg")
+    assert (refused.code, "exists already" in refused.err) == (1, True)
+    assert cli("plot", GOOD, "-o", "a.svg", "--overwrite", "--title", "Another").code == 0
+    assert (tmp_path / "a.svg").read_bytes() != first
+
+
+def test_a_sweep_through_pipes(cli: Cli, tmp_path: Path) -> None:
+    """simulate | localize | evaluate | plot with no glue code ends in a picture, in every format of the pipe."""
+    drawn = cli("simulate", "ring", "-n", 20, "--sweep", "bearing_std_deg=0.5,2", "-q")
+    fixes = cli("localize", "-", "-m", "ls", "-m", "ml", "-q", stdin=drawn.out)
+    scores = cli("evaluate", "-", stdin=fixes.out)
+    outcome = cli("plot", "-", "-o", "rmse.png", stdin=scores.out)
+    assert outcome.code == 0, outcome.err
+    assert "view 'sweep'" in outcome.err
+    assert (tmp_path / "rmse.png").read_bytes().startswith(PNG)
+    by_fixes = cli("plot", "-", "-o", "-", "--format", "png", stdin=fixes.out)
+    assert by_fixes.out == (tmp_path / "rmse.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ([GOOD], "name the picture: -o FILE.svg"),
+        ([], "name a file to draw"),
+        ([GOOD, "-o", "a.gif"], "extension '.gif'; a picture's name ends in one of .png, .svg, .pdf"),
+        ([GOOD, "-o", "-"], "no extension"),
+        ([GOOD, "-o", "a.png", "--view", "scenes"], "did you mean 'scene'?"),
+        ([GOOD, "-o", "a.png", "--view", "roc"], "--view roc takes flags"),
+        ([GOOD, "-o", "a.png", "--size", "6"], "--size takes WIDTHxHEIGHT in inches"),
+        ([GOOD, "-o", "-", "--format", "png", "--json"], "without --json"),
+    ],
+)
+def test_wrong_words_are_told(cli: Cli, words: list[str], text: str, tmp_path: Path) -> None:
+    """What the command line lacks or has wrong is exit 2 with the cure, and no file."""
+    outcome = cli("plot", *words)
+    assert outcome.code == 2
+    assert text in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_wrong_files_are_told(cli: Cli, tmp_path: Path) -> None:
+    """A bad file, an absent one and a snapshot that is not there are exit 1, and no file is left."""
+    for words, text in (
+        ([FIXTURES / "bad_nan_value.csv"], "bad_nan_value.csv"),
+        (["absent.csv"], "no such file"),
+        ([GOOD, "--snapshot", "nobody"], "no snapshot 'nobody'"),
+    ):
+        outcome = cli("plot", *words, "-o", "a.png")
+        assert outcome.code == 1
+        assert text in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_views_are_listed(cli: Cli) -> None:
+    """``--views`` lists all views, with files those that suit them; --json too."""
+    every = cli("plot", "--views", "--json").json
+    assert [view["view"] for view in every][:2] == ["scene", "estimates"]
+    assert all(view["shows"] and view["takes"] for view in every)
+    assert [view["view"] for view in cli("plot", GOOD, "--views", "--json").json] == ["scene"]
+    assert "echoes" in cli("plot", "--views").text
+    assert "echoes" in cli("plot", "--help").text
+
+
+def test_what_was_drawn_as_json(cli: Cli) -> None:
+    """``--json`` tells view, output and notes."""
+    told = cli("plot", FIXTURES / "good_triplets.csv", "-o", "a.png", "--json").json
+    assert told["view"] == "triplets"
+    assert told["output"] == "a.png"
+
+
+def test_columns_of_another_name(cli: Cli, tmp_path: Path) -> None:
+    """``--column`` and the constants of scenes serve pictures as they serve localize."""
+    text = Path(FIXTURES / "good_bearings.csv").read_text().replace("bearing_rad", "DIRECTION", 1)
+    (tmp_path / "b.csv").write_text(text)
+    words = ("plot", "b.csv", "--scene", FIXTURES / "good_bearings.scene.toml", "-o", "a.png")
+    assert cli(*words, "--kind", "bearings", "--column", "bearing_rad=DIRECTION").code == 0
+
+
+def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
+    """Where matplotlib is missing the command says how to install it, and help and views still work."""
+    start = (
+        "import sys; sys.modules['matplotlib'] = None; from nlosctl.cli.main import run; sys.exit(run(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", start, "plot"]
+    drawn = subprocess.run([*words, GOOD, "-o", tmp_path / "a.png"], capture_output=True, text=True, check=False)
+    assert drawn.returncode == 1
+    assert "pip install 'nlosctl[plot]'" in drawn.stderr
+    assert list(tmp_path.iterdir()) == []
+    listed = subprocess.run([*words, "--views"], capture_output=True, text=True, check=False)
+    assert listed.returncode == 0

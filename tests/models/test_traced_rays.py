@@ -1,0 +1,45 @@
+"""Rays traced back: they end at the source that the bearing was made from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector
+from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.traced_rays import trace_back
+
+SENSOR = np.array([[0.0, 0.0], [30.0, -5.0], [-20.0, 10.0]])
+SOURCE = np.array([[40.0, 25.0], [-10.0, 33.0], [15.0, 12.0]])
+REFLECTORS: list[Reflector] = [
+    LineReflector(name="slanted", point=(0.0, 60.0), direction=(2.0, -0.3)),
+    LineReflector(name="vertical", point=(90.0, 0.0), direction=(0.0, 1.0)),
+    SegmentReflector(name="segment", start=(-500.0, -60.0), end=(500.0, -70.0)),
+    CircleReflector(name="circle", center=(5.0, -3.0), radius=120.0),
+]
+
+
+@pytest.mark.parametrize("reflector", REFLECTORS, ids=lambda reflector: reflector.name)
+def test_a_noise_free_ray_ends_at_its_source(reflector: Reflector) -> None:
+    """Traced back over its reflector, a predicted bearing leads to the source, by equal angles at the hit."""
+    place = np.zeros((3, 1), dtype=np.int64)
+    bearing = predict_bearings(SENSOR[:, None, :], place, Scene(reflectors=(reflector,)), SOURCE[:, None, :])[:, 0]
+    rays = trace_back(SENSOR, bearing, reflector)
+    second_leg = np.hypot(*(SOURCE - rays.hit_m).T)
+    np.testing.assert_allclose(rays.points_at(second_leg), SOURCE, atol=1e-6)
+
+
+def test_a_direct_ray_starts_at_its_sensor() -> None:
+    """Without a reflector a ray goes from the sensor along its bearing."""
+    rays = trace_back(SENSOR, np.array([0.0, np.pi / 2, np.pi]), None)
+    np.testing.assert_allclose(
+        rays.points_at(2.0), SENSOR + np.array([[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0]]), atol=1e-12
+    )
+
+
+def test_a_ray_that_never_meets_its_mirror_has_no_hit() -> None:
+    """Away from the mirror, or along it, there is no hit."""
+    mirror = LineReflector(name="m", point=(0.0, 60.0), direction=(1.0, 0.0))
+    rays = trace_back(SENSOR[:2], np.array([-np.pi / 2, 0.0]), mirror)
+    assert np.isnan(rays.hit_m).all()
+    assert np.isnan(rays.direction_rad).all()
