@@ -13,6 +13,7 @@ from nlosctl.cli.terminal import Terminal, print_json, print_table
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
+    from nlosctl.reproduce.experiment import Experiment
     from nlosctl.reproduce.outcome import ClaimRow
     from nlosctl.reproduce.run import Outcome
 
@@ -77,31 +78,21 @@ def reproduce(
     if page is not None and output is None:
         raise UsageError("--page goes with -o FOLDER, where the results and pictures are")
     from nlosctl.io.write import check_targets
-    from nlosctl.pipeline.workers import usable_jobs
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
-    from nlosctl.reproduce.run import output_folder, run_experiment
-    from nlosctl.reproduce.sampling import worker_pool
+    from nlosctl.reproduce.run import output_folder
 
     experiments = [find_experiment(name) for name in chosen_names(names)]
     check_targets([page], overwrite=overwrite, inputs=[])
     folder = None if output is None else output_folder(output)
     terminal = Terminal(quiet=quiet)
-    outcomes = []
-    with worker_pool(usable_jobs(jobs)) as pool:
-        for experiment in experiments:
-            own_trials = trials or (experiment.quick_trials if quick else experiment.trials)
-            with terminal.progress(experiment.name, unit="trials") as progress:
-                outcome = run_experiment(
-                    experiment,
-                    seed=seed,
-                    trials=own_trials,
-                    folder=folder,
-                    overwrite=overwrite,
-                    pool=pool,
-                    progress=progress,
-                )
-            outcomes.append(outcome)
-            _note(terminal, outcome)
+    try:
+        outcomes = _run(
+            experiments, folder, terminal, quick=quick, trials=trials, seed=seed, jobs=jobs, overwrite=overwrite
+        )
+    except KeyboardInterrupt:
+        if folder is not None:
+            terminal.note(f"finished chunks are kept in {folder}: the same command goes on from there")
+        raise
     missing = next((outcome.without_pictures for outcome in outcomes if outcome.without_pictures), None)
     if missing:
         terminal.note(f"no pictures: {missing}")
@@ -110,6 +101,39 @@ def reproduce(
 
         write_page(Path(page), outcomes)
     _tell(outcomes, json)
+
+
+def _run(
+    experiments: list[Experiment],
+    folder: Path | None,
+    terminal: Terminal,
+    *,
+    quick: bool,
+    trials: int | None,
+    seed: int,
+    jobs: int,
+    overwrite: bool,
+) -> list[Outcome]:
+    from nlosctl.pipeline.workers import usable_jobs
+    from nlosctl.reproduce.run import run_experiment
+    from nlosctl.reproduce.sampling import worker_pool
+
+    outcomes = []
+    with worker_pool(usable_jobs(jobs)) as pool:
+        for experiment in experiments:
+            with terminal.progress(experiment.name, unit="trials") as progress:
+                outcome = run_experiment(
+                    experiment,
+                    seed=seed,
+                    trials=trials or (experiment.quick_trials if quick else experiment.trials),
+                    folder=folder,
+                    overwrite=overwrite,
+                    pool=pool,
+                    progress=progress,
+                )
+            outcomes.append(outcome)
+            _note(terminal, outcome)
+    return outcomes
 
 
 def _note(terminal: Terminal, outcome: Outcome) -> None:

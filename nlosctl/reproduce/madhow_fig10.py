@@ -20,7 +20,7 @@ __all__ = ["EXPERIMENT", "outlines"]
 
 _PRINTED_M = {"A": 18.42, "B": 2.7, "C": 2.57, "D": 14.22}
 _FIELD = "0,500,0,500"
-_SHOWN = 200
+_SHOWN = 120
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:

@@ -135,8 +135,8 @@ EXPERIMENT = Experiment(
         ),
     ),
     panels=_panels,
-    trials=22_500,
+    trials=10_000,
     quick_trials=2_500,
-    chunk_trials=22_500,
+    chunk_trials=10_000,
     random=False,
 )

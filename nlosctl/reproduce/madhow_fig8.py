@@ -136,7 +136,7 @@ EXPERIMENT = Experiment(
         ),
     ),
     panels=_panels,
-    trials=5000,
+    trials=3000,
     quick_trials=60,
     chunk_trials=1000,
 )

@@ -22,6 +22,7 @@ __all__ = ["EXPERIMENT"]
 
 _SETS = ("a", "b")
 _EPSILONS_DEG = (0.1, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
+_SMALL_DEG = 1.0
 _METHODS = ("ls", "stansfield", "stansfield-focused", "ml")
 _LABELS = {
     "ls": "least squares",
@@ -34,10 +35,10 @@ _LABELS = {
 
 
 def _grid(epsilon_deg: float) -> dict[str, float]:
-    """Return the paper's search field, with vertices every 4 km; a small one with 1 km where errors are small."""
-    if epsilon_deg < 1.0:
-        return {"width_m": 40e3, "height_m": 50e3, "step_m": 1e3}
-    return {"width_m": 160e3, "height_m": 200e3, "step_m": 4e3}
+    """Return the paper's search field, with vertices every 8 km; a small one with 1 km where errors are small."""
+    if epsilon_deg < _SMALL_DEG:
+        return {"width_m": 20e3, "height_m": 25e3, "step_m": 1e3}
+    return {"width_m": 160e3, "height_m": 200e3, "step_m": 8e3}
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
@@ -47,15 +48,17 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
         "crlb": bound_rms_m(given),
         **{method: fixes(given, chunk, method).error_m for method in _METHODS},
         "ml-grid": fixes(given, chunk, "ml-grid", **grid).error_m,
-        "grid_about_truth": _about_truth(given, grid),
+        "grid_about_truth": _about_truth(given, float(condition["bearing_std_deg"])),
     }
 
 
-def _about_truth(given: Simulated, grid: dict[str, float]) -> npt.NDArray[np.float64]:
-    """Return the errors (T,) of the best vertices of grids that are centred on the true position."""
+def _about_truth(given: Simulated, epsilon_deg: float) -> npt.NDArray[np.float64]:
+    """Return the errors (T,) of the best vertices of grids about the true position; NaN where the grid is small."""
+    if epsilon_deg < _SMALL_DEG:
+        return np.full(given.truth_m.shape[0], np.nan)
     lines = sight_lines(batch_of(given))
     x, y = given.truth_m[:, 0] - lines.center_x, given.truth_m[:, 1] - lines.center_y
-    best = search_grid(lines, x, y, **grid)
+    best = search_grid(lines, x, y, **_grid(epsilon_deg))
     return np.where(best.found, np.hypot(best.x - x, best.y - y), np.nan)
 
 
@@ -74,7 +77,7 @@ def _spread_of_slope(drawn: Drawn, name: str, parameter_set: str) -> float:
         rms(samples[name]) / float(condition["bearing_std_deg"])
         for condition, samples in drawn.where(parameter_set=parameter_set)
     ]
-    return max(slopes) / min(slopes)
+    return float(np.nanmax(slopes) / np.nanmin(slopes))
 
 
 def _claims(parameter_set: str) -> tuple[Claim, ...]:

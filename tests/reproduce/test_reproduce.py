@@ -172,3 +172,25 @@ def test_without_matplotlib_the_numbers_are_there(tmp_path: Path) -> None:
     assert "reproduced" in done.stdout
     assert sum("nlosctl[plot]" in line for line in done.stderr.splitlines()) == 1
     assert sorted(path.suffix for path in (tmp_path / "out").iterdir()) == [".parquet", ".parquet"]
+
+
+def test_the_page_tells_every_claim(tmp_path: Path) -> None:
+    """--page writes each claim with its verdict, what does not reproduce, the errata, and copies the pictures."""
+    page = tmp_path / "docs" / "papers.md"
+    page.parent.mkdir()
+    words = ["song-fig6", "song-fig7", "--quick", "-q", "-o", str(tmp_path / "out"), "--page", str(page)]
+    assert reproduce(*words) == 0
+    text = page.read_text(encoding="utf-8")
+    for name in ("song-fig6", "song-fig7"):
+        experiment = find_experiment(name)
+        assert f"### {name}: {experiment.title}" in text
+        assert f"(figures/{name}.svg)" in text
+        assert (page.parent / "figures" / f"{name}.svg").exists()
+        assert sum(claim.where in text for claim in experiment.claims) == len(experiment.claims)
+    assert "| Song, Willett, Zhou 2013 | 2 | 9 | 8 | 1 | 0 |" in text
+    assert text.count("**not reproduced**") == 1
+    assert "AD is twice BC" in text.split("### song-fig6")[0]
+    assert text.count("t = cot(theta / 2)") == 1
+    assert reproduce(*words) == 1
+    assert reproduce(*words, "--overwrite") == 0
+    assert page.read_text(encoding="utf-8") == text
