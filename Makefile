@@ -49,8 +49,14 @@ fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_triplets.py
 	$(BIN)/python fixtures/builders/build_formats.py
 
-benchmark: .venv/dev
+benchmark: .venv/dev ## all benchmarks, to benchmarks/results.md and benchmarks/history/
 	$(BIN)/python benchmarks/run.py
+
+benchmark-quick: .venv/dev ## only what the limits are on; prints
+	$(BIN)/python benchmarks/run.py --quick
+
+benchmark-compare: .venv/dev ## what got slower between the last two runs
+	$(BIN)/python benchmarks/history.py
 
 papers: .venv/dev ## run all figures and tables of the papers (an hour at most; goes on where it stopped) and write docs/papers.md
 	$(BIN)/nlosctl reproduce all -o out/papers --page docs/papers.md --jobs 0 --overwrite

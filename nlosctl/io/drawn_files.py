@@ -125,7 +125,7 @@ def open_drawn(given: Input, scene_file: str | None, kind: str | None = None) ->
 
 
 def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> SampledRows:
-    """Return the ``wanted`` columns that the file has, of at most ``limit`` rows: whole snapshots, evenly spaced.
+    """Return the ``wanted`` columns that the file has, of at most ``limit`` rows: whole snapshots, evenly spread.
 
     ``wanted`` may end in ``*``. Snapshots are told by their neighbours having another id, so that those of
     several methods or targets stay together.
@@ -139,12 +139,12 @@ def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> S
             continue
         total += table.num_rows
         numbers_of_rows, number, last = _snapshot_numbers(table, number, last)
-        chosen = numbers_of_rows % step == 0
+        chosen = _is_kept(numbers_of_rows, step)
         rows = table.select(names).filter(pa.array(chosen))
         kept.append({"": numbers_of_rows[chosen], **{name: as_array(rows.column(name)) for name in names}})
         while limit is not None and sum(part[""].shape[0] for part in kept) > limit and number >= step:
             step *= 2
-            kept = [_only(part, part[""] % step == 0) for part in kept]
+            kept = [_only(part, _is_kept(part[""], step)) for part in kept]
     if not total:
         raise DataError(f"{file.name}: no rows")
     columns = {name: np.concatenate([part[name] for part in kept]) for name in names}
@@ -236,6 +236,17 @@ def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[npt.NDArray[n
     starts[0] = number < 0 or ids[0].as_py() != last
     rows = number + np.cumsum(starts)
     return rows, int(rows[-1]), ids[table.num_rows - 1].as_py()
+
+
+def _is_kept(number: npt.NDArray[np.int64], step: int) -> npt.NDArray[np.bool_]:
+    """Return which snapshots are kept where one in ``step`` (a power of 2) is.
+
+    Those whose number's multiple of the golden ratio has a fraction below 1 / step: evenly spread, and unlike every
+    step-th blind to no period of the file.
+    """
+    fraction = number.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    kept: npt.NDArray[np.bool_] = fraction <= np.uint64(2**64 // step - 1)
+    return kept
 
 
 def _only(part: Columns, chosen: npt.NDArray[np.bool_]) -> Columns:

@@ -23,6 +23,7 @@ _DENSE_FROM = 3000
 _ELLIPSES_TO = 60
 _MOST_PANELS = 9
 _CELLS = 120
+_MOST_TRUTHS = 200
 _COLUMNS = ("x_m", "y_m", "cov_*", "alternative", "method", "source", "sweep_*", "truth_x_m", "truth_y_m")
 _FAR_QUANTILES = (0.005, 0.995)
 
@@ -119,16 +120,17 @@ def _draw_cloud(
             label="_nolegend_",
             zorder=2.5,
         )
-    if 0 < truth.shape[0] <= 200:
+    if 0 < truth.shape[0] <= _MOST_TRUTHS:
+        few = truth.shape[0] <= 5
         axes.plot(
             *truth.T,
             linestyle="none",
-            marker="*",
-            markersize=9,
+            marker="*" if few else "+",
+            markersize=9 if few else 4,
             color="black",
             markerfacecolor="white",
             label="truth",
-            zorder=3.8,
+            zorder=3.8 if few else 2.0,
         )
     draw_reflectors(axes, file.scene.reflectors)
     names, sensors = scene_sensors(file.scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from textwrap import fill
 
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.io.drawn_files import DrawnFile
@@ -18,6 +19,8 @@ from nlosctl.plotting.scene_view import draw_scene_view
 from nlosctl.plotting.triplet_view import draw_triplet_view
 
 __all__ = ["choose_view", "draw_picture"]
+
+_LETTERS_PER_IN = 15
 
 _DRAW: dict[str, Callable[[Request], Picture]] = {
     "scene": draw_scene_view,
@@ -49,5 +52,9 @@ def choose_view(files: Sequence[DrawnFile], wanted: str | None, *, one_snapshot:
 
 
 def draw_picture(request: Request, view: str) -> Picture:
-    """Return the picture of a view; raises DataError for faults of the files."""
-    return _DRAW[view](request)
+    """Return the picture of a view, its notes under it; raises DataError for faults of the files."""
+    picture = _DRAW[view](request)
+    if picture.notes:
+        width = int(_LETTERS_PER_IN * picture.figure.get_figwidth())
+        picture.figure.supxlabel("\n".join(fill(note, width) for note in picture.notes), fontsize=7, color="#505050")
+    return picture

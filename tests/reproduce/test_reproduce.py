@@ -194,3 +194,15 @@ def test_the_page_tells_every_claim(tmp_path: Path) -> None:
     assert reproduce(*words) == 1
     assert reproduce(*words, "--overwrite") == 0
     assert page.read_text(encoding="utf-8") == text
+
+
+def test_the_page_of_the_documents_is_of_every_experiment() -> None:
+    """docs/papers.md has a section for each experiment, from its own number of trials, and its picture."""
+    text = (ROOT / "docs" / "papers.md").read_text(encoding="utf-8")
+    for name in experiment_names():
+        experiment = find_experiment(name)
+        section = text.split(f"### {name}: {experiment.title}\n")
+        assert len(section) == 2, name
+        kind = "trials" if experiment.random else "places"
+        assert f"{experiment.trials} {kind} in each" in section[1].split("### ")[0], name
+        assert (ROOT / "docs" / "figures" / f"{name}.svg").stat().st_size < 400_000

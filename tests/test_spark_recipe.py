@@ -1,0 +1,43 @@
+"""The recipe for Spark in docs/large-data.md: batches of whole groups in, the estimates of a single run out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet
+
+import nlosctl
+
+ROOT = Path(__file__).parents[1]
+GOOD = ROOT / "fixtures" / "good_bearings.parquet"
+SCENE = ROOT / "fixtures" / "good_bearings.scene.toml"
+
+
+def recipe() -> Callable[[Iterator[Any]], Iterator[Any]]:
+    """Return the function that the document shows, made from its very text."""
+    text = (ROOT / "docs" / "large-data.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n(.*?def solve.*?)\n\n\n", text, re.DOTALL)
+    assert code is not None
+    names: dict[str, Any] = {}
+    exec(code[1].replace('"scene.toml"', repr(str(SCENE))), names)  # noqa: S102 - our own document
+    function: Callable[[Iterator[Any]], Iterator[Any]] = names["solve"]
+    return function
+
+
+def test_batches_of_a_partition_give_the_estimates_of_one_run() -> None:
+    """However a partition is cut into Arrow batches, within snapshots too: each snapshot is solved once, and whole."""
+    table = pyarrow.parquet.read_table(GOOD).replace_schema_metadata(None)
+    expected = nlosctl.localize(table, method="ml", scene=SCENE).estimates
+    for rows in (7, 100, 1000):
+        found = pa.Table.from_batches(list(recipe()(iter(table.to_batches(max_chunksize=rows)))))
+        assert found.equals(expected.select(found.column_names))
+        assert found.num_rows == 40
+
+
+def test_an_empty_partition_gives_nothing() -> None:
+    """Spark hands out empty partitions too."""
+    assert list(recipe()(iter([]))) == []
