@@ -16,10 +16,7 @@ ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 def gather_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:
     """Return rows of a block (B, K), in any order and as often as named, in Fortran order."""
-    taken = np.empty((rows.shape[0], array.shape[1]), dtype=array.dtype, order="F")
-    for k in range(array.shape[1]):
-        np.take(array[:, k], rows, out=taken[:, k])
-    return taken
+    return np.take(array.T, rows, axis=1).T
 
 
 def sum_measurements(values: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["AXES", "DIFFERENCES", "BaselineFrame", "Quantity", "TripletRays", "baseline_frames"]
@@ -72,7 +73,7 @@ class BaselineFrame:
 
     def rays(self, dod_rad: FloatArray, doa_rad: FloatArray, path_length_m: FloatArray) -> TripletRays:
         """Return triplets, their angles in the global frame, as rays in this one."""
-        departing, arriving = (np.cos(dod_rad), np.sin(dod_rad)), (np.cos(doa_rad), np.sin(doa_rad))
+        departing, arriving = cosine_sine(dod_rad), cosine_sine(doa_rad)
         return TripletRays(
             baseline_m=self.length_m,
             dod_cosine=departing[0] * self.cosine + departing[1] * self.sine,

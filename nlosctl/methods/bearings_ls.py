@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_least_squares, sandwich_covariance
+from nlosctl.solvers.line_fits import fit_least_squares, sandwich_covariance, widened_sandwich
 
 __all__ = ["METHOD", "LeastSquaresOptions", "solve"]
 
@@ -33,7 +33,14 @@ def solve(batch: BearingBatch, options: LeastSquaresOptions) -> Solution:
     lines = sight_lines(batch)
     fit = fit_least_squares(lines)
     return finish_bearings_fix(
-        batch, lines, fit.x, fit.y, sandwich_covariance(lines, fit), fit.normal, min_range_m=options.min_range_m
+        batch,
+        lines,
+        fit.x,
+        fit.y,
+        sandwich_covariance(lines, fit),
+        fit.normal,
+        widened=widened_sandwich(lines, fit),
+        min_range_m=options.min_range_m,
     )
 
 

@@ -17,7 +17,13 @@ from nlosctl.solvers.parted_batches import solve_parts
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.ranged_bearings import row_residuals
-from nlosctl.solvers.ranked_fixes import RankedFixes, rank_modes, ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.ranked_fixes import (
+    RankedFixes,
+    rank_modes,
+    ranked_estimates,
+    ranked_flags,
+    ranked_status,
+)
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
 
@@ -54,6 +60,12 @@ class MixtureOptions:
     )
     ambiguous_within: float = option(
         2.0, unit="nat", minimum=0.0, meaning="another mode this near makes a fix ambiguous"
+    )
+    ambiguous_rows: int = option(
+        2,
+        minimum=0,
+        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
+        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
     )
     max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
     mode_gap: float = option(
@@ -103,7 +115,15 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         gap=options.mode_gap * batch.measurements,
     )
     fixes, probability = rank_modes(model.mixture, modes)
-    status = ranked_status(fixes, modes.candidates, model.uninformative(), options.ambiguous_within, modes.held)
+    status = ranked_status(
+        fixes,
+        modes.candidates,
+        model.uninformative(),
+        options.ambiguous_within,
+        modes.held,
+        unordered=groups.unordered(options.path_prior),
+        ambiguous_rows=options.ambiguous_rows,
+    )
     if candidates.count == 0:
         status[:] = Status.TOO_FEW
     if options.covariance == "posterior":

@@ -56,9 +56,8 @@ def solve(batch: BearingBatch, options: GridOptions) -> Solution:
     )
     held: npt.NDArray[np.uint8] = np.where(best.on_edge, Status.BOUNDARY, Status.OK).astype(np.uint8)
     held[~best.found] = Status.NO_CANDIDATE
-    covariance = lines.information(best.x, best.y).inverse()
     return finish_bearings_fix(
-        batch, lines, best.x, best.y, covariance, first.normal, min_range_m=options.min_range_m, held=held
+        batch, lines, best.x, best.y, None, first.normal, min_range_m=options.min_range_m, held=held
     )
 
 

@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield, stansfield_covariance
+from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield, sandwich_covariance, widened_sandwich
 
 __all__ = ["METHOD", "StansfieldOptions", "solve"]
 
@@ -27,15 +27,23 @@ class StansfieldOptions:
 def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     """Solve a batch by Stansfield's estimator; equations (10)-(15) of Song, Willett, Zhou 2013.
 
-    The distances in the weights are those of the least-squares fix: one pass, not iterated. The covariance is
-    the inverse of the weighted normal matrix; with rows on a circle, whose errors are not as the distances, the
-    sandwich with the spread of the ray tubes.
+    The distances in the weights are those of the least-squares fix: one pass, not iterated. The covariance is the
+    sandwich of these weights and the errors of the lines at the fix, std times the spread of the ray tubes.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     fit = fit_stansfield(lines, first)
-    covariance = stansfield_covariance(lines, fit, first)
-    return finish_bearings_fix(batch, lines, fit.x, fit.y, covariance, first.normal, min_range_m=options.min_range_m)
+    weighed_m = lines.range_m(first.x, first.y)
+    return finish_bearings_fix(
+        batch,
+        lines,
+        fit.x,
+        fit.y,
+        sandwich_covariance(lines, fit, weighed_m),
+        first.normal,
+        widened=widened_sandwich(lines, fit, weighed_m),
+        min_range_m=options.min_range_m,
+    )
 
 
 METHOD = MethodSpec(

@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.line_fits import fit_focused, fit_least_squares, sandwich_covariance, widened_sandwich
 
 __all__ = ["METHOD", "FocusedStansfieldOptions", "solve"]
 
@@ -29,13 +29,21 @@ def solve(batch: BearingBatch, options: FocusedStansfieldOptions) -> Solution:
 
     On a circle the error of a line is not std times distance, but std times the width of the ray tube per radian,
     l1 + l2 - 2 l1 l2 / (R cos i) along the measured ray. The widths are those at the least-squares fix, one pass. The
-    covariance is the inverse of the weighted normal matrix. Without circle rows it is ``stansfield``.
+    covariance is the sandwich of these weights and the widths at the fix. Without circle rows it is ``stansfield``.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     fit = fit_focused(lines, first)
+    weighed_m = lines.spread_m(first.x, first.y)
     return finish_bearings_fix(
-        batch, lines, fit.x, fit.y, fit.normal.inverse(), first.normal, min_range_m=options.min_range_m
+        batch,
+        lines,
+        fit.x,
+        fit.y,
+        sandwich_covariance(lines, fit, weighed_m),
+        first.normal,
+        widened=widened_sandwich(lines, fit, weighed_m),
+        min_range_m=options.min_range_m,
     )
 
 

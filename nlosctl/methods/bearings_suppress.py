@@ -69,6 +69,12 @@ class SuppressOptions:
     ambiguous_within: float = option(
         2.0, unit="nat", minimum=0.0, meaning="another estimate this near makes a fix ambiguous"
     )
+    ambiguous_rows: int = option(
+        2,
+        minimum=0,
+        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
+        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
+    )
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
 
 
@@ -102,7 +108,14 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
         lognormal=options.range_noise == "lognormal",
         max_pairs=options.max_pairs,
     )
-    status = ranked_status(found.fixes, found.candidates, model.uninformative(), options.ambiguous_within)
+    status = ranked_status(
+        found.fixes,
+        found.candidates,
+        model.uninformative(),
+        options.ambiguous_within,
+        unordered=groups.unordered(options.path_prior),
+        ambiguous_rows=options.ambiguous_rows,
+    )
     if batch.measurements < 2:
         status[:] = Status.TOO_FEW
     estimates = ranked_estimates(found.fixes, status, lines.center_x, lines.center_y, "inliers")

@@ -14,7 +14,13 @@ from nlosctl.solvers.modes import find_modes
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.range_mixture import RangeCandidates, grouped_ranges, range_outlier_model
-from nlosctl.solvers.ranked_fixes import RankedFixes, rank_modes, ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.ranked_fixes import (
+    RankedFixes,
+    rank_modes,
+    ranked_estimates,
+    ranked_flags,
+    ranked_status,
+)
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
@@ -47,6 +53,12 @@ class RangeMixtureOptions:
     )
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="another mode this near makes a fix ambiguous"
+    )
+    ambiguous_rows: int = option(
+        2,
+        minimum=0,
+        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
+        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
     )
     max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
     mode_gap: float = option(
@@ -86,7 +98,15 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
         fixes = RankedFixes(fixes.x, fixes.y, fixes.cost, covariance, fixes.n_used)
-    status = ranked_status(fixes, modes.candidates, candidates.degenerate, options.ambiguous_within, modes.held)
+    status = ranked_status(
+        fixes,
+        modes.candidates,
+        candidates.degenerate,
+        options.ambiguous_within,
+        modes.held,
+        unordered=groups.unordered(options.path_prior),
+        ambiguous_rows=options.ambiguous_rows,
+    )
     status[candidates.degenerate] = Status.TOO_FEW
     circles = model.circles
     estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, options.covariance)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
@@ -161,14 +162,25 @@ class SightLines:
         residual = self.residual_rad(x, y)
         return residual if self.handedness is None else residual * self.handedness
 
-    def information(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> Symmetric2x2:
+    def information(
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        paths: ReflectedPath | None = None,
+        *,
+        extra_m2: FloatArray | None = None,
+    ) -> Symmetric2x2:
         """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
 
-        Rows of infinite std give none; NaN where another row has no path to the point.
+        Rows of infinite std give none; NaN where another row has no path to the point. With ``extra_m2`` (B,) the
+        squared ranges are that much larger, but for rows on a circle.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = 1.0 / (self.std_rad * (dx * dx + dy * dy))
+            squared_range = dx * dx + dy * dy
+            weight = 1.0 / (self.std_rad * squared_range)
+            if extra_m2 is not None:
+                weight *= np.sqrt(squared_range / (squared_range + extra_m2[:, None]))
             dx *= weight
             dy *= weight
         if self.circles is not None:
@@ -236,13 +248,14 @@ def sight_lines(batch: BearingBatch) -> SightLines:
             circles.place_in(mirrors.sensor_side_m, np.full(circles.snapshot.shape, np.nan))
     center_x = sum_measurements(x) / x.shape[1]
     center_y = sum_measurements(y) / y.shape[1]
+    cosine, sine = cosine_sine(direction)
     return SightLines(
         center_x=center_x,
         center_y=center_y,
         origin_x=x - center_x[:, None],
         origin_y=y - center_y[:, None],
-        cosine=np.cos(direction),
-        sine=np.sin(direction),
+        cosine=cosine,
+        sine=sine,
         std_rad=batch.bearing_std_rad,
         handedness=handedness,
         mirrors=None if mirrors is None else mirrors.about(center_x, center_y),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import sum_measurements, take_rows
+from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.levenberg_marquardt import Evaluation
@@ -21,9 +21,6 @@ _TERMS = 8
 
 _SMALL_BLOCK = 128
 """Below this many rows the cost of a NumPy call outweighs the cost of temporaries that leave the cache."""
-
-_LEAST_SHARE = 0.1
-"""The exact second derivatives are trusted when their determinant is at least this share of Gauss-Newton's."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +57,16 @@ class BearingProblem:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if x.shape[0] < _SMALL_BLOCK:
                 terms = np.stack(self._terms(slice(None), x[:, None], y[:, None]))
-                totals = list(sum_measurements(terms))
+                totals = list(np.add.accumulate(terms, axis=-1)[..., -1])
             else:
                 totals = [np.zeros(x.shape) for _ in range(_TERMS)]
                 for k in range(self.origin_x.shape[1]):
                     for total, term in zip(totals, self._terms(k, x, y), strict=True):
                         total += term
             cost, gradient_x, gradient_y, xx, xy, yy, bend, twist = totals
-            hessian = _positive_hessian(xx, -xy, yy, 2.0 * bend, twist)
-        return Evaluation(0.5 * cost, gradient_x, -gradient_y, hessian)
+            gauss = Symmetric2x2(xx, -xy, yy)
+            exact = Symmetric2x2(xx - 2.0 * bend, -xy - twist, yy + 2.0 * bend)
+            return Evaluation.of_newton(0.5 * cost, gradient_x, -gradient_y, exact, gauss)
 
     def _terms(self, k: int | slice, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
         """Return what measurement ``k`` (or all) adds to cost, gradient, Gauss-Newton matrix and curvature."""
@@ -89,14 +87,3 @@ class BearingProblem:
             residual * product,
             residual * (across_squared - along_squared),
         )
-
-
-def _positive_hessian(
-    xx: FloatArray, xy: FloatArray, yy: FloatArray, bend: FloatArray, twist: FloatArray
-) -> Symmetric2x2:
-    """Return Gauss-Newton matrix plus curvature of the bearings, or the former alone where that is not positive."""
-    exact = Symmetric2x2(xx - bend, xy - twist, yy + bend)
-    positive = (exact.xx > 0.0) & (exact.determinant > _LEAST_SHARE * (xx * yy - xy * xy))
-    if positive.all():
-        return exact
-    return Symmetric2x2(*(np.where(positive, a, b) for a, b in ((exact.xx, xx), (exact.xy, xy), (exact.yy, yy))))

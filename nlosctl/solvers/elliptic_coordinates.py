@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
-from nlosctl.solvers.triplet_problem import PathSums, TripletProblem, positive_hessian
+from nlosctl.solvers.triplet_problem import PathSums, TripletProblem
 
 __all__ = ["minimize_paths"]
 
@@ -37,7 +38,7 @@ class _EllipticProblem:
         """Return the evaluation at w, v (N,): that in the plane, by the chain rule."""
         sums = PathSums(w.shape)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            cosine, sine = np.cos(v), np.sin(v)
+            cosine, sine = cosine_sine(v)
             length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
             x, y = 0.5 * length * cosine, 0.5 * w * sine
             sums.add_path(self.plane, 0, x, y)
@@ -51,18 +52,20 @@ class _EllipticProblem:
                 bend.xy - 0.5 * gradient_x * w * sine / length + 0.5 * gradient_y * cosine,
                 bend.yy - gradient_x * x - gradient_y * y,
             )
-            return Evaluation(
+            return Evaluation.of_newton(
                 0.5 * sums.cost,
                 gradient_x * x_w + gradient_y * y_w,
                 gradient_x * x_v + gradient_y * y_v,
-                positive_hessian(gauss_newton, bend),
+                Symmetric2x2(gauss_newton.xx + bend.xx, gauss_newton.xy + bend.xy, gauss_newton.yy + bend.yy),
+                gauss_newton,
             )
 
     def to_plane(self, w: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x, y (N,) in the baseline frame."""
         with np.errstate(invalid="ignore", over="ignore"):
             length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
-            return 0.5 * length * np.cos(v), 0.5 * w * np.sin(v)
+            cosine, sine = cosine_sine(v)
+            return 0.5 * length * cosine, 0.5 * w * sine
 
     def from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return w >= 0 and v of points x, y (N,); NaN where they are."""

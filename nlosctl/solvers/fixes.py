@@ -13,10 +13,12 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines, Survey
+from nlosctl.solvers.near_sensors import Widened, widen_near_sensors
 
 __all__ = ["CONDITION_LIMIT", "finish_bearings_fix", "judge_fixes", "nearly_singular"]
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
 
@@ -86,17 +88,19 @@ def finish_bearings_fix(
     covariance: Symmetric2x2 | None,
     normal: Symmetric2x2,
     *,
+    widened: Widened | None = None,
     min_range_m: float,
     converged: BoolArray | None = None,
     held: StatusArray | None = None,
 ) -> Solution:
     """Return the solution of fixes x, y (B,) about the local origin that use every row.
 
-    ``covariance`` (B,) is the inverse Fisher information unless given. ``normal`` is the unweighted normal matrix of
+    ``covariance`` (B,) is the inverse Fisher information unless given, with ``widened`` to make it that of fixes near a
+    sensor. ``normal`` is the unweighted normal matrix of
     the lines (B,), which tells whether they cross at all; ``converged`` (B,) is given by iterative methods, ``held``
     (B,) by constrained ones: the status that stands in for ok and infeasible. The cost is half the chi-square.
     """
-    verdict = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held)
+    verdict = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held, widened)
     found = verdict.covariance
     estimates = single_estimates(
         position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
@@ -119,12 +123,15 @@ def judge_ends(
     min_range_m: float,
     converged: BoolArray | None = None,
     held: StatusArray | None = None,
+    widened: Widened | None = None,
 ) -> Verdict:
     """Return what is said of fixes; arguments as in `finish_bearings_fix`."""
     paths = lines.paths_from(x, y)
-    if covariance is None:
-        covariance = lines.information(x, y, paths).inverse()
     survey = lines.survey(x, y, paths)
+    if covariance is None or widened is None:
+        covariance = lines.information(x, y, paths).inverse()
+        widened = _widened_information(lines, x, y)
+    covariance = widen_near_sensors(covariance, survey.nearest_m, widened)
     status = judge_fixes(lines, x, y, survey, covariance, min_range_m, paths)
     if converged is not None:
         drawn_to_sensor = survey.nearest_m < _TRAP_RANGE * survey.farthest_m
@@ -136,6 +143,13 @@ def judge_ends(
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
     return Verdict(status, covariance, 0.5 * survey.chi_square)
+
+
+def _widened_information(lines: SightLines, x: FloatArray, y: FloatArray) -> Widened:
+    def widened(rows: IntArray, extra_m2: FloatArray) -> Symmetric2x2:
+        return lines.take(rows).information(x[rows], y[rows], extra_m2=extra_m2).inverse()
+
+    return widened
 
 
 def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:

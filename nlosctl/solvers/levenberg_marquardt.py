@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -24,6 +25,13 @@ be below the rounding of the cost."""
 _ROUNDING_STEP = 1e-13
 """A step this small beside the coordinates is rounding: nothing is gained by another."""
 
+_FORETOLD = 1e-9
+"""A Newton step is the last when quadratic convergence foretells a next one shorter than this, in standard deviations:
+two steps tell the rate."""
+
+_LEAST_SHARE = 0.1
+"""Exact second derivatives are trusted when their determinant is at least this share of the stand-in's."""
+
 _NEARLY_FULL = 0.1
 """Up to this damping a step counts as a full one."""
 
@@ -33,12 +41,36 @@ _WORTH_DROPPING = 0.75
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Cost, gradient and a positive matrix of second derivatives (B,), exact or Gauss-Newton's, at one point each."""
+    """Cost, gradient and a positive matrix of second derivatives (B,) at one point each.
+
+    ``exact`` (B,) tells where the matrix is that of the exact second derivatives, None that it is nowhere.
+    """
 
     cost: FloatArray
     gradient_x: FloatArray
     gradient_y: FloatArray
     hessian: Symmetric2x2
+    exact: BoolArray | None = None
+
+    @classmethod
+    def of_newton(
+        cls,
+        cost: FloatArray,
+        gradient_x: FloatArray,
+        gradient_y: FloatArray,
+        exact: Symmetric2x2,
+        stand_in: Symmetric2x2,
+        least_share: float = _LEAST_SHARE,
+    ) -> Evaluation:
+        """Return the evaluation with the exact second derivatives, or a positive stand-in where those are not.
+
+        That is Gauss-Newton's matrix, or the EM algorithm's. ``least_share`` is of the stand-in's determinant.
+        """
+        positive = (exact.xx > 0.0) & (exact.determinant > least_share * stand_in.determinant)
+        if not positive.all():
+            pairs = ((exact.xx, stand_in.xx), (exact.xy, stand_in.xy), (exact.yy, stand_in.yy))
+            exact = Symmetric2x2(*(np.where(positive, one, other) for one, other in pairs))
+        return cls(cost, gradient_x, gradient_y, exact, positive)
 
 
 class Problem(Protocol):
@@ -64,6 +96,17 @@ class Minimum:
     converged: BoolArray
     evaluations: IntArray
 
+    def take(self, rows: IntArray) -> Minimum:
+        """Return the ends of some problems."""
+        return Minimum(
+            self.x[rows],
+            self.y[rows],
+            self.cost[rows],
+            Symmetric2x2(self.hessian.xx[rows], self.hessian.xy[rows], self.hessian.yy[rows]),
+            self.converged[rows],
+            self.evaluations[rows],
+        )
+
 
 @dataclass
 class _State:
@@ -76,6 +119,7 @@ class _State:
     refused: IntArray
     at: Evaluation
     settled: BoolArray
+    last_length: FloatArray
 
     def keep(self, mask: BoolArray) -> _State:
         return _State(
@@ -86,6 +130,7 @@ class _State:
             self.refused[mask],
             _choose(self.at, mask),
             self.settled[mask],
+            self.last_length[mask],
         )
 
 
@@ -97,48 +142,55 @@ def minimize(
     tolerance: float = 1e-8,
     max_iterations: int = 30,
     patience: int = 8,
+    give_up: Callable[[IntArray, FloatArray, FloatArray], BoolArray] | None = None,
 ) -> Minimum:
     """Minimize all problems from their starts (B,); rows that have settled are dropped from the work.
 
     A row has settled when its next full step is shorter than ``tolerance`` standard deviations (the step in the
-    metric of the second derivatives); cost and matrix are those before that last step. Rows whose start is not
-    finite (cost NaN), rows that find no way down and rows that have not settled after ``max_iterations`` steps are
-    marked not converged and keep their last point. A row is given up after ``patience`` refused steps: the cost has
-    a jump where it would go, as at a sensor.
+    metric of the second derivatives), or exact second derivatives foretell that the one after it would be; the
+    matrix is that before the last step. Rows whose start is not finite (cost NaN), rows that find no way down and rows
+    that have not settled after ``max_iterations`` steps are marked not converged and keep their last point. A row is
+    given up after ``patience`` refused steps: the cost has a jump where it would go, as at a sensor; and where
+    ``give_up(rows, x, y)`` says so of some problems at their points (N,).
     """
-    minimum = _unsettled(start_x, start_y)
-    rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
-    active = problem.take(rows)
-    x, y = start_x[rows], start_y[rows]
-    state = _State(
-        rows,
-        x,
-        y,
-        np.zeros(rows.shape),
-        np.zeros(rows.shape, dtype=np.int64),
-        active.evaluate(x, y),
-        np.zeros(rows.shape, dtype=bool),
-    )
-    minimum.evaluations[rows] = 1
-    for _ in range(max_iterations):
-        step_x, step_y, length = _step(state)
-        arrived = (length <= tolerance) & ~state.settled
-        stalled = (state.refused >= patience) & ~state.settled
-        if arrived.any() or stalled.any():
-            _record(minimum, state, state.x, state.y, stalled)
-            _record(minimum, state, state.x + step_x, state.y + step_y, arrived)
-            minimum.converged[state.rows[arrived]] = True
-            state.settled |= arrived | stalled
-            open_rows = ~state.settled
-            if not open_rows.any():
-                break
-            if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
-                active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
-                step_x, step_y = step_x[open_rows], step_y[open_rows]
-        minimum.evaluations[state.rows[~state.settled]] += 1
-        state = _try_step(active, state, step_x, step_y)
-    _record(minimum, state, state.x, state.y, ~state.settled)
-    return minimum
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        minimum = _unsettled(start_x, start_y)
+        rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
+        active = problem if rows.shape[0] == start_x.shape[0] else problem.take(rows)
+        x, y = start_x[rows], start_y[rows]
+        state = _State(
+            rows,
+            x,
+            y,
+            np.zeros(rows.shape),
+            np.zeros(rows.shape, dtype=np.int64),
+            active.evaluate(x, y),
+            np.zeros(rows.shape, dtype=bool),
+            np.full(rows.shape, np.inf),
+        )
+        for number in range(1, max_iterations + 1):
+            step_x, step_y, length = _step(state)
+            arrived = ((length <= tolerance) | _settles_quadratically(state, length)) & ~state.settled
+            stalled = state.refused >= patience
+            if give_up is not None:
+                stalled |= give_up(state.rows, state.x, state.y)
+            stalled &= ~(state.settled | arrived)
+            if arrived.any() or stalled.any():
+                if stalled.any():
+                    _record(minimum, state, state.x, state.y, state.at.cost, number, stalled)
+                lowered = state.at.cost - 0.5 * length * length
+                _record(minimum, state, state.x + step_x, state.y + step_y, lowered, number, arrived)
+                minimum.converged[state.rows[arrived]] = True
+                state.settled |= arrived | stalled
+                open_rows = ~state.settled
+                if not open_rows.any():
+                    break
+                if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
+                    active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
+                    step_x, step_y, length = step_x[open_rows], step_y[open_rows], length[open_rows]
+            state = _try_step(active, state, step_x, step_y, length)
+        _record(minimum, state, state.x, state.y, state.at.cost, max_iterations + 1, ~state.settled)
+        return minimum
 
 
 def _unsettled(start_x: FloatArray, start_y: FloatArray) -> Minimum:
@@ -153,10 +205,26 @@ def _unsettled(start_x: FloatArray, start_y: FloatArray) -> Minimum:
     )
 
 
-def _record(minimum: Minimum, state: _State, x: FloatArray, y: FloatArray, which: BoolArray) -> None:
+def _settles_quadratically(state: _State, length: FloatArray) -> BoolArray | bool:
+    """Return which problems' steps, both this and the last exact Newton's, foretell that no other is needed."""
+    if state.at.exact is None:
+        return False
+    foretold: BoolArray = length * length * length <= _FORETOLD * state.last_length * state.last_length
+    return foretold & state.at.exact & np.isfinite(state.last_length)
+
+
+def _record(
+    minimum: Minimum,
+    state: _State,
+    x: FloatArray,
+    y: FloatArray,
+    cost: FloatArray,
+    evaluations: int,
+    which: BoolArray,
+) -> None:
     rows, at = state.rows[which], state.at
     minimum.x[rows], minimum.y[rows] = x[which], y[which]
-    minimum.cost[rows] = at.cost[which]
+    minimum.cost[rows], minimum.evaluations[rows] = cost[which], evaluations
     minimum.hessian.xx[rows], minimum.hessian.xy[rows] = at.hessian.xx[which], at.hessian.xy[which]
     minimum.hessian.yy[rows] = at.hessian.yy[which]
 
@@ -167,23 +235,22 @@ def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
     ridge = state.damping * hessian.trace
     damped = Symmetric2x2(hessian.xx + ridge, hessian.xy, hessian.yy + ridge)
     step_x, step_y = damped.solve(-state.at.gradient_x, -state.at.gradient_y)
-    with np.errstate(invalid="ignore", over="ignore"):
-        decrease = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
-        length = np.sqrt(np.maximum(decrease, 0.0))
-        step_m, place_m = np.abs(step_x) + np.abs(step_y), np.abs(state.x) + np.abs(state.y)
-        length[step_m <= _ROUNDING_STEP * place_m] = 0.0
+    decrease = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+    length = np.sqrt(np.maximum(decrease, 0.0))
+    step_m, place_m = np.abs(step_x) + np.abs(step_y), np.abs(state.x) + np.abs(state.y)
+    length[step_m <= _ROUNDING_STEP * place_m] = 0.0
     unusable = ~np.isfinite(length)
     step_x, step_y = np.where(unusable, 0.0, step_x), np.where(unusable, 0.0, step_y)
     return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
 
 
-def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray) -> _State:
+def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray, length: FloatArray) -> _State:
     x, y = state.x + step_x, state.y + step_y
     trial = problem.evaluate(x, y)
-    with np.errstate(invalid="ignore", over="ignore"):
-        foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
-        short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
-        better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
+    foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+    short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
+    better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
+    newton = better if state.at.exact is None else better & state.at.exact
     eased = np.where(state.damping > 1e-3, state.damping * 0.1, 0.0)
     return _State(
         state.rows,
@@ -193,6 +260,7 @@ def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: Float
         state.refused + ~better,
         trial if better.all() else _merge(better, trial, state.at),
         state.settled,
+        np.where(newton, length, np.inf),
     )
 
 
@@ -203,6 +271,7 @@ def _choose(at: Evaluation, mask: BoolArray) -> Evaluation:
         at.gradient_x[mask],
         at.gradient_y[mask],
         Symmetric2x2(hessian.xx[mask], hessian.xy[mask], hessian.yy[mask]),
+        None if at.exact is None else at.exact[mask],
     )
 
 
@@ -219,4 +288,5 @@ def _merge(first: BoolArray, one: Evaluation, other: Evaluation) -> Evaluation:
             pick(one.hessian.xy, other.hessian.xy),
             pick(one.hessian.yy, other.hessian.yy),
         ),
+        None if one.exact is None or other.exact is None else np.where(first, one.exact, other.exact),
     )

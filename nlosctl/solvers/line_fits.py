@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.near_sensors import Widened
 
 __all__ = [
     "LineFit",
@@ -17,10 +18,11 @@ __all__ = [
     "fit_least_squares",
     "fit_stansfield",
     "sandwich_covariance",
-    "stansfield_covariance",
+    "widened_sandwich",
 ]
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,11 @@ class LineFit:
     x: FloatArray
     y: FloatArray
     normal: Symmetric2x2
+
+    def take(self, rows: IntArray) -> LineFit:
+        """Return the fits of some snapshots."""
+        normal = Symmetric2x2(self.normal.xx[rows], self.normal.xy[rows], self.normal.yy[rows])
+        return LineFit(self.x[rows], self.y[rows], normal)
 
 
 def fit_least_squares(lines: SightLines) -> LineFit:
@@ -57,17 +64,22 @@ def fit_focused(lines: SightLines, first: LineFit) -> LineFit:
     return _solve_weighted(lines.spread_m(first.x, first.y), lines)
 
 
-def sandwich_covariance(lines: SightLines, fit: LineFit, first: LineFit | None = None) -> Symmetric2x2:
-    """Return the covariance (B,) of a fit whose weights do not match the errors of the lines.
+def sandwich_covariance(
+    lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None, extra_m2: FloatArray | None = None
+) -> Symmetric2x2:
+    """Return the covariance (B,) of a fit whose weights need not match the errors of the lines.
 
     N^-1 M N^-1, with N the normal matrix and M that of the weighted lines' errors, std times spread at the fit. The
-    weights are 1 (least squares), or 1 / (std range at ``first``)^2 (Stansfield).
+    weights are 1 (least squares), or 1 / (std ``weighed_m``)^2 with the ranges or spreads (B, K) taken at a first fix
+    (Stansfield). With ``extra_m2`` (B,) the squared spreads at the fit are that much larger.
     """
-    spread = lines.std_rad * lines.spread_m(fit.x, fit.y)
+    spread = lines.spread_m(fit.x, fit.y)
+    if extra_m2 is not None:
+        spread = np.sqrt(spread * spread + extra_m2[:, None])
+    spread = lines.std_rad * spread
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if first is not None:
-            range_m = lines.range_m(first.x, first.y)
-            spread /= (lines.std_rad * range_m) ** 2
+        if weighed_m is not None:
+            spread /= (lines.std_rad * weighed_m) ** 2
         normal_x, normal_y = spread * lines.sine, -spread * lines.cosine
         middle = Symmetric2x2(
             sum_measurements(normal_x * normal_x),
@@ -77,19 +89,14 @@ def sandwich_covariance(lines: SightLines, fit: LineFit, first: LineFit | None =
     return fit.normal.inverse().congruence(middle)
 
 
-def stansfield_covariance(lines: SightLines, fit: LineFit, first: LineFit) -> Symmetric2x2:
-    """Return the covariance (B,) of Stansfield's fix: the inverse normal matrix, or the sandwich on circles.
+def widened_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None) -> Widened:
+    """Return the sandwich with squared spreads increased, as a function of snapshots and increase."""
 
-    Where a snapshot has rows on a circle its weights do not match the errors of the lines.
-    """
-    matched = fit.normal.inverse()
-    if lines.focusing is None:
-        return matched
-    focused = max_measurements(lines.focusing.strength) != 0.0
-    sandwich = sandwich_covariance(lines, fit, first)
-    return Symmetric2x2(
-        *(np.where(focused, a, b) for a, b in zip(vars(sandwich).values(), vars(matched).values(), strict=True))
-    )
+    def widened(rows: IntArray, extra_m2: FloatArray) -> Symmetric2x2:
+        weighed = None if weighed_m is None else gather_rows(weighed_m, rows)
+        return sandwich_covariance(lines.take(rows), fit.take(rows), weighed, extra_m2)
+
+    return widened
 
 
 def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:

@@ -80,6 +80,7 @@ class MixedBearingProblem:
                     sum_measurements(slope_x * slope_y),
                     sum_measurements(slope_y * slope_y),
                 ),
+                np.zeros(x.shape, dtype=bool),
             )
         if self.plain is not None:
             rows = self.plain_rows
@@ -87,6 +88,8 @@ class MixedBearingProblem:
             at.cost[rows], at.gradient_x[rows], at.gradient_y[rows] = plain.cost, plain.gradient_x, plain.gradient_y
             for block, values in zip(vars(at.hessian).values(), vars(plain.hessian).values(), strict=True):
                 block[rows] = values
+            if at.exact is not None and plain.exact is not None:
+                at.exact[rows] = plain.exact
         return at
 
     def _linearize(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

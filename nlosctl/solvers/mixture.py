@@ -16,7 +16,7 @@ from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.levenberg_marquardt import Evaluation
 
-__all__ = ["Mixture", "MixtureRows", "RowDerivatives", "positive_hessian"]
+__all__ = ["Mixture", "MixtureRows", "RowDerivatives"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,9 +24,6 @@ BoolArray = npt.NDArray[np.bool_]
 
 _FACTORS = 8
 """So many factors of the likelihood are multiplied before a logarithm is taken: no over- or underflow."""
-
-_LEAST_SHARE = 0.1
-"""The exact second derivatives are trusted when their determinant is at least this share of the EM matrix's."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +107,10 @@ class Mixture:
             self.least_cost[rows],
         )
 
+    def take_rows(self, rows: IntArray) -> Mixture:
+        """Return the mixtures of some snapshots, in rising order, each named once: all of them are this itself."""
+        return self if rows.shape[0] == self.obstructed.shape[0] else self.take(rows)
+
     def score(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the cost (B, P) of points (B, P): the negative log-likelihood in nats, within a few per cent."""
         logarithm = np.zeros_like(x)
@@ -153,12 +154,8 @@ class Mixture:
                     group.clear(self.last[:, k], self.obstructed)
         exact = Symmetric2x2(total.exact[0], total.exact[1], total.exact[2])
         gauss = Symmetric2x2(total.gauss[0], total.gauss[1], total.gauss[2])
-        return Evaluation(
-            -total.logarithm - self.log_nlos - self.least_cost,
-            total.gradient[0],
-            total.gradient[1],
-            positive_hessian(exact, gauss),
-        )
+        cost = -total.logarithm - self.log_nlos - self.least_cost
+        return Evaluation.of_newton(cost, total.gradient[0], total.gradient[1], exact, gauss)
 
     def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, Symmetric2x2]:
         """Return each row's probability (B, K) to be direct at points (B,), and the information they carry.
@@ -267,13 +264,3 @@ class _Group:
         for sums in (self.gradient, self.curvature, self.gauss):
             for total in sums:
                 total[closes] = 0.0
-
-
-def positive_hessian(exact: Symmetric2x2, gauss: Symmetric2x2) -> Symmetric2x2:
-    """Return the exact second derivatives, or those that stand in for them where they are not positive definite."""
-    positive = (exact.xx > 0.0) & (exact.determinant > _LEAST_SHARE * gauss.determinant)
-    if positive.all():
-        return exact
-    return Symmetric2x2(
-        *(np.where(positive, a, b) for a, b in ((exact.xx, gauss.xx), (exact.xy, gauss.xy), (exact.yy, gauss.yy)))
-    )

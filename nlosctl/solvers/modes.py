@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.crossings import Candidates
-from nlosctl.solvers.levenberg_marquardt import Evaluation, minimize
+from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
 from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.starts import Mode, Scores, Starts, choose_starts, leave_out_slope
 
 __all__ = ["Modes", "find_modes"]
 
@@ -23,11 +24,14 @@ Allowed = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 _POINTS = 8192
 """So many points are scored at once, that temporaries stay in the cache."""
 
-_APART = 1.0
-"""Starts are at least so many standard deviations apart."""
+_SECTION = 1 << 18
+"""So many points are kept at once: long blocks with many candidates are searched in sections."""
 
 _TIE_DIGITS = 5
 """Costs that agree to so many digits after the point, in nats, are equal."""
+
+_DRAWN = 0.1
+"""A start that has come to within so many standard deviations of a known mode leads there."""
 
 _SAME = 0.05
 """Modes closer than so many standard deviations are one."""
@@ -63,117 +67,146 @@ def find_modes(
 
     ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` tells
     which points (b, P) are in the search field. Candidates costlier than the best by more than ``gap`` nats are not
-    followed.
+    followed, nor those on the slope of a mode that is known.
     """
     size = mixture.obstructed.shape[0]
-    if size == 0 or points == 0:
-        return _no_modes(size, most)
-    block = max(1, _POINTS // max(points, 1))
-    starts = [
-        _starts(mixture, candidates, allowed, np.arange(first, min(first + block, size)), most, gap)
-        for first in range(0, size, block)
-    ]
-    x, y, usable = (np.concatenate([part[number] for part in starts]) for number in range(3))
-    return _polish(mixture, x, y, usable, allowed)
+    search = _Search(mixture, allowed, _Found.nothing(size, most))
+    if points > 0:
+        section = max(1, _SECTION // points)
+        for first in range(0, size, section):
+            rows = np.arange(first, min(first + section, size))
+            search.run(_score(mixture, candidates, allowed, rows, points), rows, gap)
+        search.hold_back()
+    return _rank(search.found)
 
 
-def _no_modes(size: int, most: int) -> Modes:
-    nothing = [np.full((size, most), np.nan) for _ in range(5)]
-    none = np.zeros(size, dtype=bool)
-    return Modes(nothing[0], nothing[1], np.full((size, most), np.inf), Symmetric2x2(*nothing[2:]), none, none.copy())
-
-
-def _starts(
+def _score(
     mixture: Mixture,
     candidates: Callable[[IntArray], Candidates],
     allowed: Allowed,
     rows: IntArray,
-    most: int,
-    gap: float,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return up to ``most`` starts (b, T) of some snapshots: x, y, and whether there is one."""
-    part = mixture if rows.shape[0] == mixture.obstructed.shape[0] else mixture.take(rows)
-    found = candidates(rows)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
-        cost = part.score(found.x, found.y)
-        cost[~(found.valid & allowed(rows, found.x, found.y))] = np.inf
-    shape = (rows.shape[0], most)
-    x, y = np.full(shape, np.nan), np.full(shape, np.nan)
-    usable = np.zeros(shape, dtype=bool)
-    best = np.full(rows.shape[0], np.nan)
-    active = np.arange(rows.shape[0])
-    points_x, points_y = found.x, found.y
-    for t in range(most):
-        place = np.argmin(cost, axis=1)
-        within = np.arange(place.shape[0])
-        lowest = cost[within, place]
-        if t == 0:
-            best = lowest
-        open_rows = np.isfinite(lowest) & ~(lowest > best + gap)
-        if not open_rows.all():
-            keep = np.flatnonzero(open_rows)
-            if not keep.size:
-                break
-            active, best, place, within = active[keep], best[keep], place[keep], np.arange(keep.size)
-            cost, points_x, points_y = _keep(cost, keep), _keep(points_x, keep), _keep(points_y, keep)
-            part = part.take(keep)
-        start_x, start_y = points_x[within, place], points_y[within, place]
-        x[active, t], y[active, t], usable[active, t] = start_x, start_y, True
-        cost[within, place] = np.inf
-        if t < most - 1:
-            _, information = part.responsibilities(start_x, start_y)
-            near = _squared_distance(information, points_x - start_x[:, None], points_y - start_y[:, None])
-            np.copyto(cost, np.inf, where=near < _APART * _APART)
-    return x, y, usable
+    points: int,
+) -> Scores:
+    """Return the candidates of some snapshots with their cost, infinite where there is none."""
+    scored = []
+    block = max(1, _POINTS // points)
+    for first in range(0, rows.shape[0], block):
+        part = rows[first : first + block]
+        found = candidates(part)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+            cost = mixture.take(part).score(found.x, found.y)
+            cost[~(found.valid & allowed(part, found.x, found.y))] = np.inf
+        scored.append((found.x, found.y, cost))
+    return Scores(*(np.concatenate([part[number].T for part in scored], axis=1).T for number in range(3)))
 
 
-def _keep(array: FloatArray, rows: IntArray) -> FloatArray:
-    return np.take(array.T, rows, axis=1).T if array.flags.f_contiguous else array[rows]
+@dataclass(frozen=True)
+class _Found:
+    """What was followed (B, T): where from, whether at all, and the ends, of infinite cost where there is none.
 
-
-def _squared_distance(information: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
-    xx, xy, yy = information.xx[:, None], information.xy[:, None], information.yy[:, None]
-    with np.errstate(invalid="ignore", over="ignore"):
-        return xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
-
-
-def _polish(mixture: Mixture, x: FloatArray, y: FloatArray, usable: BoolArray, allowed: Allowed) -> Modes:
-    """Follow every start (B, T) downhill; rank what comes to rest in the field, without repetitions.
-
-    Where nothing does, the starts are followed again and held back at the field's edge.
+    ``settled`` tells which ends are smooth minima, ``held`` (B,) where the starts were held back at the field's edge.
     """
-    cost = np.full(x.shape, np.inf)
-    parts = [np.full(x.shape, np.nan) for _ in range(5)]
-    held = np.zeros(x.shape[0], dtype=bool)
-    for edge in (False, True):
-        lost = usable.any(axis=1) & ~np.isfinite(cost).any(axis=1)
-        snapshot, place = np.nonzero(usable & lost[:, None])
-        if not snapshot.size:
-            break
-        followed = mixture.take(snapshot)
-        start_x, start_y = x[snapshot, place], y[snapshot, place]
-        if edge:
-            held |= lost
-            minimum = minimize(_Bounded(followed, snapshot, allowed), start_x, start_y)
-        else:
-            minimum = minimize(followed, start_x, start_y)
-        good = np.isfinite(minimum.cost) & allowed(snapshot, minimum.x[:, None], minimum.y[:, None])[:, 0]
-        cost[snapshot[good], place[good]] = (minimum.cost + mixture.least_cost[snapshot])[good]
-        values = (minimum.x, minimum.y, minimum.hessian.xx, minimum.hessian.xy, minimum.hessian.yy)
-        for part, value in zip(parts, values, strict=True):
+
+    start_x: FloatArray
+    start_y: FloatArray
+    usable: BoolArray
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    hessian: Symmetric2x2
+    settled: BoolArray
+    held: BoolArray
+
+    @classmethod
+    def nothing(cls, size: int, most: int) -> _Found:
+        start_x, start_y, x, y, xx, xy, yy = (np.full((size, most), np.nan) for _ in range(7))
+        usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
+        cost, held = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
+        return cls(start_x, start_y, usable, x, y, cost, Symmetric2x2(xx, xy, yy), settled, held)
+
+    def begin(self, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray) -> None:
+        """Keep starts (N,) of some snapshots."""
+        self.start_x[snapshot, place], self.start_y[snapshot, place] = x, y
+        self.usable[snapshot, place] = True
+
+    def finish(
+        self, end: Minimum, least_cost: FloatArray, snapshot: IntArray, place: IntArray, inside: BoolArray
+    ) -> None:
+        """Keep where starts (N,) came to rest, if that is ``inside`` the field."""
+        good = np.isfinite(end.cost) & inside
+        self.cost[snapshot, place] = np.where(good, end.cost + least_cost, np.inf)
+        self.settled[snapshot, place] = good & end.converged
+        own = (self.x, self.y, self.hessian.xx, self.hessian.xy, self.hessian.yy)
+        for part, value in zip(own, (end.x, end.y, end.hessian.xx, end.hessian.xy, end.hessian.yy), strict=True):
             part[snapshot, place] = value
-    order = _order(cost, x=parts[0], y=parts[1])
-    parts = [np.take_along_axis(part, order, axis=1) for part in parts]
-    return _without_repetitions(parts, np.take_along_axis(cost, order, axis=1), np.asarray(usable.any(axis=1)), held)
+
+    def first(self, snapshot: IntArray) -> Mode:
+        """Return the modes to which the first starts of some snapshots led; NaN where they did not settle."""
+        settled = self.settled[snapshot, 0]
+        parts = (self.x, self.y, self.cost, self.hessian.xx, self.hessian.xy, self.hessian.yy)
+        x, y, cost, xx, xy, yy = (np.where(settled, part[snapshot, 0], np.nan) for part in parts)
+        return Mode(x, y, cost, Symmetric2x2(xx, xy, yy))
 
 
-def _order(cost: FloatArray, x: FloatArray, y: FloatArray) -> IntArray:
-    """Return the order (B, T) of rising cost; modes that are equally likely but for rounding, by their distance.
+@dataclass(frozen=True)
+class _Search:
+    """The mixtures of a block, which points are in the field, and what has been found."""
 
-    Where two circles cross, both crossings are equally likely when every other row is an outlier.
-    """
-    order: IntArray = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
-    return order
+    mixture: Mixture
+    allowed: Allowed
+    found: _Found
+
+    def run(self, scores: Scores, rows: IntArray, gap: float) -> None:
+        """Follow the best candidate of each of the snapshots ``rows``, then others that don't lead to its mode."""
+        place, best = scores.lowest()
+        some = np.flatnonzero(np.isfinite(best))
+        rows, scores, place, best = rows[some], scores.take(some), place[some], best[some]
+        self._follow_best(rows, *scores.at(place))
+        more = self.found.cost.shape[1] - 1
+        if more:
+            scores.leave_out(place)
+            leave_out_slope(scores, self.found.first(rows))
+            self._follow_others(choose_starts(self.mixture, rows, scores, best + gap, more))
+
+    def hold_back(self) -> None:
+        """Follow the starts again where every way downhill left the field, held back at its edge."""
+        found = self.found
+        lost: BoolArray = np.any(found.usable, axis=1) & ~np.any(np.isfinite(found.cost), axis=1)
+        snapshot, place = np.nonzero(found.usable & lost[:, None])
+        if snapshot.size:
+            found.held[lost] = True
+            problem = _Bounded(self.mixture.take(snapshot), snapshot, self.allowed)
+            end = minimize(problem, found.start_x[snapshot, place], found.start_y[snapshot, place])
+            self._finish(end, snapshot, place)
+
+    def _follow_best(self, rows: IntArray, x: FloatArray, y: FloatArray) -> None:
+        place = np.zeros_like(rows)
+        self.found.begin(rows, place, x, y)
+        self._finish(minimize(self.mixture.take_rows(rows), x, y), rows, place)
+
+    def _follow_others(self, starts: Starts) -> None:
+        """Follow starts, each until it is seen to lead to the mode that is known."""
+        snapshot, place = starts.snapshot, starts.place + 1
+        self.found.begin(snapshot, place, starts.x, starts.y)
+        known = self.found.first(snapshot)
+
+        def drawn(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+            hessian = Symmetric2x2(known.hessian.xx[rows], known.hessian.xy[rows], known.hessian.yy[rows])
+            return _squared_length(hessian, x - known.x[rows], y - known.y[rows]) < _DRAWN * _DRAWN
+
+        end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=drawn)
+        new = np.flatnonzero(~drawn(np.arange(snapshot.shape[0]), end.x, end.y))
+        self._finish(end.take(new), snapshot[new], place[new])
+
+    def _finish(self, end: Minimum, snapshot: IntArray, place: IntArray) -> None:
+        inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
+        self.found.finish(end, self.mixture.least_cost[snapshot], snapshot, place, inside)
+
+
+def _squared_length(matrix: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
+    with np.errstate(invalid="ignore", over="ignore"):
+        squared: FloatArray = matrix.xx * dx * dx + 2.0 * matrix.xy * dx * dy + matrix.yy * dy * dy
+    return squared
 
 
 @dataclass(frozen=True)
@@ -187,21 +220,36 @@ class _Bounded:
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         at = self.mixture.evaluate(x, y)
         inside = self.allowed(self.snapshot, x[:, None], y[:, None])[:, 0]
-        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian)
+        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian, at.exact)
 
     def take(self, rows: IntArray) -> _Bounded:
         return _Bounded(self.mixture.take(rows), self.snapshot[rows], self.allowed)
 
 
-def _without_repetitions(parts: list[FloatArray], cost: FloatArray, candidates: BoolArray, held: BoolArray) -> Modes:
+def _rank(found: _Found) -> Modes:
+    """Return what was found by rising cost, without repetitions."""
+    hessian = found.hessian
+    parts = [found.x, found.y, hessian.xx, hessian.xy, hessian.yy]
+    parts, cost = _sort(parts, found.cost)
     x, y, xx, xy, yy = parts
     repeated = np.zeros(cost.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        for t in range(cost.shape[1] - 1):
-            hessian = Symmetric2x2(xx[:, t], xy[:, t], yy[:, t])
-            near = _squared_distance(hessian, x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None])
-            repeated[:, t + 1 :] |= near < _SAME * _SAME
+    for t in range(cost.shape[1] - 1):
+        if not np.isfinite(cost[:, t + 1]).any():
+            break
+        dx, dy = x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None]
+        hessian = Symmetric2x2(xx[:, t, None], xy[:, t, None], yy[:, t, None])
+        repeated[:, t + 1 :] |= _squared_length(hessian, dx, dy) < _SAME * _SAME
     cost[repeated] = np.inf
-    order = _order(cost, x, y)
-    x, y, xx, xy, yy, cost = (np.take_along_axis(part, order, axis=1) for part in (x, y, xx, xy, yy, cost))
-    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), candidates, held)
+    (x, y, xx, xy, yy), cost = _sort(parts, cost)
+    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), np.asarray(found.usable.any(axis=1)), found.held)
+
+
+def _sort(parts: list[FloatArray], cost: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Return arrays (B, T), of which the first two are x and y, by rising cost.
+
+    Modes that are equally likely but for rounding come by their distance: where two circles cross, both crossings are
+    equally likely when every other row is an outlier.
+    """
+    x, y = parts[:2]
+    order = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
+    return [np.take_along_axis(part, order, axis=1) for part in parts], np.take_along_axis(cost, order, axis=1)

@@ -32,6 +32,12 @@ class PathGroups:
     order: IntArray | None
     last: BoolArray | None
 
+    def unordered(self, prior: str) -> BoolArray | None:
+        """Return in which snapshots (B,) paths compete of which none is known to come first; None if in none."""
+        if self.order is None or prior != "uniform":
+            return None
+        return np.asarray((self.size > 1).any(axis=1))
+
 
 def group_paths(keys: Sequence[npt.NDArray[Any]], path: IntArray) -> PathGroups:
     """Return the groups of rows (B, K) whose ``keys`` are all equal; ``path`` (B, K) numbers the rows of a group.

@@ -81,8 +81,7 @@ class RangeProblem:
                 bent_yy += share * product_yy
             simple = Symmetric2x2(xx, xy, yy)
             newton = Symmetric2x2(xx + bend - bent_xx, xy - bent_xy, yy + bend - bent_yy)
-            hessian = _positive(newton, simple)
-        return Evaluation(0.5 * cost, gradient_x, gradient_y, hessian)
+            return Evaluation.of_newton(0.5 * cost, gradient_x, gradient_y, newton, simple, _LEAST_SHARE)
 
 
 @dataclass(frozen=True)
@@ -121,15 +120,6 @@ class SquaredRangeProblem:
         dx *= 2.0 * self.inverse_scale
         dy *= 2.0 * self.inverse_scale
         return _gauss_newton(residual, dx, dy)
-
-
-def _positive(newton: Symmetric2x2, simple: Symmetric2x2) -> Symmetric2x2:
-    """Return Newton's matrices (B,), or the Gauss-Newton ones where those are not safely positive definite."""
-    positive = (newton.xx > 0.0) & (newton.determinant > _LEAST_SHARE * simple.determinant)
-    if positive.all():
-        return newton
-    pairs = ((newton.xx, simple.xx), (newton.xy, simple.xy), (newton.yy, simple.yy))
-    return Symmetric2x2(*(np.where(positive, a, b) for a, b in pairs))
 
 
 def _gauss_newton(residual: FloatArray, slope_x: FloatArray, slope_y: FloatArray) -> Evaluation:

@@ -17,7 +17,6 @@ from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.crossings import end_rays
 from nlosctl.solvers.fixes import bearing_flags, judge_fixes
 from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
-from nlosctl.solvers.mixture import positive_hessian
 
 __all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns", "row_residuals"]
 
@@ -70,7 +69,7 @@ class RangedBearingProblem:
                 for totals, matrix in ((exact, row.hessian), (gauss, row.gauss)):
                     for total, part in zip(totals, (matrix.xx, matrix.xy, matrix.yy), strict=True):
                         total += part
-        return Evaluation(cost, gradient_x, gradient_y, positive_hessian(Symmetric2x2(*exact), Symmetric2x2(*gauss)))
+        return Evaluation.of_newton(cost, gradient_x, gradient_y, Symmetric2x2(*exact), Symmetric2x2(*gauss))
 
     def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
         """Return the Fisher information (B,) of bearings and ranges together at points (B,)."""

@@ -21,6 +21,9 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 StatusArray = npt.NDArray[np.uint8]
 
+_CHANCE = 2
+"""So many rows always agree on some point."""
+
 _ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
 
@@ -59,8 +62,15 @@ def ranked_status(
     degenerate: BoolArray,
     ambiguous_within: float,
     held: BoolArray | None = None,
+    *,
+    unordered: BoolArray | None = None,
+    ambiguous_rows: int = 0,
 ) -> StatusArray:
     """Return the status (B,).
+
+    ambiguous: another fix is within ``ambiguous_within`` nats; or, where ``unordered`` (B,) says that sensors have
+    several paths in no known order, at most ``ambiguous_rows`` rows fewer agree on it: how many sensors see the source
+    and how many its image in a mirror does not tell which is which.
 
     ``candidates`` (B,) tells whether there was any point to start from in the search field; a fix that rests on no row
     (all are held to be outliers) is none either. ``degenerate`` (B,)
@@ -72,6 +82,10 @@ def ranked_status(
     with np.errstate(invalid="ignore"):
         if fixes.cost.shape[1] > 1:
             status[fixes.cost[:, 1] - fixes.cost[:, 0] <= ambiguous_within] = Status.AMBIGUOUS
+            if unordered is not None:
+                others = np.where(np.isfinite(fixes.cost), fixes.n_used, 0)[:, 1:].max(axis=1)
+                rivalled = (others > _CHANCE) & (others >= fixes.n_used[:, 0] - ambiguous_rows)
+                status[unordered & rivalled] = Status.AMBIGUOUS
     status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
     if held is not None:
         status[held] = Status.BOUNDARY

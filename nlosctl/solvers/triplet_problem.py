@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import TripletBatch
+from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.levenberg_marquardt import Evaluation
 
-__all__ = ["PathSums", "TripletProblem", "positive_hessian"]
+__all__ = ["PathSums", "TripletProblem"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -56,10 +57,8 @@ class TripletProblem:
             batch.tx_xy_m[..., 1] - center_y[:, None],
             batch.rx_xy_m[..., 0] - center_x[:, None],
             batch.rx_xy_m[..., 1] - center_y[:, None],
-            np.cos(batch.dod_rad),
-            np.sin(batch.dod_rad),
-            np.cos(batch.doa_rad),
-            np.sin(batch.doa_rad),
+            *cosine_sine(batch.dod_rad),
+            *cosine_sine(batch.doa_rad),
             batch.path_length_m,
             1.0 / batch.dod_std_rad,
             1.0 / batch.doa_std_rad,
@@ -174,17 +173,6 @@ class PathSums:
 
     def evaluation(self) -> Evaluation:
         """Return the evaluation, with a positive matrix of second derivatives."""
-        hessian = positive_hessian(
-            Symmetric2x2(self.xx, self.xy, self.yy), Symmetric2x2(self.bend_xx, self.bend_xy, self.bend_yy)
-        )
-        return Evaluation(0.5 * self.cost, self.gradient_x, self.gradient_y, hessian)
-
-
-def positive_hessian(gauss_newton: Symmetric2x2, bend: Symmetric2x2) -> Symmetric2x2:
-    """Return Gauss-Newton matrix plus curvature of the model, or the former alone where that is not positive."""
-    exact = Symmetric2x2(gauss_newton.xx + bend.xx, gauss_newton.xy + bend.xy, gauss_newton.yy + bend.yy)
-    positive = (exact.xx > 0.0) & (exact.determinant > _LEAST_SHARE * gauss_newton.determinant)
-    if positive.all():
-        return exact
-    pairs = ((exact.xx, gauss_newton.xx), (exact.xy, gauss_newton.xy), (exact.yy, gauss_newton.yy))
-    return Symmetric2x2(*(np.where(positive, one, other) for one, other in pairs))
+        exact = Symmetric2x2(self.xx + self.bend_xx, self.xy + self.bend_xy, self.yy + self.bend_yy)
+        gauss = Symmetric2x2(self.xx, self.xy, self.yy)
+        return Evaluation.of_newton(0.5 * self.cost, self.gradient_x, self.gradient_y, exact, gauss)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.angles import cosine_sine, wrap_angle
 
 ANGLES = st.floats(-1e4, 1e4)
 
@@ -37,3 +37,21 @@ def test_the_ends_of_the_turn() -> None:
 def test_nan_stays_nan() -> None:
     """NaN is wrapped to NaN."""
     assert np.isnan(wrap_angle(np.array([np.nan]))).all()
+
+
+@given(ANGLES)
+def test_cosine_and_sine_are_those_of_the_library(angle: float) -> None:
+    """Cosine and sine agree with the math library's to four units in the last place of one."""
+    cosine, sine = (float(part[0]) for part in cosine_sine(np.array([angle])))
+    assert cosine == pytest.approx(math.cos(angle), abs=4e-16 + 1e-16 * abs(angle))
+    assert sine == pytest.approx(math.sin(angle), abs=4e-16 + 1e-16 * abs(angle))
+
+
+def test_a_block_s_cosines_are_those_of_its_angles_one_by_one() -> None:
+    """No bit depends on the other angles; half a turn is no special case, and NaN stays NaN."""
+    angles = np.array([*np.random.default_rng(2).uniform(-7.0, 7.0, 1000), np.pi, -np.pi, 0.0, np.nan])
+    together = np.stack(cosine_sine(angles))
+    alone = np.stack([np.concatenate(cosine_sine(np.array([angle]))) for angle in angles], axis=1)
+    assert np.array_equal(together, alone, equal_nan=True)
+    assert together[:, 1000].tolist() == pytest.approx([-1.0, 0.0], abs=1e-15)
+    assert np.isnan(together[:, -1]).all()

@@ -1,0 +1,44 @@
+"""The covariance of a fix that is not sure how far it is from a sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+
+__all__ = ["Widened", "widen_near_sensors"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Widened = Callable[[IntArray, FloatArray], Symmetric2x2]
+"""Of some snapshots (N,), the covariance with all squared ranges increased by so much (N,), in square metres."""
+
+_NEAR = 3.0
+"""A fix is near a sensor when it is not more standard deviations away."""
+
+_ROUNDS = 2
+
+
+def widen_near_sensors(covariance: Symmetric2x2, nearest_m: FloatArray, widened: Widened) -> Symmetric2x2:
+    """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), larger where that is near.
+
+    A bearing says where a source is to std times its range; the range from a near sensor is itself as uncertain as the
+    fix. There the expected squared range takes the place of the squared range at the fix: the square plus the larger
+    eigenvalue of the covariance, twice over. Other rows keep their bits.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        larger = covariance.eigenvalues()[1]
+        near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
+        if not near.size:
+            return covariance
+        larger = larger[near]
+        for _ in range(_ROUNDS):
+            wider = widened(near, larger)
+            larger = wider.eigenvalues()[1]
+    parts = [part.copy() for part in (covariance.xx, covariance.xy, covariance.yy)]
+    for part, values in zip(parts, (wider.xx, wider.xy, wider.yy), strict=True):
+        part[near] = values
+    return Symmetric2x2(*parts)
