@@ -2,11 +2,11 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference fixtures benchmark papers clean figures \
+.PHONY: demo test format schemas reference pictures figures fixtures benchmark papers clean \
 	coverage reliability mutants lock audit test-minimum test-newest test-package
 
-# The versions that the project is developed with; `make LOCK= test` takes the newest instead.
-LOCK ?= requirements/dev.lock
+# `make LOCK=requirements/dev.lock test` takes the locked versions of the development dependencies instead of the newest.
+LOCK ?=
 LOCKED = $(if $(LOCK),-c $(LOCK))
 MINIMUM := numpy==2.0.* scipy==1.13.* pyarrow==17.* typer==0.16.* rich==13.7.* msgspec==0.19.*
 
@@ -41,6 +41,9 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables/
 
 reference: .venv/runtime ## write docs/commands.md and man/nlosctl.1 again from the commands
 	$(BIN)/python docs/builders/build_reference.py
+
+pictures: .venv/dev ## make docs/pictures/ again by running the pages that show them
+	$(BIN)/python docs/builders/build_pictures.py
 
 figures: .venv/dev ## make the pictures of docs/plotting.md again
 	$(BIN)/python docs/figures/build_plots.py

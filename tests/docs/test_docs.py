@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pyarrow.csv
 import pytest
 import typer.main
 import yaml
@@ -267,10 +267,10 @@ def test_a_users_own_file_becomes_positions_on_earth(tmp_path: Path) -> None:
     line = readme_block("nlosctl localize drive.csv --column sensor=Station")
     done = run_shell(line, tmp_path)
     assert done.returncode == 0, done.stderr
-    fixes = pyarrow.csv.read_csv(tmp_path / "fixes.csv").to_pylist()
-    assert [fix["status"] for fix in fixes] == ["ok", "ok"]
-    assert fixes[0]["lat_deg"] == pytest.approx(47.36, abs=0.002)
-    assert fixes[0]["lon_deg"] == pytest.approx(8.58, abs=0.002)
+    features = json.loads((tmp_path / "fixes.geojson").read_text())["features"]
+    points = [one for one in features if one["geometry"]["type"] == "Point"]
+    assert [point["properties"]["status"] for point in points] == ["ok", "ok"]
+    assert points[0]["geometry"]["coordinates"] == pytest.approx([8.58, 47.36], abs=0.002)
 
 
 def test_the_readmes_pipeline_runs(tmp_path: Path) -> None:
