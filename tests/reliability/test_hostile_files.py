@@ -108,6 +108,7 @@ def test_buffers_that_claim_more_than_there_is(folder: Path) -> None:
     refused(folder, ["localize", "m.arrow", "-o", "e.csv"], "m.arrow")
 
 
+@pytest.mark.slow
 def test_memory_has_a_limit_that_is_told(folder: Path) -> None:
     """With NLOSCTL_MAX_MEMORY_MB what asks for more is refused in a line that names the variable."""
     numbers = {name: np.zeros(20_000_000) for name in ("sensor_x_m", "sensor_y_m", "bearing_rad", "bearing_std_rad")}
@@ -131,6 +132,7 @@ def test_memory_has_a_limit_that_is_told(folder: Path) -> None:
     assert b"NLOSCTL_MAX_MEMORY_MB" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_memory_of_a_long_file_is_bounded(folder: Path) -> None:
     """A gzip of 400 MiB of rows is refused in less than 400 MiB of memory."""
     gzip_bomb(folder / "m.csv.gz", HEADER, ROW, 400)
