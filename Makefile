@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference pictures figures fixtures benchmark papers clean \
+.PHONY: demo test format schemas reference figures fixtures benchmark papers clean \
 	coverage reliability mutants lock audit test-minimum test-newest test-package
 
 # `make LOCK=requirements/dev.lock test` takes the locked versions of the development dependencies instead of the newest.
@@ -42,11 +42,9 @@ schemas: .venv/runtime ## write schemas/ again from contract/tables/
 reference: .venv/runtime ## write docs/commands.md and man/nlosctl.1 again from the commands
 	$(BIN)/python docs/builders/build_reference.py
 
-pictures: .venv/dev ## make docs/pictures/ again by running the pages that show them
-	$(BIN)/python docs/builders/build_pictures.py
-
-figures: .venv/dev ## make the pictures of docs/plotting.md again
-	$(BIN)/python docs/figures/build_plots.py
+figures: .venv/dev ## make docs/figures/ again (but those of docs/papers.md) by running the pages that show them
+	$(BIN)/python docs/builders/build_figures.py
+	$(BIN)/python docs/builders/build_circle_regions.py
 
 fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_bearings.py

@@ -1,6 +1,6 @@
 """Draws docs/figures/circle_regions.svg: the regions of a sensor on an opaque circle under a concentric reflector.
 
-Run it from the root of the repository: ``python docs/figures/build_circle_regions.py``. Heights are exaggerated: the
+Run it from the root of the repository: ``python docs/builders/build_circle_regions.py``. Heights are exaggerated: the
 reflector has 1.2 times the radius of the ground.
 """
 

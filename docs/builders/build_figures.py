@@ -1,0 +1,49 @@
+"""Makes the figures of the pages again that show how each was made, by running their commands: ``make figures``."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+from doc_pages import ROOT, read_page, run_shell
+
+FIGURES = ROOT / "docs" / "figures"
+
+
+def pages() -> list[str]:
+    """Return the pages that show figures, by their paths in the repository."""
+    found = sorted((ROOT / "docs").rglob("*.md"))
+    return [path.relative_to(ROOT).as_posix() for path in found if shown_on(path.relative_to(ROOT).as_posix())]
+
+
+def shown_on(page: str) -> list[str]:
+    """Return the names of the figures that a page shows."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(r"!\[[^\]]*\]\([^)]*\bfigures/([\w.-]+)\)", text)
+
+
+def made_on(page: str) -> list[str]:
+    """Return those of them that a command on the page writes."""
+    commands = "\n".join(read_page(page).commands)
+    return [figure for figure in shown_on(page) if f"-o {figure}" in commands]
+
+
+def main() -> None:
+    """Run every page that makes figures in a folder of its own, and keep them."""
+    for name in pages():
+        if not made_on(name):
+            continue
+        with tempfile.TemporaryDirectory() as work:
+            page = read_page(name)
+            page.write(Path(work))
+            done = run_shell("\n".join(page.commands), Path(work), timeout=600.0)
+            if done.returncode:
+                raise SystemExit(f"{name}: {done.stderr}")
+            for figure in made_on(name):
+                shutil.copyfile(Path(work) / figure, FIGURES / figure)
+
+
+if __name__ == "__main__":
+    main()
