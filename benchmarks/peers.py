@@ -26,8 +26,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import kernels
 import numpy as np
 import outliers
+import scipy
 from timing import best_of
 
+import nlosctl
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.methods import bearings_ls, bearings_mixture_ml, bearings_ml
 
@@ -37,6 +39,7 @@ _ROUNDS = 5
 _AGREE_M = 1e-3
 _SOLVED_SHARE = 0.9
 _INSTALL_SECONDS = 1200
+_OURS = f"nlosctl {nlosctl.__version__}, numpy {np.__version__}"
 
 
 class Peer(NamedTuple):
@@ -218,8 +221,8 @@ def _ml_lines(environments: Path) -> list[str]:
         "| program | version | solved by both | worst apart (m) | microseconds per snapshot "
         "| throughput of `ml` against it |",
         "|---|---|---|---|---|---|",
-        f"| `ml` | | | | {ours[0] * 1e6:.2f} | 1 |",
-        f"| scipy loop | | | | {ours[1] * 1e6:.1f} | {ours[1] / ours[0]:.0f} |",
+        f"| `ml` | {_OURS} | | | {ours[0] * 1e6:.2f} | 1 |",
+        f"| scipy loop | scipy {scipy.__version__} | | | {ours[1] * 1e6:.1f} | {ours[1] / ours[0]:.0f} |",
     ]
     for peer in _ML_PEERS:
         start = f"| {peer.words} | {_versions(peer.stem)}"
@@ -255,14 +258,17 @@ def _ransac_lines(environments: Path) -> list[str]:
         "| program | version | median error (m) | 95 % of the errors below (m) | microseconds per snapshot "
         "| throughput of `mixture-ml` against it |",
         "|---|---|---|---|---|---|",
-        f"| `mixture-ml` | {_errors(position_m, truth, _RANSAC.snapshots)} | {ours * 1e6:.1f} | 1 |",
+        f"| `mixture-ml` | {_OURS} | {_errors(position_m, truth, _RANSAC.snapshots)} | {ours * 1e6:.1f} | 1 |",
     ]
     start = f"| {_RANSAC.words} | {_versions(_RANSAC.stem)}"
     if isinstance(result, PeerError):
         return [*lines, f"{start} | | | | {result} |", ""]
     seconds, answers = result
-    cells = _errors(answers, truth, _RANSAC.snapshots).removeprefix("| ")
-    return [*lines, f"{start} | {cells} | {seconds * 1e6:.1f} | {_figure(seconds / ours)} |", ""]
+    return [
+        *lines,
+        f"{start} | {_errors(answers, truth, _RANSAC.snapshots)} | {seconds * 1e6:.1f} | {_figure(seconds / ours)} |",
+        "",
+    ]
 
 
 def _figure(ratio: float) -> str:
@@ -272,7 +278,7 @@ def _figure(ratio: float) -> str:
 def _errors(positions: np.ndarray, truth: np.ndarray, snapshots: int) -> str:
     error = np.hypot(*(positions[:snapshots] - truth[:snapshots]).T)
     error = np.where(np.isfinite(error), error, np.inf)
-    return f"| {np.median(error):.1f} | {np.percentile(error, 95):.1f}"
+    return f"{np.median(error):.1f} | {np.percentile(error, 95):.1f}"
 
 
 def report(environments: Path = ENVIRONMENTS) -> list[str]:
