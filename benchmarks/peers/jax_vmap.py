@@ -11,7 +11,8 @@ from rounds import serve
 
 jax.config.update("jax_enable_x64", True)
 _STEPS = 50
-_SMALLEST_STEP_M = 1e-6
+_SMALLEST_STEP_M = 1e-5
+_ROUNDING = 1.0 + 1e-12  # without it, steps at the very minimum are refused and tried again
 
 
 def _solve_one(start, sensors, bearing, std):
@@ -31,7 +32,7 @@ def _solve_one(start, sensors, bearing, std):
         p, q = aa * (1.0 + damping), bb * (1.0 + damping)
         move = jnp.array([ab * br - q * ar, ab * ar - p * br]) / (p * q - ab * ab)
         tried = normal(point + move)
-        better = tried[0] <= cost
+        better = tried[0] <= cost * _ROUNDING
         length = jnp.where(better | (damping > 1e8), jnp.hypot(move[0], move[1]), jnp.inf)
         return (
             count + 1,

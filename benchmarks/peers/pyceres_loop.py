@@ -28,8 +28,7 @@ def solve(problems):
     options.linear_solver_type = pyceres.LinearSolverType.DENSE_QR
     options.logging_type = pyceres.LoggingType.SILENT
     options.num_threads = 1
-    options.function_tolerance = 1e-13
-    options.parameter_tolerance = 1e-9
+    options.function_tolerance = 1e-11
     uncertainty = pyceres.CovarianceOptions()
     uncertainty.num_threads = 1
     fixes = np.empty_like(problems["start_m"])
