@@ -106,7 +106,7 @@ EXPERIMENT = Experiment(
         ),
     ),
     panels=lambda drawn: panels_by_blocked(drawn, tuple(BOOTSTRAPS), ("suppress", "suppression"), ("ml", "ML")),
-    trials=5000,
+    trials=20_000,
     quick_trials=60,
     chunk_trials=1000,
 )
