@@ -53,7 +53,8 @@ def run_shell(
     script: str, folder: Path, *, timeout: float = 120.0, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     """Run lines of shell in a folder as a reader would, stopping at the first that fails."""
-    plain = {name: value for name, value in os.environ.items() if not name.startswith("NLOSCTL")}
+    ours = ("NLOSCTL", "MAKE", "MFLAGS")  # a make around us would have a page's make tell folders and take our flags
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
     path = f"{Path(sys.executable).parent}{os.pathsep}{plain['PATH']}"
     return subprocess.run(
         ["bash", "-e", "-o", "pipefail", "-c", script],

@@ -26,12 +26,18 @@ def do(script: str, folder: Path, code: int = 0, **environment: str) -> subproce
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the data and the files of the page."""
     made = tmp_path_factory.mktemp("pipelines")
     PAGE.write(made)
     do(DATA, made)
     return made
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """A copy of that folder for one test, in which no other leaves anything."""
+    return Path(shutil.copytree(made, tmp_path / "page"))
 
 
 def spoil(folder: Path, into: Path) -> Path:
@@ -113,8 +119,7 @@ def test_duckdb_before_and_after(folder: Path) -> None:
     """The readings of the page become three positions that move east; SQL reads the files of fixes."""
     if shutil.which("duckdb") is None:
         pytest.skip("no duckdb: pip install duckdb-cli")
-    if not (folder / "each").exists():
-        do(XARGS, folder)
+    do(XARGS, folder)
     assert "600" in do(DUCKDB, folder).stdout
     fixes = pyarrow.parquet.read_table(folder / "positions.parquet")
     assert fixes.column("status").to_pylist() == ["ok"] * 3
