@@ -20,8 +20,10 @@ from nlosctl.geometry.earth import EarthPlane
 from nlosctl.geometry.error_ellipses import error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.frames import plane_of
+from nlosctl.io.locations import Location
 from nlosctl.io.scenes import SCENE_KEY, scene_from_toml
-from nlosctl.io.write import check_targets, open_bytes_out
+from nlosctl.io.targets import check_targets
+from nlosctl.io.write import open_bytes_out
 
 __all__ = ["MapWriter", "exporter_of"]
 
@@ -53,7 +55,7 @@ class MapWriter:
         parameters: Mapping[str, Any],
         *,
         overwrite: bool = False,
-        inputs: Sequence[Path] = (),
+        inputs: Sequence[Location] = (),
         metadata: Mapping[str, str] | None = None,
         frame: EarthFrame | None = None,
     ) -> None:

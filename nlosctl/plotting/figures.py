@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.io.write import check_targets, write_bytes
+from nlosctl.io.locations import Location
+from nlosctl.io.targets import check_targets
+from nlosctl.io.write import write_bytes
 from nlosctl.plotting.library import Axes, Figure, style
 
 __all__ = [
@@ -153,7 +155,7 @@ def save_figure(
     *,
     format: str | None = None,
     overwrite: bool = False,
-    inputs: Sequence[Path] = (),
+    inputs: Sequence[Location] = (),
 ) -> None:
     """Write a picture, whole or not at all; PNG, SVG or PDF by the extension, or as ``format`` says.
 
