@@ -103,14 +103,13 @@ def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
             return [_remote_file(match, mark, input_format) for match, mark in found]
         if path.is_file():
             return [_remote_file(path, mark_of_status(path.stat()), input_format)]
-        entries = [
-            (entry, PurePosixPath(*steps), mark_of_status(status))
-            for entry, steps, status in path.files(recursive=True)
-        ]
+        files = path.files(recursive=True)
+        if not files:
+            where = "" if path.top.is_dir() else f": there is no {str(path.top)!r}"
+            raise DataError(f"{name}: there is no such file or folder{where}")
     except OSError as error:
         raise DataError(f"{name}: can't be read: {error.strerror or error}") from error
-    if not entries:
-        raise DataError(f"{name}: there is no such file or folder")
+    entries = [(entry, PurePosixPath(*steps), mark_of_status(status)) for entry, steps, status in files]
     return [_of_parts(name, entries, input_format)]
 
 

@@ -201,7 +201,7 @@ def provenance_text(provenance: Mapping[str, Any]) -> str:
 def _format_for(target: str, format: FileFormat | None) -> FileFormat:
     """Return the format of an output: what its name tells, and ``format`` where that tells none."""
     if target != "-":
-        return known_format_of_path(target) or format or format_of_path(target)
+        return known_format_of_path(location(target).name) or format or format_of_path(target)
     return FileFormat.ARROW_STREAM if format is FileFormat.ARROW else format or FileFormat.CSV
 
 
