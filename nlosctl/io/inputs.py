@@ -105,7 +105,7 @@ def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
             return [_remote_file(path, mark_of_status(path.stat()), input_format)]
         files = path.files(recursive=True)
         if not files:
-            where = "" if path.top.is_dir() else f": there is no {str(path.top)!r}"
+            where = "" if path.has_bucket() else f": there is no {str(path.top)!r}"
             raise DataError(f"{name}: there is no such file or folder{where}")
     except OSError as error:
         raise DataError(f"{name}: can't be read: {error.strerror or error}") from error

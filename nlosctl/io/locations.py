@@ -170,6 +170,12 @@ class RemotePath:
         """Whether the name is a pattern."""
         return any(map(_has_magic, self.parts[1:]))
 
+    def has_bucket(self) -> bool:
+        """Return whether there is the bucket, or the host, that it is in; fsspec's stores are trusted to make it."""
+        from pyarrow.fs import PyFileSystem
+
+        return isinstance(self._place()[0], PyFileSystem) or self.top.is_dir()
+
     def take(self, file: Path) -> None:
         """Put a whole file of this machine under this name; what was there stays until the new one is whole."""
         from pyarrow.fs import LocalFileSystem, PyFileSystem, copy_files

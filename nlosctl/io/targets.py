@@ -88,7 +88,7 @@ def _check_remote(target: str, path: RemotePath, overwrite: bool, inputs: Sequen
             raise DataError(f"{target}: is a folder, expected the name of a file")
         if path.is_file() and not overwrite:
             raise DataError(f"{target}: exists already; --overwrite replaces it")
-        if not path.top.is_dir():
+        if not path.has_bucket():
             raise DataError(f"{target}: there is no {str(path.top)!r}; make it first")
     except OSError as error:
         raise DataError(f"{target}: can't be written: {error.strerror or error}") from error

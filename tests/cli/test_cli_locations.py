@@ -66,12 +66,14 @@ def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tm
         pa.parquet.write_table(table.slice(first, rows_), sink)
         store.pipe(f"/all/year={year}/p.parquet", sink.getvalue().to_pybytes())
     store.pipe("/all/_log/x.parquet", b"no table")
-    told = cli("localize", "memory://all", "--carry", "year", "-o", "fixes.parquet")
+    told = cli("localize", "memory://all", "--scene", f"memory://in/{SCENE}", "--carry", "year", "-o", "fixes.parquet")
     assert told.code == 0, told.err
     found = pa.parquet.read_table(tmp_path / "fixes.parquet")
     assert found.num_rows == 40
     assert set(found["year"].to_pylist()) == {2025, 2026}
-    told = cli("localize", "memory://all/", "--carry", "year", "-o", "parts/", "--jobs", "2")
+    told = cli(
+        "localize", "memory://all/", "--scene", f"memory://in/{SCENE}", "--carry", "year", "-o", "parts/", "--jobs", 2
+    )
     assert told.code == 0, told.err
     names = ["year=2025/p.parquet", "year=2026/p.parquet"]
     parts = pa.concat_tables([rows((tmp_path / "parts" / name).read_bytes()) for name in names])
@@ -82,7 +84,7 @@ def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
     """``*`` stays within a folder, ``**`` goes down; each file is a table of its own, as with a pattern of a disk."""
     store.pipe("/in/deep/er/good_bearings.csv", store.cat("/in/good_bearings.csv"))
     words = ("--scene", f"memory://in/{SCENE}", "-o", "fixes.csv", "--overwrite")
-    assert "1 file" not in cli("localize", "memory://in/*.csv", *words).err
+    assert "40 snapshots" in cli("localize", "memory://in/*.csv", *words).err
     told = cli("localize", "memory://in/**/*.csv", *words).err
     assert "80 snapshots" in told
     assert "no file matches" in cli("localize", "memory://in/*.pq").err
@@ -91,6 +93,7 @@ def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
 def test_file_urls_are_paths(cli: Cli, tmp_path: Path) -> None:
     """``file:///...`` reads and writes the path, ``%20`` a space; another host is refused."""
     (tmp_path / "a b.parquet").write_bytes((FIXTURES / "good_bearings.parquet").read_bytes())
+    (tmp_path / "scene.toml").write_bytes((FIXTURES / SCENE).read_bytes())
     told = cli("localize", f"file://{tmp_path}/a%20b.parquet", "-o", f"file://{tmp_path}/out.parquet")
     assert told.code == 0, told.err
     assert pa.parquet.read_table(tmp_path / "out.parquet").num_rows == 40
