@@ -2,15 +2,21 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test format schemas reference pictures figures fixtures benchmark papers clean
+.PHONY: demo test format schemas reference pictures figures fixtures benchmark papers clean \
+	coverage reliability mutants lock audit test-minimum test-newest test-package
+
+# `make LOCK=requirements/dev.lock test` takes the locked versions of the development dependencies instead of the newest.
+LOCK ?=
+LOCKED = $(if $(LOCK),-c $(LOCK))
+MINIMUM := numpy==2.0.* scipy==1.13.* pyarrow==17.* typer==0.16.* rich==13.7.* msgspec==0.19.*
 
 .venv/runtime: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	touch $@
 
-.venv/dev: .venv/runtime
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+.venv/dev: .venv/runtime $(LOCK)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(LOCKED) -e '.[dev]'
 	touch $@
 
 demo: .venv/runtime ## solve a bundled file of bearings and compare with its truth
@@ -60,6 +66,44 @@ benchmark-compare: .venv/dev ## what got slower between the last two runs
 
 papers: .venv/dev ## run all figures and tables of the papers (an hour at most; goes on where it stopped) and write docs/papers.md
 	$(BIN)/nlosctl reproduce all -o out/papers --page docs/papers.md --jobs 0 --overwrite
+
+coverage: .venv/dev ## the tests with coverage by branches, in subprocesses too; fails under 95 %
+	$(BIN)/python -m pytest -n auto --cov=nlosctl --cov-report=term-missing
+
+reliability: .venv/dev ## faults, hostile files, fuzzing, kills, numerics, at length: see docs/reliability.md
+	$(BIN)/python -m pytest -n auto -m '' tests/reliability
+	$(BIN)/python tests/reliability/fuzz_files.py --inputs 100000
+	$(BIN)/python tests/reliability/kill_runs.py --kills 200
+
+mutants: .venv/dev ## which small changes of geometry/ and methods/ no test notices
+	$(BIN)/python tests/reliability/mutants.py
+
+lock: .venv/dev ## resolve the development dependencies again
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile --universal --upgrade --quiet --python-version 3.11 --all-extras \
+		--no-header --no-annotate --output-file requirements/dev.lock pyproject.toml
+
+audit: .venv/dev ## known vulnerabilities of what is locked; asks a service in the net
+	$(BIN)/python -m pip install --quiet pip-audit
+	$(BIN)/pip-audit --requirement requirements/dev.lock --no-deps --disable-pip --strict
+
+test-minimum: ## the tests with the oldest runtime dependencies that pyproject.toml allows
+	$(PYTHON) -m venv .venv/minimum
+	.venv/minimum/bin/python -m pip install --quiet $(MINIMUM) -e '.[dev]'
+	.venv/minimum/bin/python -m pytest -n auto
+
+test-newest: ## the tests with the newest dependencies there are
+	$(PYTHON) -m venv .venv/newest
+	.venv/newest/bin/python -m pip install --quiet --upgrade -e '.[dev]'
+	.venv/newest/bin/python -m pytest -n auto
+
+test-package: .venv/dev ## build sdist and wheel, install the wheel in an empty environment, try it from there
+	rm -rf out/package && mkdir -p out/package
+	$(BIN)/python -m pip install --quiet build
+	$(BIN)/python -m build --outdir out/package .
+	$(PYTHON) -m venv out/package/venv
+	out/package/venv/bin/python -m pip install --quiet out/package/*.whl
+	out/package/venv/bin/python tests/reliability/installed_package.py fixtures
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -5,9 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["make_manifest", "plan_of_manifest", "records_of_manifest"]
+import msgspec
+
+__all__ = ["make_manifest", "plan_of_manifest", "record_of", "records_of_manifest"]
 
 _OWN = ("table", "rows", "report")
+
+
+class _File(msgspec.Struct):
+    name: str
+    rows: int
+    bytes: int
+    sha256: str
+
+
+class _Span(msgspec.Struct):
+    first: Any
+    last: Any
+    ordered: bool
+
+
+class _Record(msgspec.Struct):
+    input: str
+    rows: int
+    files: dict[str, _File]
+    counts: dict[str, Any]
+    span: _Span
 
 
 def make_manifest(
@@ -42,4 +65,14 @@ def plan_of_manifest(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 def records_of_manifest(manifest: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
     """Return the records of the parts by their numbers, as far as the manifest has them."""
-    return {number: part["record"] for number, part in enumerate(manifest["parts"]) if "record" in part}
+    found = {number: record_of(part.get("record")) for number, part in enumerate(manifest["parts"])}
+    return {number: record for number, record in found.items() if record is not None}
+
+
+def record_of(content: Any) -> dict[str, Any] | None:
+    """Return what was read as the record of a part, or None where it has not the form of one."""
+    try:
+        msgspec.convert(content, _Record)
+    except msgspec.ValidationError:
+        return None
+    return dict(content)

@@ -144,7 +144,14 @@ class Normalizer:
             faults.append(Fault(mask=values <= 0.0, column=found.name, describe=_got(values, "a number larger than 0")))
         limit = column.largest_magnitude
         if found.converted:
-            return values * found.scale + found.offset
+            with np.errstate(invalid="ignore", over="ignore"):
+                converted = values * found.scale + found.offset
+            beyond = np.isfinite(values) & ~np.isfinite(converted)
+            if beyond.any():
+                faults.append(
+                    Fault(mask=beyond, column=found.name, describe=_got(values, "a number that is not so large"))
+                )
+            return converted
         if limit is not None and values.shape[0]:
             self._check_size(found, values, limit, faults)
         return values

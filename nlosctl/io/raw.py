@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from nlosctl.contract.batches import IntArray
+from nlosctl.contract.limits import refusal_hint
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 
@@ -84,6 +85,10 @@ def readable(name: str, what: str) -> Iterator[None]:
         yield
     except EOFError as error:
         raise DataError(f"{name}: the {what} is cut short; copy or write it again") from error
+    except MemoryError as error:  # that of pyarrow too
+        raise DataError(
+            f"{name}: reading the {what} takes more memory than there is; {refusal_hint('memory_mb')}"
+        ) from error
     except (pa.ArrowException, OSError, ValueError, zlib.error) as error:
         if isinstance(error, OSError) and error.errno is not None and error.filename is not None:
             raise DataError(f"{name}: can't be read: {error.strerror}") from error

@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from nlosctl.errors import DataError
-from nlosctl.io.manifest import make_manifest, plan_of_manifest, records_of_manifest
+from nlosctl.errors import DataError, in_one_line
+from nlosctl.io.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest
 from nlosctl.io.write import write_text
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
@@ -51,6 +51,17 @@ class RunFolder:
         """
         for root in self.roots.values():
             _check_root(Path(root))
+        try:
+            return self._opened(plan, modified, resume=resume, overwrite=overwrite)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError(
+                f"{self.main}: its {MANIFEST} or {_STATE}/{_PLAN} is not what a run writes ({in_one_line(error)}); "
+                f"name another folder"
+            ) from error
+
+    def _opened(
+        self, plan: Mapping[str, Any], modified: Mapping[str, int], *, resume: bool, overwrite: bool
+    ) -> dict[int, dict[str, Any]]:
         begun = self._plan_begun()
         if begun is not None and resume:
             return self._resumed(begun, json.loads(json.dumps(plan)), dict(modified))
@@ -132,7 +143,7 @@ class RunFolder:
         records = {} if manifest is None else records_of_manifest(manifest)
         if self._state.is_dir():
             for path in self._state.iterdir():
-                record = _read_json(path) if path.name != _PLAN else None
+                record = record_of(_read_json(path)) if path.name != _PLAN else None
                 if record is not None and path.stem.isdigit():
                     records[int(path.stem)] = record
         return records
@@ -206,7 +217,7 @@ def _read_json(path: Path) -> dict[str, Any] | None:
     """Return a JSON object, or None where there is none that is whole."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError, ValueError):
+    except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None
 

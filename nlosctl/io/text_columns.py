@@ -164,9 +164,12 @@ def _integers(filled: Any) -> Literal["plain", "odd"] | None:
 
 def _cast(cells: Any, target: Any) -> Any:
     try:
-        return cells.cast(target)
+        converted = cells.cast(target)
     except pa.ArrowInvalid:
         return None
+    if target == pa.int64() and pc.any(pc.match_substring(cells, "x", ignore_case=True)).as_py():
+        return None  # pyarrow takes 0x10 for 16: no other reader of such files would
+    return converted
 
 
 def _one(value: str | None, target: Any) -> Any:

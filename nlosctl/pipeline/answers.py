@@ -59,11 +59,13 @@ def _in_truth(estimates: Estimates, size: int) -> Iterator[str]:
         yield "a snapshot got no estimate, expected one at least, if only for its status"
     if (status > max(Status)).any():
         yield f"{int(status.max())} is no status"
+        return
     with_position, with_covariance = status <= Status.BOUNDARY, status <= Status.INFEASIBLE
     yield from _nulls("position", estimates.position_m, with_position, status)
     yield from _nulls("covariance", estimates.covariance_m2, with_covariance, status)
     xx, xy, yy = estimates.covariance_m2[with_covariance].T
-    if not ((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= np.sqrt(xx) * np.sqrt(yy) * (1.0 + 1e-9))).all():
+    largest = np.sqrt(np.abs(xx)) * np.sqrt(np.abs(yy))
+    if not ((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= largest * (1.0 + 1e-9))).all():
         yield "a covariance is that of no ellipse"
 
 

@@ -129,7 +129,13 @@ class FolderRun:
     def _tell(self, records: Mapping[int, Mapping[str, Any]]) -> None:
         report, remarks = self._run.report, list(self._run.reader.report.remarks)
         for number in sorted(records):
-            report.take(records[number]["counts"])
+            try:
+                report.take(records[number]["counts"])
+            except (KeyError, TypeError, ValueError, AttributeError) as error:
+                name = self._names[number]
+                raise DataError(
+                    f"{name}: its record was changed after it was written; begin anew with --overwrite"
+                ) from error
         rows_by_group = [0] * len(self._inputs)
         for number, (group, _) in enumerate(self._places()):
             rows_by_group[group] += _rows([records[number]])

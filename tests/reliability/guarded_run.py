@@ -22,6 +22,7 @@ from nlosctl import registry
 __all__ = ["Ending", "HangError", "complaints", "run_guarded", "told_complaints"]
 
 LONGEST_LINE = 1200
+_LONGEST_WAIT_S = 300.0
 MOST_LINES = 22  # twenty gathered problems, the total, and a hint
 
 
@@ -87,16 +88,21 @@ def _prepared() -> Iterator[None]:
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    def ring(number: int, frame: FrameType | None) -> NoReturn:
-        raise HangError(f"no end after {seconds:g} s")
+    """Raise HangError after so many seconds of computing, or after five minutes of anything."""
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    def ring(number: int, frame: FrameType | None) -> NoReturn:
+        raise HangError(f"no end after {seconds:g} s of computing, or {_LONGEST_WAIT_S:g} s in all")
+
+    clocks = ((signal.SIGPROF, signal.ITIMER_PROF, seconds), (signal.SIGALRM, signal.ITIMER_REAL, _LONGEST_WAIT_S))
+    before = [signal.signal(number, ring) for number, _, _ in clocks]
+    for _, clock, limit in clocks:
+        signal.setitimer(clock, limit)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for (number, clock, _), handler in zip(clocks, before, strict=True):
+            signal.setitimer(clock, 0.0)
+            signal.signal(number, handler)
 
 
 def complaints(ending: Ending, folder: Path, outputs: Sequence[str], before: Sequence[str]) -> Iterator[str]:

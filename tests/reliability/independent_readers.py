@@ -60,12 +60,19 @@ def _same(value: Any, raw: Any) -> bool:
     if isinstance(value, bool):
         return _WORDS.get(str(raw).strip().lower()) is value
     if isinstance(value, int):
-        return value == (raw if isinstance(raw, int) else int(raw))
+        return value == (raw if isinstance(raw, int) else _integer(raw))
     if isinstance(value, float):
         return _number(raw) == value or (math.isnan(value) and math.isnan(_number(raw)))
     if isinstance(raw, str):
         return value == raw or value == raw.strip()
     return str(value) in (str(raw), json.dumps(raw), json.dumps(raw, ensure_ascii=False))
+
+
+def _integer(raw: Any) -> int | None:
+    try:
+        return int(raw)
+    except (TypeError, ValueError):
+        return None
 
 
 def _number(raw: Any) -> float:

@@ -61,7 +61,7 @@ _JOBS = [
     ),
     WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
     WritingJob(command="validate", words=["spoilt.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
-    WritingJob(command="convert", words=["bearings.parquet", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
+    WritingJob(command="convert", words=["bearings.parquet", "-o", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
 ]
 
 

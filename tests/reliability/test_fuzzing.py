@@ -1,0 +1,131 @@
+"""Files spoilt at random, and tables of anything: exit 0 with what is in the file, or one clear line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from fuzz_files import case_of, check_case
+from guarded_run import complaints, run_guarded
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from independent_readers import differences, read_independently
+from seed_files import seed_files, table_of
+
+TARGETS = sorted({file.target for file in seed_files()})
+FORMATS = ("parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl", "jsonl.gz")
+
+
+def emptied(folder: Path) -> Path:
+    """Empty a folder."""
+    for path in folder.iterdir():
+        path.unlink()
+    return folder
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_spoilt_files(target: str, folder: Path) -> None:
+    """A seeded sample of the fuzzer's inputs is met as promised."""
+    for number in range(60):
+        _, wrong = check_case(case_of(77, number, [target]), emptied(folder))
+        assert wrong == [], f"python tests/reliability/fuzz_files.py --seed 77 --targets {target} --again {number}"
+
+
+def test_the_fuzzer_finds_what_is_wrong(folder: Path) -> None:
+    """A run that writes a wrong number, or half a file, or two lines, would be found."""
+    rows = [{"a": 1.0, "b": "x"}, {"a": None, "b": None}]
+    assert list(differences(rows, pa.table({"a": [1.0, None], "b": ["x", None]}), {"a", "b"})) == []
+    assert list(differences(rows, pa.table({"a": [1.5, None], "b": ["x", None]}), {"a", "b"})) != []
+    assert list(differences(rows, pa.table({"a": [1.0], "b": ["x"]}), {"a", "b"})) != []
+    ending = run_guarded(["localize", "absent.csv", "-q"])
+    assert list(complaints(ending, folder, [], [])) == []
+    (folder / "half").write_text("")
+    assert list(complaints(ending, folder, [], [])) != []
+
+
+NUMBERS = st.one_of(
+    st.floats(),
+    st.floats(-7.0, 7.0),
+    st.sampled_from([0.0, -0.0, 5e-324, 1.7e308, float("nan"), float("inf"), None]),
+    st.none(),
+)
+WHOLE = st.one_of(st.integers(0, 3), st.integers(-(2**63), 2**63 - 1), st.none())
+WORDS = st.one_of(st.sampled_from(["a", "b", "", "1", "true"]), st.text(max_size=6), st.none())
+TRUTHS = st.one_of(st.booleans(), st.none())
+KINDS_OF_COLUMN = (
+    (NUMBERS, pa.float64()),
+    (NUMBERS.map(lambda value: value if value is None else float(f"{value:.3g}")), pa.float64()),
+    (WHOLE, pa.int64()),
+    (WORDS.filter(lambda text: text is None or text.isprintable()), pa.string()),
+    (TRUTHS, pa.bool_()),
+)
+
+
+@st.composite
+def tables(draw: Any) -> Any:
+    """Draw a table: a good one of some kind with a few columns replaced, added, left out, and rows shuffled."""
+    table = table_of(draw(st.sampled_from(["bearings", "ranges", "triplets", "echoes"])))
+    table = table.take(draw(st.lists(st.integers(0, table.num_rows - 1), min_size=1, max_size=12)))
+    for _ in range(draw(st.integers(0, 3))):
+        name = draw(st.sampled_from([*table.column_names, "los", "ip", "range_m", "path", "source", "extra", "a b,c"]))
+        values, kind = draw(st.sampled_from(KINDS_OF_COLUMN))
+        column = pa.array([draw(values) for _ in range(table.num_rows)], kind)
+        if name in table.column_names:
+            table = table.set_column(table.column_names.index(name), name, column)
+        else:
+            table = table.append_column(name, column)
+    left = draw(st.lists(st.sampled_from(table.column_names), max_size=1))
+    names = draw(st.permutations([name for name in table.column_names if name not in left]))
+    return table.select(names)
+
+
+def save(table: Any, path: Path) -> None:
+    """Write a table in the format of the path's extension, without the project's writers."""
+    if path.name.endswith(".parquet"):
+        pa.parquet.write_table(table, path, row_group_size=5)
+    elif ".arrow" in path.name:
+        opener = pa.ipc.new_stream if path.suffix == ".arrows" else pa.ipc.new_file
+        with pa.OSFile(str(path), "wb") as file, opener(file, table.schema) as writer:
+            writer.write_table(table, max_chunksize=3)
+    else:
+        with pa.output_stream(str(path)) as stream:  # zips by the extension
+            if ".csv" in path.name:
+                pa.csv.write_csv(table, stream)
+            else:
+                stream.write("".join(json.dumps(row) + "\n" for row in table.to_pylist()).encode())
+
+
+@pytest.mark.parametrize("command", ["localize", "detect-ip", "identify-los", "bound", "evaluate", "validate"])
+def test_tables_of_anything(command: str, folder: Path) -> None:
+    """Any mix of columns, types, nulls, orders and extreme values, in any format, to any command."""
+
+    @settings(max_examples=25, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @given(table=tables(), extension=st.sampled_from(FORMATS), aside=st.booleans())
+    def hold(table: Any, extension: str, aside: bool) -> None:
+        source = emptied(folder) / f"m.{extension}"
+        save(table, source)
+        outputs = {"evaluate": [], "validate": []}.get(command, ["o.arrow"])
+        words = [command, source.name, "-q", *(["-o", "o.arrow"] if outputs else [])]
+        if command in ("localize", "detect-ip", "identify-los"):
+            words += ["--jobs", "1"]
+            if command == "localize":
+                words += ["--flags-out", "f.arrow"]
+                outputs = ["o.arrow", "f.arrow"]
+            if aside:
+                words += ["--bad-rows", "b.arrow"]
+                outputs = [*outputs, "b.arrow"]
+        ending = run_guarded(words)
+        assert list(complaints(ending, folder, outputs, [source.name])) == []
+        if ending.code == 0 and command == "localize" and not aside:
+            with pa.OSFile(str(folder / "f.arrow")) as file:
+                flags = pa.ipc.open_file(file).read_all()
+            rows = read_independently(source.name, source.read_bytes())
+            names = {name for row in rows for name in row} - {"los", "ip", "used"}
+            assert list(differences(rows, flags, names)) == []
+
+    hold()

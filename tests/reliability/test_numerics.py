@@ -1,0 +1,202 @@
+"""Any geometry, of any size, anywhere: the status is right, the covariance true or null, and the frame is no matter."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+from geometries import drawn, moved, nearly, scaled, scaled_options
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from nlosctl import registry
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.statuses import Status
+from nlosctl.pipeline.answers import fault_of
+from nlosctl.testing.draws import DRAWS, bearing_batch
+from nlosctl.testing.moves import copy_batch
+
+GIVEN: dict[str, dict[str, Any]] = {
+    "ranges.tca": {"targets": 2},
+    "ranges.extended-tca": {"eta": 20.0},
+    "bearings.ml-grid": {"step_m": 20e3},
+}
+ENTRIES = [entry for entry in registry.entries() if entry.distribution == "nlosctl"]
+METHODS = pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.full_name)
+SPANS = st.floats(-3.0, 7.0)
+OFFSETS = st.one_of(st.just(-np.inf), st.floats(0.0, 8.0))
+SEEDS = st.integers(0, 2**32 - 1)
+CPU_HEAVY = {"ranges.tca", "ranges.extended-tca", "bearings.ml-grid", "bearings.suppress", "triplets.joint"}
+
+
+def trials(entry: registry.MethodEntry, usual: int) -> int:
+    """Return how many examples to try: fewer of a method that takes long."""
+    return max(3, usual // 4) if entry.full_name in CPU_HEAVY else usual
+
+
+def solved(entry: registry.MethodEntry, batch: Any, *, factor: float = 1.0) -> Any:
+    """Run a method on a batch; any warning is a failure."""
+    spec = registry.load(entry)
+    options = scaled_options(spec.options(**GIVEN.get(entry.full_name, {})), factor)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return spec.solve(copy_batch(batch, writeable=False), options)
+
+
+def keeps_the_contract(
+    entry: registry.MethodEntry,
+    seed: int,
+    span: float,
+    offset: float,
+    measurements: int,
+    fault: str | None,
+    near: float,
+) -> None:
+    """Draw, degenerate to a degree, move away, solve, and hold the answer to the contract."""
+    spec = registry.load(entry)
+    draw: dict[str, Any] = {"size_m": 10.0**span, "offset_m": 10.0**offset}
+    trial, motion = drawn(spec, seed=seed, snapshots=4, measurements=measurements, fault=fault, **draw)
+    batch = trial.batch
+    if fault is not None:
+        ordinary, _ = drawn(spec, seed=seed + 1, snapshots=4, measurements=measurements, fault=None, **draw)
+        batch = nearly(batch, ordinary.batch, 10.0**near)
+    batch = moved(spec, batch, motion)
+    solution = solved(entry, batch)
+    assert fault_of(solution, (4, measurements)) == ""
+
+
+def any_geometry(entry: registry.MethodEntry, examples: int) -> None:
+    """Try a method on geometry of any kind."""
+    spec = registry.load(entry)
+    faults = st.sampled_from([None, *DRAWS[spec.kind, spec.job].faults])
+    counts = st.one_of(st.integers(max(2, spec.minimum_measurements), 12), st.sampled_from([30, 100]))
+    nearness = st.one_of(st.just(-np.inf), st.floats(-16.0, -1.0))
+
+    @settings(
+        max_examples=examples, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    )
+    @given(seed=SEEDS, span=SPANS, offset=OFFSETS, measurements=counts, fault=faults, near=nearness)
+    def hold(seed: int, span: float, offset: float, measurements: int, fault: str | None, near: float) -> None:
+        keeps_the_contract(entry, seed, span, offset, measurements, fault, near)
+
+    hold()
+
+
+@METHODS
+def test_any_geometry_keeps_the_contract(entry: registry.MethodEntry) -> None:
+    """1 mm to 10,000 km, up to 1e8 m away, 2 to 100 rows, nearly degenerate: numbers just where the status says so."""
+    any_geometry(entry, trials(entry, 12))
+
+
+@pytest.mark.slow
+@METHODS
+def test_a_thousand_geometries_keep_the_contract(entry: registry.MethodEntry) -> None:
+    """The same for a thousand draws of each method."""
+    any_geometry(entry, trials(entry, 1000))
+
+
+def frame_and_scale(entry: registry.MethodEntry, examples: int) -> None:
+    """Try whether a method's answer moves, turns and grows with the scene."""
+    spec = registry.load(entry)
+    counts = st.integers(max(6, spec.minimum_measurements + 2), 12)
+
+    @settings(
+        max_examples=examples, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    )
+    @given(seed=SEEDS, span=SPANS, offset=st.floats(-1.0, 4.0), measurements=counts)
+    def hold(seed: int, span: float, offset: float, measurements: int) -> None:
+        size_m, offset_m = 10.0**span, min(10.0 ** (span + offset), 1e8)
+        trial, motion = drawn(
+            spec, seed=seed, snapshots=4, measurements=measurements, fault=None, size_m=1.0, offset_m=offset_m
+        )
+        plain = solved(entry, trial.batch, factor=1.0 / 1000.0).estimates
+        other = solved(entry, moved(spec, scaled(trial.batch, size_m), motion), factor=size_m / 1000.0).estimates
+        assert plain.status.tolist() == other.status.tolist()
+        expected = motion.points(plain.position_m * size_m)
+        off = np.hypot(*(expected - other.position_m).T)
+        std_m = size_m * np.sqrt(np.nan_to_num(plain.covariance_m2[:, 0] + plain.covariance_m2[:, 2]))
+        allowed = 1e-9 * max(size_m, offset_m) + 1e-7 * std_m
+        worst = int(np.nanargmax(np.append(off / allowed, 0.0)))
+        assert worst == off.size or off[worst] <= allowed[worst], (off[worst], allowed[worst])
+
+    hold()
+
+
+FRAMED = [entry for entry in ENTRIES if "frame" not in registry.load(entry).exempt_from]
+
+
+@pytest.mark.parametrize("entry", FRAMED, ids=lambda entry: entry.full_name)
+def test_the_frame_and_the_unit_are_no_matter(entry: registry.MethodEntry) -> None:
+    """Turned, grown to any size and moved up to 1e8 m away, the fix is the same to 1e-9 of the scene or the offset.
+
+    Beside that the stop of an iteration may leave a ten-millionth of the fix's own standard deviation.
+    """
+    frame_and_scale(entry, trials(entry, 8))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("entry", FRAMED, ids=lambda entry: entry.full_name)
+def test_many_frames_and_units_are_no_matter(entry: registry.MethodEntry) -> None:
+    """The same for 300 draws of each method."""
+    frame_and_scale(entry, trials(entry, 300))
+
+
+def ring_of_bearings(generator: np.random.Generator, snapshots: int, size_m: float, offset_m: float) -> tuple[Any, Any]:
+    """Return bearings of 8 sensors around sources, true to 0.3 degree, and the sources (B, 2)."""
+    shape = (snapshots, 8)
+    angle = generator.uniform(-np.pi, np.pi, shape)
+    sensor_xy = size_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + offset_m
+    source_xy = size_m * generator.uniform(-0.5, 0.5, (snapshots, 1, 2)) + offset_m
+    std = np.full(shape, np.radians(0.3))
+    toward = source_xy - sensor_xy
+    bearing = np.arctan2(toward[..., 1], toward[..., 0]) + std * generator.normal(size=shape)
+    sensor = np.tile(np.arange(8), (snapshots, 1))
+    from nlosctl.contract.scene import Scene
+
+    batch: BearingBatch = bearing_batch(
+        generator, Scene(), sensor, sensor_xy, bearing, std, np.full(shape, -1, dtype=np.int64)
+    )
+    return batch, source_xy[:, 0]
+
+
+@pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e4, 1e7])
+@pytest.mark.parametrize("offset_m", [0.0, 1e6, 1e8])
+@pytest.mark.parametrize("method", ["ls", "stansfield", "ml"])
+def test_the_covariance_is_the_size_of_the_error(method: str, size_m: float, offset_m: float) -> None:
+    """At any size and any place, as far as a float tells places apart there, the mean NEES is 2."""
+    if offset_m > 1e10 * size_m:
+        pytest.skip("a float64 does not tell places of such a scene apart so far from the origin")
+    entry = next(entry for entry in ENTRIES if entry.full_name == f"bearings.{method}")
+    batch, source_xy = ring_of_bearings(np.random.default_rng(5), 2000, size_m, offset_m)
+    estimates = solved(entry, batch).estimates
+    assert (estimates.status == Status.OK).all()
+    x, y = (estimates.position_m - source_xy).T
+    xx, xy, yy = estimates.covariance_m2.T
+    nees = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    assert abs(nees.mean() - 2.0) < 5.0 * 2.0 / np.sqrt(2000)
+    assert nees.max() < 100.0
+
+
+@pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("parallel", {"degenerate", "behind"}),
+        ("one place", {"degenerate"}),
+        ("behind", {"behind", "degenerate"}),
+        ("on a sensor", {"degenerate", "behind", "not_converged", "ok", "ambiguous"}),
+    ],
+)
+@pytest.mark.parametrize("method", ["ls", "stansfield", "ml"])
+def test_degenerate_bearings_have_no_answer(method: str, fault: str, words: set[str], size_m: float) -> None:
+    """Parallel lines, sensors in one place and crossings behind are told as such, at any size and place."""
+    entry = next(entry for entry in ENTRIES if entry.full_name == f"bearings.{method}")
+    spec = registry.load(entry)
+    for seed in range(20):
+        trial, motion = drawn(
+            spec, seed=seed, snapshots=10, measurements=6, fault=fault, size_m=size_m, offset_m=1e3 * size_m
+        )
+        found = {Status(int(word)).word for word in solved(entry, moved(spec, trial.batch, motion)).estimates.status}
+        assert found <= words
