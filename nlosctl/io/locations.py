@@ -299,6 +299,8 @@ def _answering(path: RemotePath) -> Iterator[None]:
 def _cure(said: str) -> str:
     if re.search(r"ACCESS_DENIED|credential|anonymous|forbidden|\b40[13]\b", said, re.IGNORECASE):
         return "; are there credentials in the environment or the store's configuration file?"
+    if "libjvm" in said or "libhdfs" in said:
+        return "; hdfs:// needs Java and Hadoop's client: set JAVA_HOME, HADOOP_HOME and CLASSPATH"
     if "resolving region" in said or "NETWORK_CONNECTION" in said:
         return "; is the name right, and the network there? AWS_REGION and AWS_ENDPOINT_URL name a store of one's own"
     return ""
