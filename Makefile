@@ -55,8 +55,11 @@ fixtures: .venv/runtime ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_triplets.py
 	$(BIN)/python fixtures/builders/build_formats.py
 
-benchmark: .venv/dev ## all benchmarks, to benchmarks/results.md and benchmarks/history/
+benchmark: .venv/dev ## all benchmarks, peers too, to benchmarks/results.md and benchmarks/history/
 	$(BIN)/python benchmarks/run.py
+
+benchmark-peers: .venv/dev ## only gtsam, pyceres, jax, Stone Soup and scikit-image; the first time installs them (1.5 GB)
+	$(BIN)/python benchmarks/peers.py
 
 benchmark-quick: .venv/dev ## only what the limits are on; prints
 	$(BIN)/python benchmarks/run.py --quick
@@ -106,4 +109,4 @@ test-package: .venv/dev ## build sdist and wheel, install the wheel in an empty 
 	out/package/venv/bin/python tests/reliability/installed_package.py fixtures
 
 clean:
-	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf .venv benchmarks/.peers out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -26,6 +26,7 @@ import history
 import kernels
 import numpy
 import outliers
+import peers
 import pyarrow
 import scipy
 import triplets
@@ -51,6 +52,8 @@ def main() -> None:
     lines = ["# Benchmarks", "", f"{named}; one thread unless said; written by `benchmarks/run.py`.", ""]
     lines += kernels.report()
     lines += outliers.report()
+    if not arguments.quick:
+        lines += peers.report()
     count, most = arguments.snapshots, 10 * arguments.snapshots
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.keep or Path(scratch)
