@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -28,6 +27,7 @@ from nlosctl.cli.options import (
 from nlosctl.cli.reading import ReadWords
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
 from nlosctl.errors import UsageError
+from nlosctl.io.locations import Location, location
 
 __all__ = ["convert"]
 
@@ -99,7 +99,9 @@ def convert(
     terminal = Terminal(quiet=quiet)
     given = key_values([*param, *([] if window is None else [f"window={window}"])], "--param")
     with ExitStack() as stack:
-        conversion = _Conversion(stack, words, bad_rows, overwrite, [Path(name) for name in (scene, config) if name])
+        conversion = _Conversion(
+            stack, words, bad_rows, overwrite, [location(name) for name in (scene, config) if name]
+        )
         if source is not None:
             conversion.read_foreign(source, given if target is None else {}, input_format)
         else:
@@ -116,7 +118,7 @@ class _Conversion:
     """One input on its way to one output."""
 
     def __init__(
-        self, stack: ExitStack, words: ReadWords, bad_rows: str | None, overwrite: bool, others: list[Path]
+        self, stack: ExitStack, words: ReadWords, bad_rows: str | None, overwrite: bool, others: list[Location]
     ) -> None:
         from nlosctl.io.frames import plane_of
 
@@ -124,7 +126,7 @@ class _Conversion:
         if words.frame is not None:
             plane_of(words.frame)  # a CRS of no use is told at once
         word = words.inputs[0]
-        self._paths = [*([] if word == "-" else [Path(word)]), *others]
+        self._paths = [*([] if word == "-" else [location(word)]), *others]
         self._tables: Any = None
         self._log: Any = None
         self.schema: Any = None
@@ -206,7 +208,8 @@ class _Conversion:
 
     def write_scene(self, target: str | None) -> None:
         """Write the scene, if that is wanted."""
-        from nlosctl.io.write import check_targets, write_text
+        from nlosctl.io.targets import check_targets
+        from nlosctl.io.write import write_text
 
         if target is not None:
             check_targets([target], overwrite=self._overwrite, inputs=self._paths)

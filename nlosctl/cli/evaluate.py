@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -13,6 +12,7 @@ from nlosctl.cli.options import ConfigFile, Debug, Format, InputFormat, Inputs, 
 from nlosctl.cli.reading import open_output
 from nlosctl.cli.terminal import Preview, print_json, print_table, tell, write_report
 from nlosctl.errors import UsageError
+from nlosctl.io.locations import Location
 
 if TYPE_CHECKING:
     from nlosctl.pipeline.evaluating import Evaluation
@@ -70,7 +70,7 @@ def evaluate(
     from nlosctl.io.evaluation_rows import TruthTable
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
-    from nlosctl.io.write import check_targets
+    from nlosctl.io.targets import check_targets
     from nlosctl.pipeline.conditions import parse_condition
     from nlosctl.pipeline.evaluating import evaluate_inputs
     from nlosctl.pipeline.evaluating_targets import evaluate_targets
@@ -101,7 +101,9 @@ def evaluate(
     return _CONDITION_MET if reasons else 0
 
 
-def _write(evaluation: Evaluation, output: str, format: str | None, overwrite: bool, inputs: Sequence[Path]) -> None:
+def _write(
+    evaluation: Evaluation, output: str, format: str | None, overwrite: bool, inputs: Sequence[Location]
+) -> None:
     from nlosctl.io.score_tables import score_table
 
     if format == _TEXT and output != "-":

@@ -122,7 +122,7 @@ def plot(
     if output == "-" and (json or sys.stdout.isatty()):
         raise UsageError("a picture on standard output goes into a pipe, without --json; name a file with -o")
     from nlosctl.io.read_options import ReadOptions
-    from nlosctl.io.write import check_targets
+    from nlosctl.io.targets import check_targets
     from nlosctl.plotting.figures import figure_bytes, picture_format, save_figure
     from nlosctl.plotting.pictures import choose_view, draw_picture
     from nlosctl.plotting.requests import Request

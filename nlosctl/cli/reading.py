@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nlosctl.cli.options import key_values
 from nlosctl.errors import UsageError
+from nlosctl.io.locations import Location, location
 
 if TYPE_CHECKING:
     from nlosctl.contract.scene import EarthFrame
@@ -88,10 +88,10 @@ class Opened:
 
     reader: MeasurementReader
     inputs: Sequence[Input]
-    others: Sequence[Path] = ()
+    others: Sequence[Location] = ()
 
     @property
-    def paths(self) -> list[Path]:
+    def paths(self) -> list[Location]:
         """The files and folders that must not be written to."""
         parts = [part.path for given in self.inputs for part in given.parts if part.path is not None]
         return [*parts, *(given.path for given in self.inputs if given.path is not None), *self.others]
@@ -111,7 +111,8 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
     from nlosctl.io.measurements import MeasurementReader, ReadOptions
-    from nlosctl.io.write import BadRowWriter, TableWriter, check_targets, is_folder_target
+    from nlosctl.io.targets import check_targets, is_folder_target
+    from nlosctl.io.write import BadRowWriter, TableWriter
 
     input_format = None if words.input_format is None else format_named(words.input_format)
     inputs = expand_inputs(words.inputs, input_format)
@@ -129,7 +130,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     with ExitStack() as stack:
         reader = MeasurementReader(inputs, options)
         stack.callback(reader.close)
-        others = [Path(name) for name in (words.scene, words.config) if name is not None]
+        others = [location(name) for name in (words.scene, words.config) if name is not None]
         opened = Opened(reader=reader, inputs=inputs, others=others)
         check_targets(
             words.outputs, tables=[*words.tables, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths
@@ -148,7 +149,7 @@ def open_output(
     *,
     format_name: str | None,
     overwrite: bool,
-    inputs: Sequence[Path],
+    inputs: Sequence[Location],
     metadata: Mapping[str, str],
 ) -> Iterator[TableWriter | MapWriter]:
     """Open an output table, ``-`` for stdout; it appears whole when the block ends well.

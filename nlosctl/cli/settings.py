@@ -6,7 +6,6 @@ import os
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -14,6 +13,7 @@ from typer.core import TyperCommand
 
 from nlosctl.contract.toml_text import parse_toml, read_limited
 from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.io.locations import location
 
 __all__ = [
     "CONFIG_VARIABLE",
@@ -142,7 +142,7 @@ def _from_file(context: Any, path: str) -> dict[str, Setting]:
 
 def _read(path: str) -> dict[str, Any]:
     try:
-        text = read_limited(Path(path), f"--config {path}")
+        text = read_limited(location(path), f"--config {path}")
     except OSError as error:
         raise DataError(f"--config {path}: {error.strerror}") from error
     return parse_toml(text, f"--config {path}")

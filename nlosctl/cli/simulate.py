@@ -60,7 +60,8 @@ def simulate(
         _show(scenario, json)
         return
     from nlosctl.io.scenes import scene_to_toml
-    from nlosctl.io.write import check_targets, write_text
+    from nlosctl.io.targets import check_targets
+    from nlosctl.io.write import write_text
     from nlosctl.pipeline.simulation import Simulation
 
     terminal = Terminal(quiet=quiet)

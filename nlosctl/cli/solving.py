@@ -46,7 +46,7 @@ class Outputs:
 
 def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     """Run to the end, write all tables, tell the summary on standard error and in the report file."""
-    from nlosctl.io.write import is_folder_target
+    from nlosctl.io.targets import is_folder_target
 
     _check_engine(outputs)
     if any(is_folder_target(target) for target in outputs.wanted.values()):
@@ -133,7 +133,7 @@ def _check_engine(outputs: Outputs) -> None:
 
 def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     from nlosctl.io.file_format import format_named
-    from nlosctl.io.write import is_folder_target
+    from nlosctl.io.targets import is_folder_target
     from nlosctl.pipeline.folder_run import FolderRun
     from nlosctl.pipeline.parts import BAD_ROWS
 

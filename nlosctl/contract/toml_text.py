@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from pathlib import Path
-from typing import Any
+from typing import IO, Any, Literal, Protocol
 
 from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.errors import DataError
@@ -13,7 +12,14 @@ from nlosctl.errors import DataError
 __all__ = ["parse_toml", "read_limited"]
 
 
-def read_limited(path: Path, name: str) -> str:
+class _Readable(Protocol):
+    """A path, wherever it leads."""
+
+    def open(self, mode: Literal["rb"]) -> IO[bytes]:
+        """Open the file for reading its bytes."""
+
+
+def read_limited(path: _Readable, name: str) -> str:
     """Return the text of a small UTF-8 file; ``name`` is what messages call it.
 
     Raises DataError where it is larger than the limit ``toml_bytes`` or no UTF-8, OSError where it can't be read.

@@ -11,6 +11,7 @@ from typing import IO, Any, cast
 from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.errors import DataError
 from nlosctl.io.inputs import Part
+from nlosctl.io.locations import Location
 
 __all__ = ["FREE_EXPANSION_BYTES", "closed_on_failure", "expansion_fault", "open_bytes"]
 
@@ -22,7 +23,7 @@ FREE_EXPANSION_BYTES = 256 << 20
 
 def open_bytes(part: Part) -> IO[bytes]:
     """Return the bytes of ``part``, unzipped where its format says so; raises OSError where it can't be opened."""
-    stream: Any = part.stream if part.stream is not None else open(cast(Any, part.path), "rb")  # noqa: PTH123, SIM115
+    stream: Any = part.stream if part.stream is not None else cast(Location, part.path).open("rb")
     if part.format.compressed:
         stream = io.BufferedReader(_Unzipped(stream, part.name), _BUFFER_BYTES)
     return cast(IO[bytes], stream)

@@ -7,26 +7,25 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO, Any
 
-from nlosctl.errors import DataError, did_you_mean
+from nlosctl.errors import DataError
+from nlosctl.io.locations import Location, location, near_name
 
 __all__ = ["foreign_path", "open_foreign"]
 
 _IN_MEMORY_BYTES = 64 << 20
 
 
-def foreign_path(word: str) -> Path | None:
+def foreign_path(word: str) -> Location | None:
     """Return the path of a file, None for stdin (``-``); raise DataError where there is no such file."""
     if word == "-":
         return None
-    path = Path(word)
+    path = location(word)
     if path.is_dir():
         raise DataError(f"{word}: is a folder, expected a file; name its files, or let the shell: {word.rstrip('/')}/*")
     if not path.exists():
-        siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise DataError(f"{word}: there is no such file{did_you_mean(path.name, siblings)}")
+        raise DataError(f"{word}: there is no such file{near_name(path)}")
     return path
 
 

@@ -9,13 +9,14 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from glob import glob, has_magic
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, Any
 from urllib.parse import unquote
 
-from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.errors import DataError, UsageError
 from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
-from nlosctl.io.watched import mark_of
+from nlosctl.io.locations import Location, RemotePath, location, near_name
+from nlosctl.io.watched import Mark, mark_of, mark_of_status
 
 __all__ = ["Input", "Part", "expand_inputs"]
 
@@ -35,7 +36,7 @@ class Part:
 
     name: str
     format: FileFormat
-    path: Path | None = None
+    path: Location | None = None
     stream: IO[bytes] | None = None
     row_groups: tuple[int, int] | None = None
     keys: tuple[tuple[str, str | None], ...] = ()
@@ -50,9 +51,9 @@ class Input:
     parts: tuple[Part, ...]
 
     @property
-    def path(self) -> Path | None:
+    def path(self) -> Location | None:
         """The file or folder beside which a scene may lie; None for stdin."""
-        return None if self.parts[0].path is None else Path(self.name)
+        return None if self.parts[0].path is None else location(self.name)
 
 
 def expand_inputs(
@@ -76,7 +77,10 @@ def expand_inputs(
 def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | None) -> list[Input]:
     if word == "-":
         return [_standard_input(input_format, stdin)]
-    path = Path(word)
+    path = location(word)
+    if isinstance(path, RemotePath):
+        return _remote(path, input_format)
+    word = str(path) if "://" in word else word
     if path.is_dir():
         return [_folder(word, input_format)]
     if path.is_file():
@@ -85,8 +89,33 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
         return [_stream(word, word, path.open("rb"), input_format)]
     if has_magic(word):
         return _globbed(word, input_format)
-    siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-    raise DataError(f"{word}: there is no such file{did_you_mean(path.name, siblings)}")
+    raise DataError(f"{word}: there is no such file{near_name(path)}")
+
+
+def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
+    """Return what a URL names: a file, a folder (a prefix of names), or a pattern."""
+    name = str(path)
+    try:
+        if path.has_magic:
+            found = [(match, mark_of_status(status)) for match, status in path.glob_files()]
+            if not found:
+                raise DataError(f"{name}: no file matches this pattern")
+            return [_remote_file(match, mark, input_format) for match, mark in found]
+        if path.is_file():
+            return [_remote_file(path, mark_of_status(path.stat()), input_format)]
+        files = path.files(recursive=True)
+        if not files:
+            where = "" if path.has_bucket() else f": there is no {str(path.top)!r}"
+            raise DataError(f"{name}: there is no such file or folder{where}")
+    except OSError as error:
+        raise DataError(f"{name}: can't be read: {error.strerror or error}") from error
+    entries = [(entry, PurePosixPath(*steps), mark_of_status(status)) for entry, steps, status in files]
+    return [_of_parts(name, entries, input_format)]
+
+
+def _remote_file(path: RemotePath, mark: Mark, input_format: FileFormat | None) -> Input:
+    format = input_format or format_of_path(path.name)
+    return Input(name=str(path), parts=(Part(name=str(path), format=format, path=path, mark=mark),))
 
 
 def _file(name: str, input_format: FileFormat | None) -> Input:
@@ -99,16 +128,20 @@ def _part(name: str, format: FileFormat, path: Path) -> Part:
 
 def _folder(name: str, input_format: FileFormat | None) -> Input:
     folder = Path(name)
-    files = sorted(
-        (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path.relative_to(folder))),
-        key=lambda path: path.relative_to(folder).as_posix(),
-    )
+    files = ((path, PurePosixPath(path.relative_to(folder).as_posix())) for path in folder.rglob("*") if path.is_file())
+    return _of_parts(name, [(path, relative, None) for path, relative in files], input_format)
+
+
+def _of_parts(
+    name: str, files: Sequence[tuple[Location, PurePosixPath, Mark | None]], input_format: FileFormat | None
+) -> Input:
+    """Return a folder whose files are these, each with its path below the folder, and its mark where it is known."""
     parts = []
-    for path in files:
+    for path, relative, mark in sorted(files, key=lambda file: str(file[1])):
         known = known_format_of_path(path.name)
-        if known is not None:
-            keys = _keys(path.relative_to(folder).parts[:-1])
-            parts.append(replace(_part(str(path), input_format or known, path), keys=keys))
+        if known is not None and not _is_hidden(relative):
+            part = Part(name=str(path), format=input_format or known, path=path, mark=mark or mark_of(path))
+            parts.append(replace(part, keys=_keys(relative.parts[:-1])))
     if not parts:
         raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
     return Input(name=name, parts=tuple(parts))
@@ -120,7 +153,7 @@ def _keys(folders: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
     return tuple((unquote(key), None if value == _HIVE_NULL else unquote(value)) for key, _, value in pairs)
 
 
-def _is_hidden(relative: Path) -> bool:
+def _is_hidden(relative: PurePosixPath) -> bool:
     return any(step.startswith((".", "_")) for step in relative.parts)
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.io.locations import location
+
 __all__ = ["read_part", "scratch_folder"]
 
 
@@ -24,8 +26,9 @@ def read_part(path: str) -> Any:
 
 @contextmanager
 def scratch_folder(target: str) -> Iterator[str]:
-    """Give a new hidden folder beside ``target`` (``-``: in the current folder); it goes at the end of the block."""
-    folder = Path.cwd() if target == "-" else Path(target).resolve().parent
+    """Give a new hidden folder beside ``target`` (``-`` or a URL: in the current folder); it goes at its end."""
+    place = location(target)
+    folder = place.resolve().parent if isinstance(place, Path) and target != "-" else Path.cwd()
     scratch = tempfile.mkdtemp(prefix=".nlosctl.", suffix=".parts", dir=folder)
     try:
         yield scratch

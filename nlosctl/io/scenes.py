@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,6 +12,7 @@ import msgspec
 from nlosctl.contract.scene import EarthFrame, Scene, Sensor
 from nlosctl.contract.toml_text import parse_toml, read_limited
 from nlosctl.errors import DataError, did_you_mean
+from nlosctl.io.locations import Location, location, near_name
 from nlosctl.io.reflector_kinds import REFLECTOR_KINDS, kind_of_reflector
 from nlosctl.io.toml_structs import Decoder, Finite, Point
 
@@ -89,14 +89,14 @@ def scene_to_toml(scene: Scene) -> str:
     return "\n".join(blocks)
 
 
-def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: Path | None) -> Scene:
+def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: Location | None) -> Scene:
     """Return the scene of an input: ``option`` (a file), else the table's metadata, else a file beside the input.
 
     Beside ``dir/STEM.parquet`` that is ``dir/STEM.scene.toml``, then ``dir/scene.toml``. Without any the scene is
     empty. Raises DataError where the file named is not there or malformed.
     """
     if option is not None:
-        return _scene_of_file(Path(option))
+        return _scene_of_file(location(option))
     if SCENE_KEY in metadata:
         try:
             text = metadata[SCENE_KEY].decode("utf-8")
@@ -109,25 +109,23 @@ def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: 
     return Scene()
 
 
-def _beside(input_path: Path | None) -> list[Path]:
+def _beside(input_path: Location | None) -> list[Location]:
     if input_path is None:
         return []
-    stem = input_path.name.split(".")[0] if not input_path.is_dir() else input_path.name
-    stems = [stem]
-    if not input_path.is_dir():
-        stems = [input_path.stem.removesuffix(".csv").removesuffix(".jsonl"), stem]
+    is_folder = input_path.is_dir()
+    stems = [input_path.name]
+    if not is_folder:
+        stems = [input_path.stem.removesuffix(".csv").removesuffix(".jsonl"), input_path.name.split(".")[0]]
     named = [input_path.with_name(f"{word}.scene.toml") for word in dict.fromkeys(stems)]
-    folder = input_path if input_path.is_dir() else input_path.parent
+    folder = input_path if is_folder else input_path.parent
     return [*named, folder / "scene.toml"]
 
 
-def _scene_of_file(path: Path) -> Scene:
+def _scene_of_file(path: Location) -> Scene:
     try:
         text = read_limited(path, str(path))
     except OSError as error:
-        siblings = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-        near = did_you_mean(path.name, siblings)
-        raise DataError(f"{path}: the scene can't be read: {error.strerror}{near}") from error
+        raise DataError(f"{path}: the scene can't be read: {error.strerror}{near_name(path)}") from error
     return scene_from_toml(text, str(path))
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pyarrow as pa
 import pyarrow.parquet
@@ -16,6 +15,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.byte_streams import FREE_EXPANSION_BYTES, expansion_fault
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Part
+from nlosctl.io.locations import Location, pyarrow_source
 from nlosctl.io.raw import RawBatch, readable, rebatch
 from nlosctl.io.to_text import without_views
 
@@ -62,15 +62,15 @@ def _without_views(schema: Any) -> Any:
     return pa.schema([column.with_type(without_views(column.type)) for column in schema], metadata=schema.metadata)
 
 
-def parquet_metadata(path: Path) -> Any:
+def parquet_metadata(path: Location) -> Any:
     """Return what the end of a Parquet file tells of it; it is read once for a number of openings of the same file."""
     status = path.stat()
     return _parquet_metadata(path, status.st_size, status.st_mtime_ns)
 
 
 @lru_cache(maxsize=4)
-def _parquet_metadata(path: Path, size: int, modified: int) -> Any:
-    return pyarrow.parquet.read_metadata(path)
+def _parquet_metadata(path: Location, size: int, modified: int) -> Any:
+    return pyarrow.parquet.read_metadata(pyarrow_source(path))
 
 
 class ParquetSource:
@@ -104,7 +104,7 @@ class ParquetSource:
     def _open(self, dictionary: Sequence[str]) -> Any:
         path = self._part.path
         return pa.parquet.ParquetFile(
-            self._part.stream if path is None else str(path),
+            self._part.stream if path is None else pyarrow_source(path),
             metadata=None if path is None else parquet_metadata(path),
             read_dictionary=list(dictionary),
             pre_buffer=False,
@@ -130,7 +130,7 @@ class ParquetSource:
         if self._part.stream is not None:
             self._part.stream.seek(0)
         else:
-            self._file.close()
+            self._file.close(force=True)
         self._file = self._open(encoded)
 
     def batches(self) -> Iterator[RawBatch]:
@@ -154,7 +154,7 @@ class ParquetSource:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self._file.close(force=self._part.path is not None)
         if self._part.stream is not None:
             self._part.stream.close()
 
@@ -170,12 +170,17 @@ def parquet_end_value(part: Part, column: str, place: int) -> Any:
     first, behind = part.row_groups or (0, told.num_row_groups)
     if first == behind or column not in told.schema.to_arrow_schema().names:
         return None
-    with readable(part.name, "Parquet file"), pa.parquet.ParquetFile(str(part.path), metadata=told) as file:
+    with readable(part.name, "Parquet file"), pa.parquet.ParquetFile(pyarrow_source(part.path), metadata=told) as file:
         if place == 0:
             batch = next(file.iter_batches(1, row_groups=[first], columns=[column], use_threads=False), None)
         else:
             batch = file.read_row_group(behind - 1, columns=[column], use_threads=False)
         return None if batch is None or not batch.num_rows else batch.column(0)[place].as_py()
+
+
+def _opened(path: Location | None) -> Any:
+    source = pyarrow_source(cast(Location, path))
+    return pa.OSFile(source) if isinstance(source, str) else source
 
 
 class ArrowSource:
@@ -185,7 +190,7 @@ class ArrowSource:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "Arrow file"):
             # not mapped into memory: a file that is cut short meanwhile would end the process
-            self._handle = part.stream if part.stream is not None else pa.OSFile(str(part.path))
+            self._handle = part.stream if part.stream is not None else _opened(part.path)
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
             self._schema = _without_views(self._reader.schema)

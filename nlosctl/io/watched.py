@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
+from nlosctl.io.locations import Location
 from nlosctl.io.raw import RawBatch, RawSource
 
-__all__ = ["WatchedSource", "mark_of"]
+__all__ = ["Mark", "WatchedSource", "mark_of", "mark_of_status"]
 
 Mark = tuple[int, int, int]
 
 
-def mark_of(path: Path) -> Mark | None:
+def mark_of(path: Location) -> Mark | None:
     """Return what changes when a file does: its place on the disk, size and time; None where it is not there."""
     try:
         found = path.stat()
     except OSError:
         return None
+    return mark_of_status(found)
+
+
+def mark_of_status(found: Any) -> Mark:
+    """Return the mark of what a ``stat`` has told."""
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 class WatchedSource:
     """A source of a file that must be, at the end of its rows, what it was when the run began (``mark``)."""
 
-    def __init__(self, source: RawSource, name: str, path: Path, mark: Mark | None) -> None:
+    def __init__(self, source: RawSource, name: str, path: Location, mark: Mark | None) -> None:
         self._source, self._name, self._path, self._mark = source, name, path, mark
         self.names: tuple[str, ...] = source.names
         self.metadata: Mapping[bytes, bytes] = source.metadata

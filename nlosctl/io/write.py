@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
 from types import TracebackType
 from typing import IO, Any
 
 import pyarrow as pa
 
-from nlosctl.errors import DataError, UsageError
+from nlosctl.errors import DataError
 from nlosctl.io.encode import Encoder, make_encoder
 from nlosctl.io.file_format import FileFormat, format_of_path, known_format_of_path
+from nlosctl.io.locations import Location, location
+from nlosctl.io.new_file import NewFile, writing
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow
+from nlosctl.io.targets import check_targets, takes_bytes_as_they_come
 
 __all__ = [
     "BadRowWriter",
     "TableWriter",
-    "check_targets",
-    "is_folder_target",
     "open_bytes_out",
     "provenance_text",
     "write_bytes",
@@ -55,7 +54,7 @@ class TableWriter:
         *,
         format: FileFormat | None = None,
         overwrite: bool = False,
-        inputs: Sequence[Path] = (),
+        inputs: Sequence[Location] = (),
         metadata: Mapping[str, str] | None = None,
         stdout: IO[bytes] | None = None,
         group_rows: int = GROUP_ROWS,
@@ -69,7 +68,7 @@ class TableWriter:
         self._format = _format_for(target, format)
         self._waiting: list[Any] = []
         self._waiting_rows = 0
-        self._temporary: Path | None = None
+        self._new: NewFile | None = None
         self._sink: Any = None
         self._encoder: Encoder | None = None
         check_targets([target], overwrite=overwrite, inputs=inputs)
@@ -106,13 +105,13 @@ class TableWriter:
             raise
 
     def _encode(self, table: Any) -> None:
-        with _writing(self.target):
+        with writing(self.target):
             if self._encoder is None:
                 self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
             self._encoder.write(table.combine_chunks())
 
     def _finish(self) -> None:
-        with _writing(self.target):
+        with writing(self.target):
             self._put_in_place()
 
     def _put_in_place(self) -> None:
@@ -120,25 +119,22 @@ class TableWriter:
             self._encode(pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table())
         assert self._encoder is not None  # noqa: S101 - made by _encode
         self._encoder.close(self._metadata)
-        if self._temporary is None:
+        if self._new is None:
             self._pass_on() if self.target == "-" else self._sink.close()
             return
-        self._sink.flush()
-        os.fsync(self._sink.fileno())
-        self._sink.close()
-        self._temporary.replace(Path(self.target).resolve())
-        self._temporary = None
+        self._new.keep()
+        self._new = None
 
     def _open_sink(self) -> Any:
         if self.target == "-":
             if self._format is FileFormat.PARQUET:
                 return tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)
             return self._output()
-        with _writing(self.target):
-            if _takes_bytes_as_they_come(self.target):
-                return Path(self.target).open("wb")
-            self._temporary, sink = _temporary_beside(self.target)
-            return sink
+        with writing(self.target):
+            if takes_bytes_as_they_come(self.target):
+                return location(self.target).open("wb")
+            self._new = NewFile(self.target)
+            return self._new.sink
 
     def _output(self) -> IO[bytes]:
         if self._stdout is None and sys.stdout is None:
@@ -154,14 +150,11 @@ class TableWriter:
         output.flush()
 
     def _discard(self) -> None:
-        if self._temporary is None:
-            if self._format is FileFormat.PARQUET:
-                self._sink.close()
-            return
-        with suppress(OSError):  # what waits to be written can't be, on a full disk: the file is given up anyway
+        if self._new is not None:
+            self._new.discard()
+            self._new = None
+        elif self._format is FileFormat.PARQUET:
             self._sink.close()
-        self._temporary.unlink(missing_ok=True)
-        self._temporary = None
 
 
 class BadRowWriter:
@@ -208,7 +201,7 @@ def provenance_text(provenance: Mapping[str, Any]) -> str:
 def _format_for(target: str, format: FileFormat | None) -> FileFormat:
     """Return the format of an output: what its name tells, and ``format`` where that tells none."""
     if target != "-":
-        return known_format_of_path(target) or format or format_of_path(target)
+        return known_format_of_path(location(target).name) or format or format_of_path(target)
     return FileFormat.ARROW_STREAM if format is FileFormat.ARROW else format or FileFormat.CSV
 
 
@@ -219,135 +212,41 @@ def write_text(target: str, text: str) -> None:
 
 def write_bytes(target: str, content: bytes) -> None:
     """Write a small file, whole or not at all; check the target first with `check_targets`."""
-    with _writing(target):
-        if _takes_bytes_as_they_come(target):
-            Path(target).write_bytes(content)
-            return
-        temporary, sink = _temporary_beside(target)
-        try:
-            with sink:
-                sink.write(content)
-                sink.flush()
-                os.fsync(sink.fileno())
-            temporary.replace(Path(target).resolve())
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+    with writing(target), _bytes_out(target) as sink:
+        sink.write(content)
 
 
 @contextmanager
-def open_bytes_out(target: str, *, overwrite: bool = False, inputs: Sequence[Path] = ()) -> Iterator[IO[bytes]]:
+def open_bytes_out(target: str, *, overwrite: bool = False, inputs: Sequence[Location] = ()) -> Iterator[IO[bytes]]:
     """Open a file (``-``: stdout) for bytes: it appears whole under its name when the block ends well, or not at all.
 
     Raises as `TableWriter` does.
     """
     check_targets([target], overwrite=overwrite, inputs=inputs)
-    with _writing(target):
+    with writing(target):
         if target == "-":
             if sys.stdout is None:
                 raise DataError("standard output is closed; name a file with -o")
             yield sys.stdout.buffer
             sys.stdout.buffer.flush()
             return
-        if _takes_bytes_as_they_come(target):
-            with Path(target).open("wb") as file:
-                yield file
-            return
-        temporary, sink = _temporary_beside(target)
-        try:
-            with sink:
-                yield sink
-                sink.flush()
-                os.fsync(sink.fileno())
-            temporary.replace(Path(target).resolve())
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
-
-
-def is_folder_target(target: str | None) -> bool:
-    """Return whether an output is meant to be a folder: its name ends with a slash, or it is one not called a file."""
-    if target is None or target == "-":
-        return False
-    return target.endswith("/") or (Path(target).is_dir() and known_format_of_path(target) is None)
-
-
-def check_targets(
-    targets: Sequence[str | None], *, overwrite: bool, inputs: Sequence[Path], tables: Sequence[str | None] = ()
-) -> None:
-    """Refuse outputs that can't be written or would destroy something, before any work is done.
-
-    ``-`` is standard output, None stands for an output that is not wanted; ``tables`` may be folders, which
-    `nlosctl.io.run_folder` looks into. Raises UsageError where two outputs are one file, DataError where a file
-    exists (without ``overwrite``), is an input, or can't be written.
-    """
-    wanted = [target for target in [*tables, *targets] if target is not None]
-    places = [target if target == "-" else str(Path(target).resolve()) for target in wanted]
-    for number, place in enumerate(places):
-        if place in places[:number]:
-            raise UsageError(f"{wanted[places.index(place)]} and {wanted[number]} are one output; give two names")
-    for target in wanted:
-        if target in tables and is_folder_target(target):
-            _check_folder(target, inputs)
-        elif target != "-":
-            _check_target(target, overwrite, inputs)
-
-
-def _check_folder(target: str, inputs: Sequence[Path]) -> None:
-    folder = Path(target).resolve()
-    for given in (given.resolve() for given in inputs):
-        if folder == given or folder in given.parents or (given.is_dir() and given in folder.parents):
-            raise DataError(f"{target}: the folder and the input lie in each other; write to another folder")
-
-
-def _check_target(target: str, overwrite: bool, inputs: Sequence[Path]) -> None:
-    path = Path(target).resolve()
-    if path.is_dir():
-        raise DataError(f"{target}: is a folder, expected the name of a file")
-    if not path.parent.is_dir():
-        raise DataError(f"{target}: there is no folder {str(Path(target).parent)!r}; make it first")
-    if _takes_bytes_as_they_come(target):
-        return
-    for given in inputs:
-        if path.exists() and given.exists() and given.samefile(path):
-            raise DataError(f"{target}: is the input; write to another file")
-        if given.is_dir() and given.resolve() in path.parents:
-            raise DataError(f"{target}: lies in the input folder {str(given)!r}; write to another folder")
-    if path.exists() and not overwrite:
-        raise DataError(f"{target}: exists already; --overwrite replaces it")
-    if not os.access(path.parent, os.W_OK):
-        raise DataError(f"{target}: can't be written: no permission in the folder")
-
-
-def _takes_bytes_as_they_come(target: str) -> bool:
-    """Whether the target is there and no regular file: a pipe or device, which is written through."""
-    path = Path(target)
-    return path.exists() and not path.is_file() and not path.is_dir()
-
-
-def _temporary_beside(target: str) -> tuple[Path, IO[bytes]]:
-    place = Path(target).resolve()
-    handle, name = tempfile.mkstemp(prefix=f".{place.name[:100]}.", suffix=".part", dir=place.parent)
-    temporary = Path(name)
-    temporary.chmod(0o666 & ~_umask())
-    return temporary, os.fdopen(handle, "wb")
+        with _bytes_out(target) as sink:
+            yield sink
 
 
 @contextmanager
-def _writing(target: str) -> Iterator[None]:
+def _bytes_out(target: str) -> Iterator[IO[bytes]]:
+    if takes_bytes_as_they_come(target):
+        with location(target).open("wb") as file:
+            yield file
+        return
+    new = NewFile(target)
     try:
-        yield
-    except BrokenPipeError:
+        yield new.sink
+        new.keep()
+    except BaseException:
+        new.discard()
         raise
-    except OSError as error:
-        name = "standard output" if target == "-" else target
-        raise DataError(f"{name}: can't be written: {error.strerror or error}") from error
-
-
-def _umask() -> int:
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
 
 
 def _plain(table: Any, schema: Any) -> Any:

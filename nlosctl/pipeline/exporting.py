@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from pathlib import PurePosixPath
 from types import TracebackType
 from typing import Any
 
@@ -20,8 +20,10 @@ from nlosctl.geometry.earth import EarthPlane
 from nlosctl.geometry.error_ellipses import error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.frames import plane_of
+from nlosctl.io.locations import Location, location
 from nlosctl.io.scenes import SCENE_KEY, scene_from_toml
-from nlosctl.io.write import check_targets, open_bytes_out
+from nlosctl.io.targets import check_targets
+from nlosctl.io.write import open_bytes_out
 
 __all__ = ["MapWriter", "exporter_of"]
 
@@ -35,7 +37,7 @@ def exporter_of(target: str, name: str | None) -> str | None:
     known = {entry.name for entry in registry.format_entries() if entry.kind == "export"}
     if name is not None:
         return name if name in known else None
-    extension = Path(target).suffix.removeprefix(".").lower()
+    extension = PurePosixPath(location(target).name).suffix.removeprefix(".").lower()
     return extension if target != "-" and extension in known else None
 
 
@@ -53,7 +55,7 @@ class MapWriter:
         parameters: Mapping[str, Any],
         *,
         overwrite: bool = False,
-        inputs: Sequence[Path] = (),
+        inputs: Sequence[Location] = (),
         metadata: Mapping[str, str] | None = None,
         frame: EarthFrame | None = None,
     ) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NoReturn
 
 from nlosctl.errors import MethodError, NlosctlError
@@ -78,7 +79,10 @@ def tables_of(run: Run, inputs: Sequence[Input], jobs: int) -> Iterator[ChunkTab
 
 
 def _can_be_sliced(inputs: Sequence[Input]) -> bool:
-    return all(part.format is FileFormat.PARQUET and part.path is not None for given in inputs for part in given.parts)
+    # a store's connection does not bear being forked: this process reads then, the others solve
+    return all(
+        part.format is FileFormat.PARQUET and isinstance(part.path, Path) for given in inputs for part in given.parts
+    )
 
 
 def _run_in_one_go(work: _Work, inputs: Sequence[Input]) -> NoReturn:

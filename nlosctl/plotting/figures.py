@@ -6,10 +6,12 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.io.write import check_targets, write_bytes
+from nlosctl.io.locations import Location, location
+from nlosctl.io.targets import check_targets
+from nlosctl.io.write import write_bytes
 from nlosctl.plotting.library import Axes, Figure, style
 
 __all__ = [
@@ -123,7 +125,7 @@ def axis_label(quantity: str, unit: str) -> str:
 
 def picture_format(target: str, format: str | None = None) -> str:
     """Return png, svg or pdf, by ``format`` or by the extension of ``target``; UsageError for anything else."""
-    word = format if format is not None else Path(target).suffix[1:]
+    word = format if format is not None else PurePosixPath(location(target).name).suffix[1:]
     if word.lower() in PICTURE_FORMATS:
         return word.lower()
     known = ", ".join(f".{name}" for name in PICTURE_FORMATS)
@@ -153,7 +155,7 @@ def save_figure(
     *,
     format: str | None = None,
     overwrite: bool = False,
-    inputs: Sequence[Path] = (),
+    inputs: Sequence[Location] = (),
 ) -> None:
     """Write a picture, whole or not at all; PNG, SVG or PDF by the extension, or as ``format`` says.
 

@@ -1,0 +1,65 @@
+"""A file in the making: bytes go to a temporary file, which takes the output's name at the end, or goes."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from nlosctl.errors import DataError
+from nlosctl.io.locations import RemotePath, location
+
+__all__ = ["NewFile", "writing"]
+
+
+class NewFile:
+    """The file ``target`` to be; ``sink`` takes its bytes. Nothing is under its name before `keep`.
+
+    The temporary file lies beside it, for a URL in the system's folder for such. Raises OSError where it can't be made.
+    """
+
+    def __init__(self, target: str) -> None:
+        self._place = location(target).resolve()
+        folder = None if isinstance(self._place, RemotePath) else self._place.parent
+        handle, name = tempfile.mkstemp(prefix=f".{self._place.name[:100]}.", suffix=".part", dir=folder)
+        self._temporary = Path(name)
+        self._temporary.chmod(0o666 & ~_umask())
+        self.sink: IO[bytes] = os.fdopen(handle, "wb")
+
+    def keep(self) -> None:
+        """Put the file in its place, whole; what was there is replaced."""
+        self.sink.flush()
+        os.fsync(self.sink.fileno())
+        self.sink.close()
+        if isinstance(self._place, RemotePath):
+            self._place.take(self._temporary)
+            self._temporary.unlink()
+        else:
+            self._temporary.replace(self._place)
+
+    def discard(self) -> None:
+        """Leave nothing of it."""
+        with suppress(OSError):  # what waits to be written can't be, on a full disk: the file is given up anyway
+            self.sink.close()
+        self._temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(target: str) -> Iterator[None]:
+    """Turn the faults of writing into a DataError that names the output; a closed pipe stays what it is."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        name = "standard output" if target == "-" else target
+        raise DataError(f"{name}: can't be written: {error.strerror or error}") from error
+
+
+def _umask() -> int:
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
