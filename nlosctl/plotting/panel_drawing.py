@@ -38,6 +38,9 @@ _PANEL_IN = {1: (6.0, 4.2), 2: (5.0, 3.8), 3: (4.2, 3.4)}
 """Width and height of a panel by how many stand in a row."""
 _HATCHES = ("", "////", "||||", "\\\\\\\\", "xxxx", "----")
 
+_ROOM_ABOVE_BARS = 3
+"""Entries of a legend that find room above bars; more would hide some."""
+
 
 @figure_style()
 def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
@@ -77,7 +80,7 @@ def _place_legends(figure: Figure, places: Sequence[Axes], panels: Sequence[Pane
     if not alike and not all(isinstance(panel, PointsPanel) for panel in panels):
         for axes, panel, labels in zip(places, panels, told, strict=True):
             if panel.legend and len(labels) > 1 and not isinstance(panel, RegionsPanel):
-                place_legend(axes)
+                place_legend(axes, beside=isinstance(panel, BarsPanel) and len(labels) > _ROOM_ABOVE_BARS)
         return
     for legend in filter(None, (axes.get_legend() for axes in places)):
         legend.remove()
