@@ -11,7 +11,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
 from nlosctl.models.bearings import predict_bearings
 
-_SNAPSHOTS = 4096
+_SNAPSHOTS = 8192
 _LOOPED = 400
 _SENSORS = 8
 _STD_RAD = np.radians(1.0)

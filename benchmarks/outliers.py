@@ -11,7 +11,7 @@ from nlosctl.contract.fields import BoxField
 from nlosctl.methods import bearings_mixture_ml, bearings_stansfield, bearings_suppress
 from nlosctl.scenarios.catalogue import find_scenario
 
-_SNAPSHOTS = 4096
+_SNAPSHOTS = 8192
 _LOOPED = 300
 _SENSORS = 8
 

@@ -15,7 +15,7 @@ from nlosctl.methods import triplets_chi2
 from nlosctl.pipeline.simulation import Simulation
 from nlosctl.scenarios.catalogue import find_scenario
 
-_PATHS = 4096
+_PATHS = 8192
 _LOOPED = 200
 _RULES = ("lambda5", "fusion")
 

@@ -52,7 +52,7 @@ def localize(
     carry: Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
-    block_size: int = 4096,
+    block_size: int = 8192,
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
@@ -162,7 +162,7 @@ def detect_ip(
     carry: Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
-    block_size: int = 4096,
+    block_size: int = 8192,
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Detection:
@@ -211,7 +211,7 @@ def identify_los(
     carry: Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
-    block_size: int = 4096,
+    block_size: int = 8192,
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:

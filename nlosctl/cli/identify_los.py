@@ -81,7 +81,7 @@ def identify_los(
     scheduler: Scheduler = None,
     seed: Seed = 0,
     jobs: Jobs = 0,
-    block_size: BlockSize = 4096,
+    block_size: BlockSize = 8192,
     max_snapshot_rows: MaxSnapshotRows = 1_000_000,
     report: Report = None,
     hash: Hash = False,

@@ -43,7 +43,7 @@ def bounds_of(information: Symmetric2x2) -> Bounds:
     with np.errstate(invalid="ignore", over="ignore"):
         smaller, larger = information.eigenvalues()
         regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
-    parts = (np.where(regular, part, np.nan) for part in vars(information).values())
+    parts = (np.where(regular, part, np.nan) for part in information)
     covariance = Symmetric2x2(*parts).inverse()
     ellipse = error_ellipse(covariance)
     return Bounds(

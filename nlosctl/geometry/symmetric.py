@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +12,7 @@ __all__ = ["Symmetric2x2"]
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Symmetric2x2:
+class Symmetric2x2(NamedTuple):
     """A batch of symmetric 2x2 matrices; each of ``xx``, ``xy``, ``yy`` has the batch's shape."""
 
     xx: FloatArray
@@ -36,8 +35,8 @@ class Symmetric2x2:
         The smaller is found as determinant / larger, so that it keeps its digits in nearly singular matrices.
         """
         half_difference = 0.5 * (self.xx - self.yy)
-        larger = 0.5 * self.trace + np.hypot(half_difference, self.xy)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+            larger = 0.5 * self.trace + np.sqrt(half_difference * half_difference + self.xy * self.xy)
             smaller = np.where(larger > 0.0, self.determinant / larger, 0.0)
         return smaller, larger
 

@@ -100,7 +100,7 @@ def _status(
 ) -> StatusArray:
     (last,) = run.pick(best)[0][-1:]
     x, y = last.x[:, 0], last.y[:, 0]
-    covariance = type(last.covariance)(*(part[:, 0] for part in vars(last.covariance).values()))
+    covariance = type(last.covariance)(*(part[:, 0] for part in last.covariance))
     status = judge_fixes(lines, x, y, lines.survey(x, y), covariance, min_range_m)
     status[~last.alive[:, 0]] = Status.BEHIND
     free = np.ones(batch.size, dtype=bool) if prior is None else ~prior.known
@@ -119,7 +119,7 @@ def _solution(
     x, y = last.x[:, 0], last.y[:, 0]
     estimates = single_estimates(
         position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
-        covariance_m2=np.stack([part[:, 0] for part in vars(last.covariance).values()], axis=1),
+        covariance_m2=np.stack([part[:, 0] for part in last.covariance], axis=1),
         cost=cost,
         n_used=np.full(batch.size, batch.measurements, dtype=np.int64),
         status=status,

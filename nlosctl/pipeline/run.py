@@ -39,7 +39,7 @@ class RunSettings:
 
     seed: int = 0
     jobs: int = 1
-    block_size: int = 4096
+    block_size: int = 8192
     alternatives: int = 1
     carry: tuple[str, ...] = ()
     field: Field = dataclasses.field(default_factory=SensorsField)

@@ -56,16 +56,17 @@ class BearingProblem:
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if x.shape[0] < _SMALL_BLOCK:
-                terms = np.stack(self._terms(slice(None), x[:, None], y[:, None]))
-                totals = list(np.add.accumulate(terms, axis=-1)[..., -1])
+                terms = np.concatenate(self._terms(slice(None), x[:, None], y[:, None]))
+                totals = np.add.accumulate(terms, axis=1)[:, -1].reshape(_TERMS, -1)
             else:
-                totals = [np.zeros(x.shape) for _ in range(_TERMS)]
+                totals = np.zeros((_TERMS, x.shape[0]))
                 for k in range(self.origin_x.shape[1]):
                     for total, term in zip(totals, self._terms(k, x, y), strict=True):
                         total += term
             cost, gradient_x, gradient_y, xx, xy, yy, bend, twist = totals
             gauss = Symmetric2x2(xx, -xy, yy)
-            exact = Symmetric2x2(xx - 2.0 * bend, -xy - twist, yy + 2.0 * bend)
+            twice = bend + bend
+            exact = Symmetric2x2(xx - twice, gauss.xy - twist, yy + twice)
             return Evaluation.of_newton(0.5 * cost, gradient_x, -gradient_y, exact, gauss)
 
     def _terms(self, k: int | slice, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:

@@ -22,6 +22,9 @@ __all__ = ["minimize_paths"]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+_PATIENCE = 20
+"""Refused steps after which a descent is given up: then the likelihood has no smooth minimum near, as at the nodes."""
+
 
 @dataclass(frozen=True)
 class _EllipticProblem:
@@ -81,9 +84,7 @@ def minimize_paths(
 ) -> Minimum:
     """Minimize the cost of single paths (N, 1) in their baseline frames from starts (N,); the result is in x, y."""
     problem = _EllipticProblem(plane, baseline_m)
-    found = minimize(
-        problem, *problem.from_plane(start_x, start_y), max_iterations=max_iterations, patience=max_iterations
-    )
+    found = minimize(problem, *problem.from_plane(start_x, start_y), max_iterations=max_iterations, patience=_PATIENCE)
     x, y = problem.to_plane(found.x, found.y)
     there = plane.evaluate(x, y)
     return Minimum(x, y, there.cost, there.hessian, found.converged, found.evaluations)

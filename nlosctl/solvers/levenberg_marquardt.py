@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
+PartsT = TypeVar("PartsT", bound=tuple[Any, ...])
 
 _ROUNDING_DECREASE = 1e-8
 """A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may
@@ -39,8 +39,7 @@ _WORTH_DROPPING = 0.75
 """Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
 
 
-@dataclass(frozen=True)
-class Evaluation:
+class Evaluation(NamedTuple):
     """Cost, gradient and a positive matrix of second derivatives (B,) at one point each.
 
     ``exact`` (B,) tells where the matrix is that of the exact second derivatives, None that it is nowhere.
@@ -67,9 +66,8 @@ class Evaluation:
         That is Gauss-Newton's matrix, or the EM algorithm's. ``least_share`` is of the stand-in's determinant.
         """
         positive = (exact.xx > 0.0) & (exact.determinant > least_share * stand_in.determinant)
-        if not positive.all():
-            pairs = ((exact.xx, stand_in.xx), (exact.xy, stand_in.xy), (exact.yy, stand_in.yy))
-            exact = Symmetric2x2(*(np.where(positive, one, other) for one, other in pairs))
+        if np.count_nonzero(positive) < positive.size:
+            exact = _pick(positive, exact, stand_in)
         return cls(cost, gradient_x, gradient_y, exact, positive)
 
 
@@ -85,8 +83,7 @@ class Problem(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Minimum:
+class Minimum(NamedTuple):
     """Where each problem (B,) ended, the cost and the second derivatives there, and whether it settled."""
 
     x: FloatArray
@@ -98,19 +95,14 @@ class Minimum:
 
     def take(self, rows: IntArray) -> Minimum:
         """Return the ends of some problems."""
-        return Minimum(
-            self.x[rows],
-            self.y[rows],
-            self.cost[rows],
-            Symmetric2x2(self.hessian.xx[rows], self.hessian.xy[rows], self.hessian.yy[rows]),
-            self.converged[rows],
-            self.evaluations[rows],
-        )
+        return _rows_of(self, rows)
 
 
-@dataclass
-class _State:
-    """The rows still in the work: their place in the block, point, damping, steps refused, evaluation, settled."""
+class _State(NamedTuple):
+    """The rows still in the work: their place in the block, point, damping, steps refused, evaluation, settled.
+
+    ``last_length`` is that of the step before, if that was a full exact Newton step, else 0: it foretells nothing.
+    """
 
     rows: IntArray
     x: FloatArray
@@ -121,17 +113,18 @@ class _State:
     settled: BoolArray
     last_length: FloatArray
 
-    def keep(self, mask: BoolArray) -> _State:
-        return _State(
-            self.rows[mask],
-            self.x[mask],
-            self.y[mask],
-            self.damping[mask],
-            self.refused[mask],
-            _choose(self.at, mask),
-            self.settled[mask],
-            self.last_length[mask],
-        )
+
+class _Step(NamedTuple):
+    """Where the damped steps (B,) lead, whether they move at all, and their length in standard deviations.
+
+    The length is infinite unless it is that of a full step; ``decrease`` is twice what the quadratic model promises.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    moves: BoolArray
+    length: FloatArray
+    decrease: FloatArray
 
 
 def minimize(
@@ -155,40 +148,27 @@ def minimize(
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
         minimum = _unsettled(start_x, start_y)
-        rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
-        active = problem if rows.shape[0] == start_x.shape[0] else problem.take(rows)
-        x, y = start_x[rows], start_y[rows]
-        state = _State(
-            rows,
-            x,
-            y,
-            np.zeros(rows.shape),
-            np.zeros(rows.shape, dtype=np.int64),
-            active.evaluate(x, y),
-            np.zeros(rows.shape, dtype=bool),
-            np.full(rows.shape, np.inf),
-        )
+        active, state = _begin(problem, start_x, start_y)
         for number in range(1, max_iterations + 1):
-            step_x, step_y, length = _step(state)
-            arrived = ((length <= tolerance) | _settles_quadratically(state, length)) & ~state.settled
+            step = _step(state)
+            arrived = (step.length <= tolerance) | _settles_quadratically(state, step.length)
             stalled = state.refused >= patience
             if give_up is not None:
                 stalled |= give_up(state.rows, state.x, state.y)
-            stalled &= ~(state.settled | arrived)
-            if arrived.any() or stalled.any():
-                if stalled.any():
-                    _record(minimum, state, state.x, state.y, state.at.cost, number, stalled)
-                lowered = state.at.cost - 0.5 * length * length
-                _record(minimum, state, state.x + step_x, state.y + step_y, lowered, number, arrived)
+            if np.count_nonzero(arrived | stalled):
+                arrived &= ~state.settled
+                stalled &= ~(state.settled | arrived)
+                _record(minimum, state, state.x, state.y, state.at.cost, number, stalled)
+                lowered = state.at.cost - 0.5 * step.length * step.length
+                _record(minimum, state, step.x, step.y, lowered, number, arrived)
                 minimum.converged[state.rows[arrived]] = True
-                state.settled |= arrived | stalled
-                open_rows = ~state.settled
-                if not open_rows.any():
+                state = state._replace(settled=state.settled | arrived | stalled)
+                open_rows = np.flatnonzero(~state.settled)
+                if not open_rows.size:
                     break
-                if np.count_nonzero(open_rows) < _WORTH_DROPPING * open_rows.shape[0]:
-                    active, state = active.take(np.flatnonzero(open_rows)), state.keep(open_rows)
-                    step_x, step_y, length = step_x[open_rows], step_y[open_rows], length[open_rows]
-            state = _try_step(active, state, step_x, step_y, length)
+                if open_rows.size < _WORTH_DROPPING * state.rows.size:
+                    active, state, step = active.take(open_rows), _rows_of(state, open_rows), _rows_of(step, open_rows)
+            state = _try_step(active, state, step)
         _record(minimum, state, state.x, state.y, state.at.cost, max_iterations + 1, ~state.settled)
         return minimum
 
@@ -205,12 +185,30 @@ def _unsettled(start_x: FloatArray, start_y: FloatArray) -> Minimum:
     )
 
 
+def _begin(problem: Problem, start_x: FloatArray, start_y: FloatArray) -> tuple[Problem, _State]:
+    """Return the problems whose start is finite, and their state."""
+    rows = np.flatnonzero(np.isfinite(start_x) & np.isfinite(start_y))
+    active = problem if rows.shape[0] == start_x.shape[0] else problem.take(rows)
+    x, y = start_x[rows], start_y[rows]
+    state = _State(
+        rows=rows,
+        x=x,
+        y=y,
+        damping=np.zeros(rows.shape),
+        refused=np.zeros(rows.shape, dtype=np.int64),
+        at=active.evaluate(x, y),
+        settled=np.zeros(rows.shape, dtype=bool),
+        last_length=np.zeros(rows.shape),
+    )
+    return active, state
+
+
 def _settles_quadratically(state: _State, length: FloatArray) -> BoolArray | bool:
     """Return which problems' steps, both this and the last exact Newton's, foretell that no other is needed."""
     if state.at.exact is None:
         return False
     foretold: BoolArray = length * length * length <= _FORETOLD * state.last_length * state.last_length
-    return foretold & state.at.exact & np.isfinite(state.last_length)
+    return foretold & state.at.exact
 
 
 def _record(
@@ -222,71 +220,86 @@ def _record(
     evaluations: int,
     which: BoolArray,
 ) -> None:
-    rows, at = state.rows[which], state.at
+    if not np.count_nonzero(which):
+        return
+    rows = state.rows[which]
     minimum.x[rows], minimum.y[rows] = x[which], y[which]
     minimum.cost[rows], minimum.evaluations[rows] = cost[which], evaluations
-    minimum.hessian.xx[rows], minimum.hessian.xy[rows] = at.hessian.xx[which], at.hessian.xy[which]
-    minimum.hessian.yy[rows] = at.hessian.yy[which]
+    for recorded, part in zip(minimum.hessian, state.at.hessian, strict=True):
+        recorded[rows] = part[which]
 
 
-def _step(state: _State) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the damped step, and its length in standard deviations (infinite unless it is a full step)."""
-    hessian = state.at.hessian
-    ridge = state.damping * hessian.trace
-    damped = Symmetric2x2(hessian.xx + ridge, hessian.xy, hessian.yy + ridge)
-    step_x, step_y = damped.solve(-state.at.gradient_x, -state.at.gradient_y)
-    decrease = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
+def _step(state: _State) -> _Step:
+    at, matrix = state.at, state.at.hessian
+    is_damped = np.count_nonzero(state.damping) > 0
+    if is_damped:
+        ridge = state.damping * matrix.trace
+        matrix = Symmetric2x2(matrix.xx + ridge, matrix.xy, matrix.yy + ridge)
+    up_x, up_y = matrix.solve(at.gradient_x, at.gradient_y)
+    decrease = up_x * at.gradient_x + up_y * at.gradient_y
     length = np.sqrt(np.maximum(decrease, 0.0))
-    step_m, place_m = np.abs(step_x) + np.abs(step_y), np.abs(state.x) + np.abs(state.y)
-    length[step_m <= _ROUNDING_STEP * place_m] = 0.0
-    unusable = ~np.isfinite(length)
-    step_x, step_y = np.where(unusable, 0.0, step_x), np.where(unusable, 0.0, step_y)
-    return step_x, step_y, np.where(unusable | (state.damping > _NEARLY_FULL), np.inf, length)
+    step_m = np.abs(up_x) + np.abs(up_y)
+    length[step_m <= _ROUNDING_STEP * (np.abs(state.x) + np.abs(state.y))] = 0.0
+    usable = np.isfinite(length)
+    if np.count_nonzero(usable) < usable.size:
+        up_x, up_y, step_m = (np.where(usable, values, 0.0) for values in (up_x, up_y, step_m))
+        length[~usable] = np.inf
+    if is_damped:
+        length[state.damping > _NEARLY_FULL] = np.inf
+    return _Step(state.x - up_x, state.y - up_y, step_m > 0.0, length, decrease)
 
 
-def _try_step(problem: Problem, state: _State, step_x: FloatArray, step_y: FloatArray, length: FloatArray) -> _State:
-    x, y = state.x + step_x, state.y + step_y
-    trial = problem.evaluate(x, y)
-    foreseen = -(step_x * state.at.gradient_x + step_y * state.at.gradient_y)
-    short = (foreseen <= _ROUNDING_DECREASE) & (state.damping <= _NEARLY_FULL)
-    better = ((trial.cost <= state.at.cost) | short) & ((step_x != 0.0) | (step_y != 0.0))
-    newton = better if state.at.exact is None else better & state.at.exact
+def _try_step(problem: Problem, state: _State, step: _Step) -> _State:
+    trial = problem.evaluate(step.x, step.y)
+    is_full = state.damping <= _NEARLY_FULL
+    better = trial.cost <= state.at.cost
+    better |= (step.decrease <= _ROUNDING_DECREASE) & is_full
+    better &= step.moves
+    newton = better & is_full if state.at.exact is None else better & is_full & state.at.exact
     eased = np.where(state.damping > 1e-3, state.damping * 0.1, 0.0)
     return _State(
         state.rows,
-        np.where(better, x, state.x),
-        np.where(better, y, state.y),
+        np.where(better, step.x, state.x),
+        np.where(better, step.y, state.y),
         np.where(better, eased, np.maximum(state.damping * 30.0, 1e-3)),
         state.refused + ~better,
-        trial if better.all() else _merge(better, trial, state.at),
+        _pick(better, trial, state.at),
         state.settled,
-        np.where(newton, length, np.inf),
+        np.where(newton, step.length, 0.0),
     )
 
 
-def _choose(at: Evaluation, mask: BoolArray) -> Evaluation:
-    hessian = at.hessian
-    return Evaluation(
-        at.cost[mask],
-        at.gradient_x[mask],
-        at.gradient_y[mask],
-        Symmetric2x2(hessian.xx[mask], hessian.xy[mask], hessian.yy[mask]),
-        None if at.exact is None else at.exact[mask],
-    )
-
-
-def _merge(first: BoolArray, one: Evaluation, other: Evaluation) -> Evaluation:
-    def pick(a: FloatArray, b: FloatArray) -> FloatArray:
-        return np.where(first, a, b)
-
-    return Evaluation(
-        pick(one.cost, other.cost),
-        pick(one.gradient_x, other.gradient_x),
-        pick(one.gradient_y, other.gradient_y),
-        Symmetric2x2(
-            pick(one.hessian.xx, other.hessian.xx),
-            pick(one.hessian.xy, other.hessian.xy),
-            pick(one.hessian.yy, other.hessian.yy),
+def _rows_of(parts: PartsT, rows: IntArray) -> PartsT:
+    """Return some rows of all arrays of a named tuple; those that are None stay so."""
+    make: Any = type(parts)
+    return cast(
+        PartsT,
+        make(
+            *(
+                _rows_of(part, rows) if isinstance(part, tuple) else part if part is None else part[rows]
+                for part in parts
+            )
         ),
-        None if one.exact is None or other.exact is None else np.where(first, one.exact, other.exact),
+    )
+
+
+def _pick(first: BoolArray, one: PartsT, other: PartsT) -> PartsT:
+    """Return the rows of one named tuple where ``first``, else those of the other; None where either is None."""
+    taken = np.count_nonzero(first)
+    if taken in (0, first.size):
+        return one if taken else other
+    pairs = zip(one, other, strict=True)
+    make: Any = type(one)
+    return cast(
+        PartsT,
+        make(
+            *(
+                _pick(first, a, b)
+                if isinstance(a, tuple)
+                else None
+                if a is None or b is None
+                else np.where(first, a, b)
+                for a, b in pairs
+            )
+        ),
     )

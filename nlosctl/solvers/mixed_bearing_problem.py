@@ -86,7 +86,7 @@ class MixedBearingProblem:
             rows = self.plain_rows
             plain = self.plain.evaluate(x[rows], y[rows])
             at.cost[rows], at.gradient_x[rows], at.gradient_y[rows] = plain.cost, plain.gradient_x, plain.gradient_y
-            for block, values in zip(vars(at.hessian).values(), vars(plain.hessian).values(), strict=True):
+            for block, values in zip(at.hessian, plain.hessian, strict=True):
                 block[rows] = values
             if at.exact is not None and plain.exact is not None:
                 at.exact[rows] = plain.exact

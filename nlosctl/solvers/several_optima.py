@@ -98,7 +98,7 @@ def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray,
         return np.take_along_axis(values.reshape(shape), order, axis=0)
 
     x, y, cost = ranked(minimum.x), ranked(minimum.y), np.take_along_axis(cost, order, axis=0)
-    metric = Symmetric2x2(*(ranked(part) for part in vars(minimum.hessian).values()))
+    metric = Symmetric2x2(*(ranked(part) for part in minimum.hessian))
     kept = np.isfinite(cost) & ~_repeated(x, y, cost, metric)
     kept &= np.cumsum(kept, axis=0) <= MAX_ALTERNATIVES
     kept[0] = True

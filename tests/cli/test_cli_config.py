@@ -43,7 +43,7 @@ def test_what_is_shown_is_what_holds(
     assert told["method"][0] == [method["name"].removeprefix("bearings.") for method in used["methods"]]
     for name in ("seed", "method"):
         assert told[name][1].startswith(sources[-1])
-    assert told["block-size"] == (4096, "default")
+    assert told["block-size"] == (8192, "default")
 
 
 def test_all_commands_show_what_is_no_default(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
