@@ -93,7 +93,7 @@ def report(folder: Path, snapshots: int, slow_snapshots: int, memory: list[int])
         localize(method, source, target)
         estimates = pq.read_table(target, use_threads=False)
         alone, ours, shared = best_of(
-            2 if method in _SLOW else 5,
+            5,
             lambda estimates=estimates, source=source: read_and_write(source, estimates, folder / "alone.parquet"),
             lambda method=method, source=source: localize(method, source, target),
             lambda method=method, source=source: localize(method, source, target, jobs=2),

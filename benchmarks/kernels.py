@@ -11,7 +11,9 @@ from nlosctl.contract.scene import Scene
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
 from nlosctl.models.bearings import predict_bearings
 
-_SNAPSHOTS = 8192
+SNAPSHOTS = 8192
+"""A block as the command makes them."""
+
 _LOOPED = 400
 _SENSORS = 8
 _STD_RAD = np.radians(1.0)
@@ -63,7 +65,7 @@ def scipy_loop(batch: BearingBatch, snapshots: int) -> np.ndarray:
 
 def report() -> list[str]:
     """Return the lines of the table: throughput ratios, after checking that both agree on the answers."""
-    batch = make_batch(_SNAPSHOTS, seed=1)
+    batch = make_batch(SNAPSHOTS, seed=1)
     ours = bearings_ml.solve(batch, bearings_ml.METHOD.options()).estimates
     answered = np.isfinite(ours.position_m[:_LOOPED, 0])
     apart = np.hypot(*(ours.position_m[:_LOOPED] - scipy_loop(batch, _LOOPED))[answered].T)
@@ -74,7 +76,7 @@ def report() -> list[str]:
         lambda: scipy_loop(batch, _LOOPED),
         *((lambda module=module: module.solve(batch, module.METHOD.options())) for module in methods),
     )
-    per_snapshot = [times[0] / _LOOPED, *(time / _SNAPSHOTS for time in times[1:])]
+    per_snapshot = [times[0] / _LOOPED, *(time / SNAPSHOTS for time in times[1:])]
     lines = [
         '## Kernels against a loop of `least_squares(method="lm")` with analytic Jacobian, 8 sensors',
         "",

@@ -51,7 +51,7 @@ class Peer(NamedTuple):
 
 
 _ML_PEERS = (
-    Peer("jax_vmap", "jax, Levenberg-Marquardt vmapped and compiled", 4096),
+    Peer("jax_vmap", "jax, Levenberg-Marquardt vmapped and compiled", kernels.SNAPSHOTS),
     Peer("gtsam_loop", "gtsam, loop: `CustomFactor`, Levenberg-Marquardt", 400),
     Peer("pyceres_loop", "pyceres, loop: `CostFunction` in Python, dense QR", 400),
     Peer("stonesoup_loop", "Stone Soup, loop: iterated Kalman update, 8 bearings stacked, 10 km prior", 100),
@@ -203,7 +203,7 @@ def _versions(stem: str) -> str:
 
 
 def _ml_lines(environments: Path) -> list[str]:
-    batch = kernels.make_batch(4096, seed=1)
+    batch = kernels.make_batch(kernels.SNAPSHOTS, seed=1)
     options = bearings_ml.METHOD.options()
     position_m = bearings_ml.solve(batch, options).estimates.position_m
     programs = {
