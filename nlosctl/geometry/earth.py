@@ -44,7 +44,7 @@ class EarthPlane:
 
     def to_plane(self, lat_deg: FloatArray, lon_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x and y (N,) in metres; NaN where a place is NaN or the plane does not reach."""
-        east, north = _finite(self._forward.transform(lon_deg, lat_deg))
+        east, north = _finite(self._forward.transform(_single(lon_deg), _single(lat_deg)), lon_deg.shape)
         cos, sin = np.cos(self._turn_rad), np.sin(self._turn_rad)
         return cos * east + sin * north, cos * north - sin * east
 
@@ -53,7 +53,7 @@ class EarthPlane:
         cos, sin = np.cos(self._turn_rad), np.sin(self._turn_rad)
         known = np.isfinite(x_m) & np.isfinite(y_m)
         x, y = np.where(known, x_m, 0.0), np.where(known, y_m, 0.0)
-        lon, lat = _finite(self._back.transform(cos * x - sin * y, sin * x + cos * y))
+        lon, lat = _finite(self._back.transform(_single(cos * x - sin * y), _single(sin * x + cos * y)), x.shape)
         return np.where(known, lat, np.nan), np.where(known, lon, np.nan)
 
     def north_rad(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
@@ -62,7 +62,8 @@ class EarthPlane:
         known = np.isfinite(lat) & np.isfinite(lon)
         if not known.any():
             return np.full(x_m.shape, np.nan)
-        factors = self._factors.get_factors(np.where(known, lon, lon[known][0]), np.where(known, lat, lat[known][0]))
+        lon, lat = np.where(known, lon, lon[known][0]), np.where(known, lat, lat[known][0])
+        factors = self._factors.get_factors(_single(lon), _single(lat))
         convergence = np.radians(np.asarray(factors.meridian_convergence, dtype=np.float64))
         return np.where(known, 0.5 * np.pi + convergence - self._turn_rad, np.nan)
 
@@ -78,7 +79,7 @@ def flat_errors(
     lat, lon = plane.to_earth(x_m, y_m)
     to_lat, to_lon = plane.to_earth(to_x_m, to_y_m)
     known = np.isfinite(lat + lon + to_lat + to_lon)
-    ends = [np.where(known, degrees, 0.0) for degrees in (lon, lat, to_lon, to_lat)]
+    ends = [_single(np.where(known, degrees, 0.0)) for degrees in (lon, lat, to_lon, to_lat)]
     azimuth_deg, _, length = _pyproj().Geod(ellps="WGS84").inv(*ends)
     dx, dy = to_x_m - x_m, to_y_m - y_m
     along = plane.north_rad(x_m, y_m) - np.radians(azimuth_deg)
@@ -86,9 +87,14 @@ def flat_errors(
     return np.where(known, turned, np.nan), np.where(known, np.hypot(dx, dy) - length, np.nan)
 
 
-def _finite(pair: tuple[Any, Any]) -> tuple[FloatArray, FloatArray]:
-    """Return what pyproj gives, with NaN for its infinities."""
-    one, other = (np.asarray(part, dtype=np.float64) for part in pair)
+def _single(places: FloatArray) -> Any:
+    """Return a number for one place, else the array: pyproj makes a number of an array of one, which NumPy warns of."""
+    return places.item() if places.size == 1 else places
+
+
+def _finite(pair: tuple[Any, Any], shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return what pyproj gives, in the shape that was asked, with NaN for its infinities."""
+    one, other = (np.asarray(part, dtype=np.float64).reshape(shape) for part in pair)
     there = np.isfinite(one) & np.isfinite(other)
     return np.where(there, one, np.nan), np.where(there, other, np.nan)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 from collections.abc import Mapping
@@ -103,11 +105,9 @@ class _ArrowEncoder:
 class _CsvEncoder:
     def __init__(self, sink: Any, schema: Any, stream: Any) -> None:
         self._sink, self._stream = sink, stream
-        header = pa.csv.WriteOptions(quoting_header="none")
-        try:
-            self._write(_with_plain_columns(schema.empty_table()), header)
-        except pa.ArrowInvalid:  # a name with a comma or a quote
-            self._write(_with_plain_columns(schema.empty_table()), pa.csv.WriteOptions())
+        header = io.StringIO()
+        csv.writer(header, lineterminator="\n").writerow(schema.names)
+        sink.write(header.getvalue().encode())
 
     def _write(self, table: Any, options: Any) -> None:
         buffer = pa.BufferOutputStream()
