@@ -253,3 +253,16 @@ def test_there_is_no_path_from_outside():
     sensor[1] *= 1.2
     path = short_path(sensor, source)
     assert np.isnan(path.bearing_rad).tolist() == [False, True, False]
+
+
+def test_points_near_the_centre_keep_their_digits():
+    """Between points within a thousandth of the radius from the centre every path found is specular, to rounding."""
+    generator = np.random.default_rng(16)
+    sensor, source = 1e-4 * draw_disc(generator, 300), 1e-3 * draw_disc(generator, 300)
+    path = all_reflections(*parts(sensor), *parts(source), np.ones(300))
+    hit = path.hit_x + 1j * path.hit_y
+    out, back = sensor - hit, source - hit
+    with np.errstate(invalid="ignore"):  # paths that are not there
+        slope = np.real(np.conj(1j * hit) * (out / np.abs(out) + back / np.abs(back)))
+    assert (np.isfinite(slope).sum(axis=0) >= 2).all()
+    assert np.nanmax(np.abs(slope)) < 1e-14

@@ -36,6 +36,16 @@ def test_no_ellipse_of_what_is_no_covariance():
     assert np.isnan(ellipse.orientation_rad).all()
 
 
+def test_errors_on_a_line_have_an_ellipse_without_width():
+    """Singular covariances have a minor axis of 0, and point along the line; a point has both axes 0."""
+    ellipse = error_ellipse(
+        Symmetric2x2(np.array([4.0, 0.0, 2.0, 0.0]), np.array([0.0, 0.0, -2.0, 0.0]), np.array([0.0, 9.0, 2.0, 0.0]))
+    )
+    np.testing.assert_allclose(ellipse.semi_major_m, [2.0, 3.0, 2.0, 0.0])
+    np.testing.assert_allclose(ellipse.semi_minor_m, 0.0)
+    np.testing.assert_allclose(ellipse.orientation_rad[:3], [0.0, np.pi / 2, -np.pi / 4])
+
+
 def share_within(radius: float, minor: float) -> float:
     """Return P(radius) for axes 1 and ``minor``: the Hoyt distribution, integrated by scipy."""
     a, b = (1.0 + minor**2) / (4.0 * minor**2), (1.0 - minor**2) / (4.0 * minor**2)

@@ -68,6 +68,30 @@ def test_on_edge_is_within_the_tolerance_of_either_side() -> None:
     assert box.on_edge(x, np.full_like(x, 0.5), 0.1).tolist() == [[True, True, False, True, False]]
 
 
+def test_the_edge_of_boxes_and_circles_is_inside() -> None:
+    """Corners, sides and circumference belong to the region; the next number beyond them does not."""
+    box, circle, _ = _regions()
+    x, y = (
+        np.array([[0.0, 4.0, 0.0, 4.0, 2.0], [-1.0, 1.0, -1.0, 1.0, 0.0]]),
+        np.array([[0.0, 0.0, 3.0, 3.0, 3.0], [2.0, 2.0, 3.0, 3.0, 2.0]]),
+    )
+    assert box.contains(x, y).all()
+    for step_x, step_y in ((-1e-12, 0.0), (1e-12, 0.0), (0.0, -1e-12), (0.0, 1e-12)):
+        out = (step_x < 0.0) & (x == x.min(axis=1)[:, None]) | (step_x > 0.0) & (x == x.max(axis=1)[:, None])
+        out |= (step_y < 0.0) & (y == y.min(axis=1)[:, None]) | (step_y > 0.0) & (y == y.max(axis=1)[:, None])
+        assert np.array_equal(box.contains(x + step_x, y + step_y), ~out)
+    assert circle.contains(np.array([3.0, 0.3]), np.array([2.0, -0.4])).all()
+    assert not circle.contains(np.array([3.0 + 1e-12, 0.3]), np.array([2.0, -0.4 - 1e-12])).any()
+
+
+def test_each_region_has_its_own_tolerance() -> None:
+    """A tolerance for each snapshot holds for all points of that snapshot; at the tolerance is within it."""
+    _, circle, _ = _regions()
+    x, y = np.array([[2.5, 3.5], [0.25, 1.0]]), np.array([[2.0, 2.0], [0.0, 0.0]])
+    assert circle.on_edge(x, y, np.array([0.5, 0.25])).tolist() == [[True, True], [True, False]]
+    assert circle.on_edge(x[:, 0], y[:, 0], np.array([0.4, 0.25])).tolist() == [False, True]
+
+
 def test_fields_become_regions_about_the_local_origin() -> None:
     """Every kind of field holds the same points of the plane, whatever the local origin."""
     center = np.array([1e6, 1e6 + 50.0])

@@ -31,3 +31,28 @@ def test_rows_are_independent():
     alone = [bracketed_roots(function_of(exact[[i]]), np.zeros(1), np.ones(1), np.full(1, 0.5))[0] for i in range(3)]
     np.testing.assert_array_equal(together, alone)
     assert np.isnan(together).tolist() == [False, True, False]
+
+
+def visited(function, guess):
+    """Return the places at which a function of one variable is asked, and the root found, in [-1, 1]."""
+    places = []
+
+    def told(at):
+        places.append(float(at[0]))
+        return function(at)
+
+    root = bracketed_roots(told, np.array([-1.0]), np.array([1.0]), np.array([guess]))
+    return places, float(root[0])
+
+
+def test_a_newton_step_that_is_exact_is_the_last():
+    """A straight line is solved by its first step and left there, also where its value rounds to just below zero."""
+    for residue in (0.0, 1e-300):
+        assert visited(lambda at, residue=residue: ((at + 0.5) - residue, np.ones(1)), 0.25) == ([0.25, -0.5], -0.5)
+
+
+def test_a_step_out_of_the_bracket_is_replaced_by_its_half():
+    """Where the slope leads out of the bracket, the middle of what is left of it is next."""
+    places, root = visited(lambda at: (at + 0.5, np.full(1, 0.1)), 0.25)
+    assert places[:2] == [0.25, -0.375]
+    assert abs(root + 0.5) < 1e-12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import io
 import json
@@ -73,6 +74,17 @@ def fail_within(path: Path, error: type[BaseException]) -> None:
     with TableWriter(str(path), TABLE.schema, overwrite=True) as writer:
         writer.write(TABLE)
         raise error
+
+
+def test_names_are_quoted_where_they_must_be(tmp_path: Path) -> None:
+    """A CSV header names plain columns as they are, and quotes those that hold a comma, a quote or a line end."""
+    names = ["snapshot", "x, y", 'the "true" one', "two\nlines"]
+    table = pa.table({name: [1] for name in names})
+    with TableWriter(str(tmp_path / "a.csv"), table.schema, group_rows=10) as writer:
+        writer.write(table)
+    text = (tmp_path / "a.csv").read_bytes().decode()
+    assert text == 'snapshot,"x, y","the ""true"" one","two\nlines"\n1,1,1,1\n'
+    assert next(csv.reader(io.StringIO(text, newline=""))) == names
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:

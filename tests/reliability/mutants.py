@@ -14,6 +14,7 @@ import io
 import json
 import os
 import random
+import resource
 import signal
 import sys
 import time
@@ -24,35 +25,58 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SECONDS = 150.0
+CPU_SECONDS = 150
+WALL_SECONDS = 3600.0
 _REWRITTEN = "ignore::pytest.PytestAssertRewriteWarning"
 
 TESTS = {
     "geometry/angles.py": ["tests/geometry/test_angles.py"],
-    "geometry/symmetric.py": ["tests/geometry/test_symmetric.py"],
-    "geometry/mirrors.py": ["tests/geometry/test_mirrors.py"],
-    "geometry/circles.py": ["tests/geometry/test_circles.py"],
-    "geometry/ellipses.py": ["tests/geometry/test_ellipses.py"],
-    "geometry/segments.py": ["tests/geometry/test_segments.py"],
-    "geometry/roots.py": ["tests/geometry/test_roots.py"],
     "geometry/blocks.py": ["tests/geometry/test_blocks.py"],
     "geometry/circle_crossings.py": ["tests/geometry/test_circle_crossings.py"],
-    "geometry/error_ellipses.py": ["tests/geometry/test_error_ellipses.py"],
-    "geometry/visibility.py": ["tests/geometry/test_visibility.py"],
-    "geometry/regions.py": ["tests/geometry/test_regions.py"],
-    "geometry/triplets.py": ["tests/geometry/test_triplets.py"],
+    "geometry/circles.py": ["tests/geometry/test_circles.py"],
     "geometry/circular_reflection.py": ["tests/geometry/test_circular_reflection.py"],
-    "methods/bearings_ls.py": ["tests/methods/test_bearings_exact.py", "tests/methods/test_bearings_statuses.py"],
-    "methods/bearings_ml.py": ["tests/methods/test_bearings_exact.py", "tests/methods/test_bearings_statuses.py"],
+    "geometry/earth.py": ["tests/geometry/test_earth.py"],
+    "geometry/ellipses.py": ["tests/geometry/test_ellipses.py"],
+    "geometry/error_ellipses.py": ["tests/geometry/test_error_ellipses.py"],
+    "geometry/mirrors.py": ["tests/geometry/test_mirrors.py"],
+    "geometry/regions.py": ["tests/geometry/test_regions.py"],
+    "geometry/roots.py": ["tests/geometry/test_roots.py"],
+    "geometry/segments.py": ["tests/geometry/test_segments.py"],
+    "geometry/symmetric.py": ["tests/geometry/test_symmetric.py"],
+    "geometry/triplets.py": ["tests/geometry/test_triplets.py"],
+    "geometry/visibility.py": ["tests/geometry/test_visibility.py"],
+    "methods/bearings_ls.py": [
+        "tests/methods/test_bearings_exact.py",
+        "tests/methods/test_bearings_statuses.py",
+        "tests/methods/test_bearings_near_sensors.py",
+    ],
+    "methods/bearings_ml.py": [
+        "tests/methods/test_bearings_exact.py",
+        "tests/methods/test_bearings_statuses.py",
+        "tests/methods/test_bearings_near_sensors.py",
+    ],
     "methods/bearings_stansfield.py": [
         "tests/methods/test_bearings_exact.py",
         "tests/methods/test_bearings_statuses.py",
+        "tests/methods/test_bearings_near_sensors.py",
     ],
-    "methods/ranges_sr_ls.py": ["tests/methods/test_ranges_localize.py"],
+    "methods/bearings_ml_grid.py": ["tests/methods/test_bearings_circle.py"],
+    "methods/bearings_stansfield_focused.py": ["tests/methods/test_bearings_circle.py"],
+    "methods/bearings_mixture_ml.py": ["tests/methods/test_bearings_robust.py"],
+    "methods/bearings_sequential.py": ["tests/methods/test_bearings_robust.py"],
+    "methods/bearings_suppress.py": ["tests/methods/test_bearings_robust.py"],
     "methods/ranges_r_ls.py": ["tests/methods/test_ranges_localize.py"],
+    "methods/ranges_sr_ls.py": ["tests/methods/test_ranges_localize.py"],
     "methods/ranges_mixture_ml.py": ["tests/methods/test_ranges_mixture.py"],
-    "methods/triplets_tdaj.py": ["tests/methods/test_triplets_detect.py"],
+    "methods/ranges_assignment.py": ["tests/methods/test_ranges_identify.py"],
+    "methods/ranges_tca.py": ["tests/methods/test_ranges_identify.py", "tests/methods/test_ranges_type_clustering.py"],
+    "methods/ranges_extended_tca.py": [
+        "tests/methods/test_ranges_identify.py",
+        "tests/methods/test_ranges_type_clustering.py",
+    ],
     "methods/triplets_chi2.py": ["tests/methods/test_triplets_detect.py"],
+    "methods/triplets_joint.py": ["tests/methods/test_triplets_detect.py"],
+    "methods/triplets_tdaj.py": ["tests/methods/test_triplets_detect.py"],
     "methods/triplets_ml.py": ["tests/methods/test_triplets_ml.py"],
 }
 """The tests of each file. The laws of `nlosctl.testing`, which hold all methods, come on top for methods."""
@@ -135,8 +159,10 @@ def is_noticed(mutant: Mutant) -> bool:
     """Run the tests of a mutant's file in a fork; whether they fail, or do not end."""
     child = os.fork()
     if child == 0:
+        used = int(time.process_time())
+        resource.setrlimit(resource.RLIMIT_CPU, (used + CPU_SECONDS, used + CPU_SECONDS))
         os._exit(_run(mutant))
-    deadline = time.monotonic() + SECONDS
+    deadline = time.monotonic() + WALL_SECONDS
     while time.monotonic() < deadline:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
