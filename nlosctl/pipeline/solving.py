@@ -19,6 +19,7 @@ from nlosctl.errors import MethodError, NlosctlError, in_one_line
 from nlosctl.pipeline.answers import fault_of
 from nlosctl.pipeline.dense import Block, dense_blocks
 from nlosctl.pipeline.flag_columns import FlagColumn
+from nlosctl.pipeline.heap import keep_freed_memory
 from nlosctl.solvers.search_regions import search_region
 
 __all__ = ["FlatEstimates", "FlatFlags", "FlatTrace", "MethodRun", "Problem", "solve_flat"]
@@ -117,6 +118,7 @@ def solve_flat(
 
     The estimates are None where no method makes any, the trace where it is not wanted.
     """
+    keep_freed_memory()
     parts: list[FlatEstimates] = []
     traces = [_no_trace()]
     flags: list[FlatFlags] = []
