@@ -141,16 +141,20 @@ class MeasurementReader:
         """Yield the chunks of all inputs (or of one part), in order; call it once."""
         for group in self._inputs if self._only is None else (self._inputs[self._only[0]],):
             rows_before = self.report.rows_in_all
-            for chunk in self._group_chunks(group):
-                if self._log.total == 0 or not self._log.stops_the_run:
-                    self.report.snapshots += len(chunk.snapshot)
-                    self.report.left_out_rows += int(chunk.left_out.sum())
-                    yield chunk
+            yield from filter(self._goes_out, self._group_chunks(group))
             if self.report.rows_in_all == rows_before and self._only is None:
                 raise DataError(f"{group.name}: no rows: the file has columns and nothing else")
         self._log.raise_if_stopping()
         if self.report.snapshots_lost:
             self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
+
+    def _goes_out(self, chunk: Chunk) -> bool:
+        """Return whether the run has no fault that stops it so far; the chunk is counted then."""
+        if self._log.total and self._log.stops_the_run:
+            return False
+        self.report.snapshots += len(chunk.snapshot)
+        self.report.left_out_rows += int(chunk.left_out.sum())
+        return True
 
     def close(self) -> None:
         """Close what is open; needed only where the chunks are not read to their end."""
@@ -170,7 +174,9 @@ class MeasurementReader:
             piece = piece.with_starts(starts)
             whole, pending = _split(pending, piece)
             if whole:
-                yield self._chunk(whole, group)
+                ready = [self._chunk(whole, group)]
+                del whole, piece  # not held while the chunk is solved
+                yield ready.pop()
             self._check_size(pending, group)
         if pending:
             yield self._chunk(pending, group)

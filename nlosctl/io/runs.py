@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +11,7 @@ import pyarrow.compute as pc
 
 from nlosctl.contract.batches import IntArray
 from nlosctl.errors import DataError
+from nlosctl.io.id_memory import IdHistory, IdSet, SeenId
 
 __all__ = ["REMEMBERED_SNAPSHOTS", "IdSpan", "ReturnWatch", "run_starts"]
 
@@ -50,29 +50,27 @@ class ReturnWatch:
     """
 
     def __init__(self, column: str, cure: str, remembered: int = REMEMBERED_SNAPSHOTS) -> None:
-        self._column, self._cure, self._remembered = column, cure, remembered
-        self._history: list[tuple[str, Any, IntArray]] = []
+        self._column, self._cure = column, cure
+        self._history = IdHistory(remembered)
+        self._seen = IdSet(remembered)
         self._last: Any = None
         self._sorted = True
         self._direction = 0
         self._first: Any = None
-        self._recent: dict[Any, tuple[str, int]] = {}
-        self._older: dict[Any, tuple[str, int]] = {}
 
     def add(self, part: str, ids: Any, rows: IntArray) -> None:
         """Take the ids at run starts, and their row numbers in ``part``; raise DataError for one seen before."""
         if len(ids) == 0:
             return
         if self._sorted and self._still_sorted(ids):
-            self._history.append((part, ids, rows))
-            self._forget()
+            self._history.add(part, ids, rows)
         else:
             if self._sorted:
                 self._sorted = False
-                for earlier_part, earlier, earlier_rows in self._history:
-                    self._remember(earlier_part, earlier.to_pylist(), earlier_rows)
-                self._history.clear()
-            self._remember(part, ids.to_pylist(), rows)
+                self._history.hand_over(self._seen)
+            seen = self._seen.add(part, ids, rows)
+            if seen is not None:
+                raise DataError(self._came_back(ids[seen.place].as_py(), seen, (part, int(rows[seen.place]))))
         if self._first is None:
             self._first = ids[0]
         self._last = ids[len(ids) - 1]
@@ -98,24 +96,8 @@ class ReturnWatch:
         compare = pc.greater if self._direction > 0 else pc.less
         return bool(pc.all(compare(ids.slice(1), ids.slice(0, len(ids) - 1))).as_py())
 
-    def _forget(self) -> None:
-        kept = sum(len(ids) for _, ids, _ in self._history[1:])
-        while len(self._history) > 1 and kept >= self._remembered:
-            del self._history[0]
-            kept -= len(self._history[0][1])
-
-    def _remember(self, part: str, ids: Sequence[Any], rows: IntArray) -> None:
-        for place, identity in enumerate(ids):
-            row = int(rows[place])
-            earlier = self._recent.get(identity) or self._older.get(identity)
-            if earlier is not None:
-                raise DataError(self._came_back(identity, earlier, (part, row)))
-            self._recent[identity] = (part, row)
-            if len(self._recent) >= self._remembered:
-                self._older, self._recent = self._recent, {}
-
-    def _came_back(self, identity: Any, earlier: tuple[str, int], later: tuple[str, int]) -> str:
+    def _came_back(self, identity: Any, earlier: SeenId, later: tuple[str, int]) -> str:
         return (
             f"{later[0]}, row {later[1]}, column {self._column!r}: {identity!r} comes back after other snapshots "
-            f"(before: {earlier[0]}, row {earlier[1]}), expected the rows of a snapshot together; {self._cure}"
+            f"(before: {earlier.part}, row {earlier.row}), expected the rows of a snapshot together; {self._cure}"
         )

@@ -109,6 +109,7 @@ class TableWriter:
             if self._encoder is None:
                 self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
             self._encoder.write(table.combine_chunks())
+        pa.default_memory_pool().release_unused()  # what encoding a group took is not kept for the rest of the run
 
     def _finish(self) -> None:
         with writing(self.target):

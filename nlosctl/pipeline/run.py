@@ -188,7 +188,7 @@ class MeasurementRun:
 
         ``jobs`` are those of the settings unless given.
         """
-        chunks = (self._slimmed(chunk) for chunk in self._reader.chunks())
+        chunks = map(self._slimmed, self._reader.chunks())
         for tables, counts in map_in_processes(self._solve, chunks, jobs or self._settings.jobs):
             self.report.take(counts)
             yield tables

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import nullcontext
+from itertools import pairwise
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -179,6 +183,48 @@ def test_unsorted_ids_are_remembered_for_a_while() -> None:
         watch.add("f", pa.array([identity]), np.array([1]))
     with pytest.raises(DataError, match="3 comes back"):
         watch.add("f", pa.array([3]), np.array([2]))
+
+
+def returned(watch: ReturnWatch, batches: list[list[object]]) -> tuple[int, int] | None:
+    """Return the rows (the first is 1) of an id that comes back and of where it was before, or None."""
+    row = 1
+    for ids in batches:
+        try:
+            watch.add("f", pa.array(ids), np.arange(row, row + len(ids)))
+        except DataError as error:
+            again, before = re.findall(r"row (\d+)", str(error))
+            return int(again), int(before)
+        row += len(ids)
+    return None
+
+
+IDS = st.one_of(
+    st.lists(st.integers(0, 40), max_size=20),
+    st.lists(st.sampled_from([0, 1, 2**63 - 1, -(2**63), 5, -1]), max_size=8),
+    st.lists(st.integers(0, 40).map("s{}".format), max_size=20),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(ids=IDS, cuts=st.lists(st.integers(0, 20), max_size=5), one_hash=st.booleans())
+def test_what_comes_back_is_what_a_plain_search_finds(ids: list[object], cuts: list[int], one_hash: bool) -> None:
+    """However the ids are cut into batches, and though all hashes of text agree: the first that returns, its row."""
+    ends = sorted({0, len(ids), *(cut for cut in cuts if cut < len(ids))})
+    batches = [ids[first:behind] for first, behind in pairwise(ends)]
+    expected = next(((place + 1, ids.index(each) + 1) for place, each in enumerate(ids) if each in ids[:place]), None)
+    with patch("nlosctl.io.id_memory.hash", lambda text: 0, create=True) if one_hash else nullcontext():
+        assert returned(ReturnWatch("snapshot", "sort the file"), batches) == expected
+
+
+@pytest.mark.parametrize("name", ["{}", "s{:04d}"])
+def test_an_id_of_long_ago_is_told_with_its_row(name: str) -> None:
+    """In rising ids that are disordered late, the last so many are known; those before may be forgotten."""
+    ids = [name.format(place) if name != "{}" else place for place in range(1000)]
+    for place, expected in ((995, (1001, 996)), (901, (1001, 902)), (400, None)):
+        watch = ReturnWatch("snapshot", "sort the file", remembered=100)
+        cuts = [*range(0, 1000, 50), 1000]
+        batches = [ids[first:behind] for first, behind in pairwise(cuts)]
+        assert returned(watch, [*batches, [ids[place]]]) == expected
 
 
 @settings(max_examples=60, deadline=None)
