@@ -14,6 +14,7 @@ __all__ = [
     "CONFIG_HELP",
     "Add",
     "AllRows",
+    "Alternatives",
     "BadRows",
     "BearingStdDeg",
     "BlockSize",
@@ -28,6 +29,7 @@ __all__ = [
     "Ellipse",
     "Engine",
     "EstimatesOut",
+    "FlagsOut",
     "Format",
     "Hash",
     "InputFormat",
@@ -50,7 +52,10 @@ __all__ = [
     "Scheduler",
     "SearchField",
     "Seed",
+    "Strict",
+    "Sweeps",
     "TargetZM",
+    "TraceOut",
     "Verbose",
     "key_values",
 ]
@@ -194,6 +199,17 @@ EstimatesOut = Annotated[
     str | None,
     typer.Option("--estimates-out", metavar="FILE", help="Write the estimates too: a row per target, or per path."),
 ]
+FlagsOut = Annotated[
+    str | None, typer.Option("--flags-out", metavar="FILE", help="Write the flags: a row per measurement.")
+]
+TraceOut = Annotated[
+    str | None,
+    typer.Option("--trace-out", metavar="FILE", help="Write the state after each sensor (sequential methods)."),
+]
+Alternatives = Annotated[
+    int, typer.Option("--alternatives", min=1, metavar="N", help="At most N estimates per snapshot and target.")
+]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit 3 when some snapshot got no estimate.")]
 SearchField = Annotated[
     str,
     typer.Option(

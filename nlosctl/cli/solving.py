@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from nlosctl.cli.reading import Opened, open_output
+from nlosctl.cli.option_groups import SolvingOptions
+from nlosctl.cli.options import key_values
+from nlosctl.cli.reading import Opened, ReadWords, added_columns, open_measurements, open_output
 from nlosctl.cli.terminal import Preview, Terminal, tell, write_report
 from nlosctl.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
+    from nlosctl.contract.methods import Job
     from nlosctl.pipeline.folder_run import Engine
-    from nlosctl.pipeline.run import ChunkTables, MeasurementRun
+    from nlosctl.pipeline.run import ChunkTables, MeasurementRun, RunSettings
     from nlosctl.pipeline.writing import Run
 
-__all__ = ["Outputs", "exit_code", "solve_and_write"]
+__all__ = ["Outputs", "reading_words", "run_methods", "run_settings", "solve_and_write"]
 
 _NOTHING_TO_DO = 1
 _UNANSWERED = 3
@@ -42,6 +45,81 @@ class Outputs:
     def wanted(self) -> dict[str, str]:
         """The tables that are wanted."""
         return {name: target for name, target in self.tables.items() if target is not None}
+
+
+def reading_words(inputs: Sequence[str], options: SolvingOptions, *tables: str | None) -> ReadWords:
+    """Return what the options that all solving commands share say of the inputs; ``tables`` will be written."""
+    from nlosctl.pipeline.workers import usable_jobs
+
+    return ReadWords(
+        inputs=inputs,
+        input_format=options.input_format,
+        crs=options.crs,
+        origin=options.origin,
+        columns=options.column,
+        all_rows=options.all_rows,
+        max_snapshot_rows=options.max_snapshot_rows,
+        bad_rows=options.bad_rows,
+        overwrite=options.overwrite,
+        one_thread=usable_jobs(options.jobs) == 1,
+        config=options.config,
+        tables=(options.output, *tables),
+        outputs=(None if options.report == "-" else options.report,),
+    )
+
+
+def run_settings(options: SolvingOptions) -> RunSettings:
+    """Return what the options that all solving commands share say of the run."""
+    from nlosctl.pipeline.run import RunSettings
+    from nlosctl.pipeline.workers import usable_jobs
+
+    return RunSettings(
+        seed=options.seed,
+        jobs=usable_jobs(options.jobs),
+        block_size=options.block_size,
+        carry=tuple(options.carry),
+        ellipse=options.ellipse,
+        add=added_columns(options.add),
+    )
+
+
+def run_methods(
+    job: Job,
+    methods: Sequence[str],
+    words: ReadWords,
+    settings: RunSettings,
+    tables: Mapping[str, str | None],
+    options: SolvingOptions,
+    *,
+    strict: bool = False,
+) -> int:
+    """Solve what ``words`` name by the methods, write the ``tables``, and return how the command ends."""
+    from nlosctl.pipeline.parameters import method_runs, require_estimates
+    from nlosctl.pipeline.run import MeasurementRun
+
+    terminal = Terminal(quiet=options.quiet, verbose=options.verbose)
+    outputs = Outputs(
+        tables=tables,
+        format=options.format,
+        overwrite=options.overwrite,
+        resume=options.resume,
+        engine=options.engine,
+        scheduler=options.scheduler,
+        bad_rows=options.bad_rows,
+        with_hash=options.hash,
+        jobs=settings.jobs,
+        report=options.report,
+    )
+    given, swept = key_values(options.param, "--param"), key_values(options.sweep, "--sweep")
+    with open_measurements(words) as opened:
+        runs = method_runs(methods, opened.reader.kind, job, given, swept)
+        if settings.want_estimates:
+            require_estimates(runs)
+        run = MeasurementRun(opened.reader, runs, settings)
+        for line in run.plan():
+            terminal.detail(line)
+        solve_and_write(run, opened, outputs, job, terminal)
+    return _exit_code(run, strict=strict)
 
 
 def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
@@ -160,7 +238,7 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
         )
 
 
-def exit_code(run: MeasurementRun, *, strict: bool = False) -> int:
+def _exit_code(run: MeasurementRun, *, strict: bool = False) -> int:
     """Return how the command ends after a run: 1 where every row was bad, 3 where ``strict`` misses an estimate."""
     if not run.report.snapshots:
         tell("nlosctl: nothing to do: every row is bad")
