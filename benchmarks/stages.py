@@ -1,6 +1,6 @@
 """Where the time of a command goes: a sample of its stack each millisecond, by stage.
 
-    python benchmarks/stages.py FILE [--method ml] [--rounds 5]
+python benchmarks/stages.py FILE [--method ml] [--rounds 5]
 """
 
 from __future__ import annotations

@@ -117,15 +117,16 @@ def _program(
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the program with ``arguments`` (those of the process unless given) and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    came: list[int] = []
     if arguments is None:
-        _unwind_on_signals()
+        _unwind_on_signals(came)
     if sys.stdout is None:
         sys.stdout = ClosedOutput()
     try:
         _keep_to_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
-        if outcome == _INTERRUPTED:
-            raise _StoppedError(_INTERRUPTED)
+        if outcome == _INTERRUPTED:  # the parser has met an interrupt, whatever its signal
+            raise _StoppedError(128 + came[0] if came else _INTERRUPTED)
         sys.stdout.flush()
     except (_PipeClosedError, BrokenPipeError):
         _forget_stdout()
@@ -179,8 +180,11 @@ def _keep_to_memory() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most << 20, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
-def _unwind_on_signals() -> None:
+def _unwind_on_signals(came: list[int]) -> None:
+    """Let SIGTERM and SIGHUP unwind the run; their numbers are put into ``came``."""
+
     def stop(number: int, frame: FrameType | None) -> NoReturn:
+        came.append(number)
         raise _Terminated(number)
 
     for name in ("SIGTERM", "SIGHUP"):

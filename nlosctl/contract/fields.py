@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.toml_text import read_limited
 from nlosctl.errors import DataError, UsageError
 
@@ -95,8 +95,8 @@ def _numbers(words: str, text: str, count: int) -> tuple[float, ...]:
         numbers = tuple(float(word) for word in words.split(","))
     except ValueError:
         raise UsageError(f"field {text!r} is not understood; it must be {_FORMS}") from None
-    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
-        raise UsageError(f"field {text!r} needs {count} finite numbers; a field is {_FORMS}")
+    if len(numbers) != count or not all(abs(number) <= LARGEST_NUMBER for number in numbers):
+        raise UsageError(f"field {text!r} needs {count} finite numbers within {LARGEST_NUMBER:g}; a field is {_FORMS}")
     return numbers
 
 
@@ -114,8 +114,10 @@ def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
             x, y = (float(word) for word in words)
         except ValueError:
             raise DataError(f"{name}, line {number}: expected x,y in metres, got {line.strip()!r}") from None
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise DataError(f"{name}, line {number}: a vertex must be finite, got {line.strip()!r}")
+        if not all(abs(number) <= LARGEST_NUMBER for number in (x, y)):
+            raise DataError(
+                f"{name}, line {number}: a vertex must be finite and within {LARGEST_NUMBER:g}, got {line.strip()!r}"
+            )
         vertices.append((x, y))
     if len(vertices) > 1 and vertices[0] == vertices[-1]:
         vertices.pop()

@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 from nlosctl.errors import UsageError
 
-__all__ = ["LIMITS", "Limit", "limit", "limit_variable", "refusal_hint"]
+__all__ = ["LARGEST_NUMBER", "LEAST_POSITIVE", "LIMITS", "Limit", "limit", "limit_variable", "refusal_hint"]
+
+
+LARGEST_NUMBER = 1e15
+"""No number of a measurement, a scene or a search field is larger: squares and their products stay finite."""
+
+LEAST_POSITIVE = 1e-15
+"""No standard deviation, range or length is less: its inverse square stays finite."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -27,6 +28,8 @@ __all__ = ["FORMAT"]
 _LIGHT_M_S = 299_792_458.0
 _LARGEST_BYTES = 4 << 30
 _DIRECT_OFF_RAD = 0.02
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, KeyError, NotImplementedError, RuntimeError)
+"""What damage to a zip raises: encryption and methods that there are not are read out of damaged bytes too."""
 _NEEDED = ("tau", "phi_r", "phi_t", "sources", "targets")
 
 FloatArray = npt.NDArray[np.float64]
@@ -192,7 +195,7 @@ def _arrays(file: ForeignFile) -> dict[str, Any]:
         file.stream.seek(0)
         with np.load(file.stream, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files if name in (*_NEEDED, "interactions", "vertices")}
-    except (zipfile.BadZipFile, EOFError, OSError, KeyError) as error:
+    except _UNREADABLE as error:
         raise DataError(f"{file.name}: not a whole NPZ file: {error}") from error
     except ValueError as error:
         raise DataError(f"{file.name}: an array that can't be read: {error}") from error

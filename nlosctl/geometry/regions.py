@@ -151,7 +151,7 @@ class PolygonRegion:
         """Return which points are inside by counting the edges to their right; false for NaN."""
         inside = np.zeros(x.shape, dtype=bool)
         for x1, y1, x2, y2 in self._edges(x):
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 crossing_x = x1 + (y - y1) * (x2 - x1) / (y2 - y1)
                 inside ^= ((y1 > y) != (y2 > y)) & (x < crossing_x)
         return inside
@@ -163,7 +163,8 @@ class PolygonRegion:
             along_x, along_y = x2 - x1, y2 - y1
             length2 = along_x * along_x + along_y * along_y
             dot = (x - x1) * along_x + (y - y1) * along_y
-            place = np.clip(dot / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
+            with np.errstate(over="ignore"):  # an edge of no length but for rounding: either end will do
+                place = np.clip(dot / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
             np.minimum(nearest, np.hypot(x - x1 - place * along_x, y - y1 - place * along_y), out=nearest)
         return np.where(self.contains(x, y), nearest, -nearest)
 

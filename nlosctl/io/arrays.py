@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ import pyarrow.parquet as pq
 from nlosctl.errors import DataError
 from nlosctl.io.write import TableWriter
 
-__all__ = ["read_array_metadata", "read_arrays", "write_arrays"]
+__all__ = ["read_arrays", "write_arrays"]
+
+_DIGEST = "nlosctl.sha256"
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -22,26 +25,35 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 def write_arrays(path: Path, arrays: Arrays, metadata: Mapping[str, str]) -> None:
     """Write arrays (N,) as columns, whole or not at all, over what is there; NaN is null."""
     table = pa.table({name: _column(values) for name, values in arrays.items()})
-    with TableWriter(str(path), table.schema, metadata=metadata, overwrite=True) as writer:
+    told = {**metadata, _DIGEST: _digest(_arrays(table))}
+    with TableWriter(str(path), table.schema, metadata=told, overwrite=True) as writer:
         writer.write(table)
 
 
 def read_arrays(path: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
-    """Return the columns, null as NaN, and the metadata; raises DataError where the file can't be read."""
+    """Return the columns, null as NaN, and the metadata; raises DataError where they are not what was written."""
     try:
         table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
+        arrays, metadata = _arrays(table), _words(table.schema.metadata)
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise DataError(f"{path}: can't be read as Parquet: {error}") from error
-    arrays = {name: table.column(name).to_numpy() for name in table.column_names}
-    return arrays, _words(table.schema.metadata)
+    if metadata.pop(_DIGEST, None) != _digest(arrays):
+        raise DataError(f"{path}: was changed after it was written")
+    return arrays, metadata
 
 
-def read_array_metadata(path: Path) -> dict[str, str]:
-    """Return the metadata alone, empty where the file is no Parquet file."""
-    try:
-        return _words(pq.read_schema(path).metadata)
-    except (OSError, pa.ArrowException):
-        return {}
+def _arrays(table: Any) -> dict[str, npt.NDArray[Any]]:
+    return {name: table.column(name).to_numpy() for name in table.column_names}
+
+
+def _digest(arrays: Arrays) -> str:
+    """Return the SHA-256 of names, types and values."""
+    digest = hashlib.sha256()
+    for name, values in arrays.items():
+        digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
+        is_text = values.dtype.kind == "O"
+        digest.update(repr(values.tolist()).encode() if is_text else np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def _column(values: npt.NDArray[Any]) -> Any:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import TRUTH
 from nlosctl.errors import DataError
@@ -30,6 +31,7 @@ __all__ = [
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
+_TRUTH = ("truth_x_m", "truth_y_m")
 _STATUSES = pa.array([status.word for status in Status])
 
 
@@ -51,7 +53,7 @@ class TruthTable:
         reader = PlainReader(given, TRUTH)
         table = reader.read_all()
         self._ids = _as_text(table.column("snapshot"))
-        self._truth_m = _stack(table, ("truth_x_m", "truth_y_m"))
+        self._truth_m = _stack(table, _TRUTH, given.name)
 
     def look_up(self, ids: Any) -> FloatArray:
         """Return the truth (N, 2) of snapshot ids (N,); NaN where there is none."""
@@ -65,20 +67,23 @@ class TruthTable:
 def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> EstimateArrays:
     """Return the arrays of a table of estimates; ``truth`` stands in for its truth columns.
 
-    Raises DataError for a status word that is none, or where there is no truth at all.
+    Raises DataError for a status word that is none, an absent alternative, a number too large, or where there is
+    no truth at all.
     """
     status = pc.index_in(table.column("status"), value_set=_STATUSES)
     if status.null_count:
         word = table.column("status").filter(pc.is_null(status))[0].as_py()
         raise DataError(f"{name}, column 'status': {word!r} is no status; they are {', '.join(_STATUSES.to_pylist())}")
-    for column in ("truth_x_m", "truth_y_m"):
+    if table.column("alternative").null_count:
+        raise DataError(f"{name}, column 'alternative': holds empty cells, expected a number in every row")
+    for column in _TRUTH:
         if truth is None and column not in table.column_names:
             raise DataError(f"{name}: no column {column!r}; name a file with the truth by --truth FILE")
     return EstimateArrays(
-        position_m=_stack(table, ("x_m", "y_m")),
-        covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")),
+        position_m=_stack(table, ("x_m", "y_m"), name),
+        covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), name, LARGEST_NUMBER**2),
         status=np.asarray(status).astype(np.uint8),
-        truth_m=_stack(table, ("truth_x_m", "truth_y_m")) if truth is None else truth.look_up(table.column("snapshot")),
+        truth_m=_stack(table, _TRUTH, name) if truth is None else truth.look_up(table.column("snapshot")),
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
     )
 
@@ -112,7 +117,7 @@ def whole_snapshots(batches: Iterator[Any]) -> Iterator[Any]:
     for batch in batches:
         table = batch if waiting is None else pa.concat_tables([waiting, batch]).combine_chunks()
         ids = table.column("snapshot")
-        last = table.num_rows - 1
+        last = max(table.num_rows - 1, 0)
         while last > 0 and ids[last - 1].equals(ids[table.num_rows - 1]):
             last -= 1
         if last > 0:
@@ -122,8 +127,13 @@ def whole_snapshots(batches: Iterator[Any]) -> Iterator[Any]:
         yield waiting
 
 
-def _stack(table: Any, names: Sequence[str]) -> FloatArray:
-    return np.stack([np.asarray(table.column(name).cast(pa.float64()), dtype=np.float64) for name in names], axis=1)
+def _stack(table: Any, names: Sequence[str], file: str, largest: float = LARGEST_NUMBER) -> FloatArray:
+    columns = [numbers(table.column(name)) for name in names]
+    for name, values in zip(names, columns, strict=True):
+        beyond = values[np.abs(values) > largest]
+        if beyond.size:
+            raise DataError(f"{file}, column {name!r}: got {beyond[0]:g}, expected numbers within {largest:g}")
+    return np.stack(columns, axis=1)
 
 
 def _as_text(ids: Any) -> Any:

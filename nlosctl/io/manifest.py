@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
 
-__all__ = ["make_manifest", "plan_of_manifest", "record_of", "records_of_manifest"]
+__all__ = ["make_manifest", "plan_of_manifest", "record_of", "records_of_manifest", "sealed_record"]
 
 _OWN = ("table", "rows", "report")
+_SEAL = "sha256"
 
 
 class _File(msgspec.Struct):
@@ -49,7 +52,7 @@ def make_manifest(
     parts = []
     for record in records:
         entry = {**record["files"][table], "input": record["input"]}
-        parts.append({**entry, "record": record} if is_main else entry)
+        parts.append({**entry, "record": sealed_record(record)} if is_main else entry)
     inputs = [{**given, "rows": record["rows"]} for given, record in zip(plan["inputs"], records, strict=True)]
     rows = sum(part["rows"] for part in parts)
     return {**plan, "table": table, "inputs": inputs, "rows": rows, "parts": parts, "report": report}
@@ -70,9 +73,20 @@ def records_of_manifest(manifest: Mapping[str, Any]) -> dict[int, dict[str, Any]
 
 
 def record_of(content: Any) -> dict[str, Any] | None:
-    """Return what was read as the record of a part, or None where it has not the form of one."""
+    """Return what was read as the record of a part, or None where it is none, or was changed since it was written."""
     try:
         msgspec.convert(content, _Record)
     except msgspec.ValidationError:
         return None
-    return dict(content)
+    record = {name: value for name, value in content.items() if name != _SEAL}
+    return record if content.get(_SEAL) == _seal(record) else None
+
+
+def sealed_record(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a part as it is written: with the SHA-256 of what it tells."""
+    return {**record, _SEAL: _seal(record)}
+
+
+def _seal(record: Mapping[str, Any]) -> str:
+    as_read = json.loads(json.dumps(record))
+    return hashlib.sha256(json.dumps(as_read, sort_keys=True).encode()).hexdigest()

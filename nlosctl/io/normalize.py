@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
+from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError, did_you_mean
@@ -26,6 +27,7 @@ __all__ = ["Normalized", "Normalizer", "RunNames"]
 
 _LARGEST_INTEGER = 2**63 - 1
 _SLACK = 1e-6
+_NO_LARGER = f"a finite number within {LARGEST_NUMBER:g}"
 _FEWEST_TOO_LARGE = 5
 _SHARE_TOO_LARGE = 0.1
 
@@ -140,21 +142,29 @@ class Normalizer:
         if cells.null_count and not column.nullable:
             faults.append(Fault(mask=_null_mask(cells), column=found.name, describe=_is_null("a finite number")))
         self._check_finite(found, values, missing, faults)
-        if column.positive and (values <= 0.0).any():
-            faults.append(Fault(mask=values <= 0.0, column=found.name, describe=_got(values, "a number larger than 0")))
-        limit = column.largest_magnitude
+        numbers = values
         if found.converted:
             with np.errstate(invalid="ignore", over="ignore"):
-                converted = values * found.scale + found.offset
-            beyond = np.isfinite(values) & ~np.isfinite(converted)
-            if beyond.any():
-                faults.append(
-                    Fault(mask=beyond, column=found.name, describe=_got(values, "a number that is not so large"))
-                )
-            return converted
-        if limit is not None and values.shape[0]:
+                numbers = values * found.scale + found.offset
+        limit = column.largest_magnitude
+        self._check_bounds(found, values, numbers, faults)
+        if limit is not None and not found.converted and values.shape[0]:
             self._check_size(found, values, limit, faults)
-        return values
+        return numbers
+
+    def _check_bounds(self, found: FoundColumn, values: FloatArray, numbers: FloatArray, faults: list[Fault]) -> None:
+        """Find numbers whose squares, or inverse squares, would leave the range of a float, whatever their unit."""
+        if not values.shape[0]:
+            return
+        if found.column.positive and not numbers.min() >= LEAST_POSITIVE:
+            small = (values <= 0.0) | (numbers < LEAST_POSITIVE)
+            if small.any():
+                expected = f"a number larger than 0 (at least {LEAST_POSITIVE:g} {found.column.unit})"
+                faults.append(Fault(mask=small, column=found.name, describe=_got(values, expected)))
+        if not np.abs(numbers).max() <= LARGEST_NUMBER:
+            beyond = np.isfinite(values) & (np.abs(numbers) > LARGEST_NUMBER)
+            if beyond.any():
+                faults.append(Fault(mask=beyond, column=found.name, describe=_got(values, _NO_LARGER)))
 
     def _check_size(self, found: FoundColumn, values: FloatArray, limit: float, faults: list[Fault]) -> None:
         largest = limit * (1.0 + _SLACK)
@@ -193,9 +203,9 @@ class Normalizer:
             own = _as_float64(cells)
             absent = _null_mask(cells)
             filled = np.where(absent, filled, own)
-            infinite = ~absent & ~np.isfinite(own)
-            if infinite.any():
-                faults.append(Fault(mask=infinite, column=name, describe=_got(own, "a finite number")))
+            beyond = ~absent & ~(np.abs(own) <= LARGEST_NUMBER)
+            if beyond.any():
+                faults.append(Fault(mask=beyond, column=name, describe=_got(own, _NO_LARGER)))
         unknown = absent & np.isnan(filled) & (sensor != NULL_CODE)
         if unknown.any():
             cells = batch.column(self._plan.found["sensor"].name)

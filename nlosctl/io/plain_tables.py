@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from nlosctl.contract.tables import Table
+from nlosctl.contract.tables import KINDS, Table
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.inputs import Input, Part
 from nlosctl.io.open_part import open_part
@@ -18,13 +18,15 @@ from nlosctl.io.raw import RawBatch, RawSource
 __all__ = ["PlainReader"]
 
 _BATCH_ROWS = 131_072
+_CARRIED = {column.name: column.type for table in KINDS.values() for column in table.columns if column.carried}
+"""Truth and flags that results carry along: their types."""
 
 
 class PlainReader:
     """Reads the parts of one input as one of several tables of the contract: the first whose columns are all there.
 
-    Columns that the contract lacks come as they are. ``table`` and ``schema`` are there at once. Raises DataError
-    where the file is none of the tables, a column has a wrong type, or a cell can't be read.
+    Columns that neither the tables nor measurements have come as they are. ``table`` and ``schema`` are there at once.
+    Raises DataError where the file is none of the tables, a column has a wrong type, or a cell can't be read.
     """
 
     def __init__(self, given: Input, *tables: Table) -> None:
@@ -60,7 +62,8 @@ class PlainReader:
         return self._started(part, source)
 
     def _started(self, part: Part, source: RawSource) -> tuple[RawSource, Any]:
-        types = {column.name: column.type for column in self.table.columns if column.name in source.names}
+        types = {**_CARRIED, **{column.name: column.type for column in self.table.columns}}
+        types = {name: kind for name, kind in types.items() if name in source.names}
         try:
             return source, source.start(types, None)
         except BaseException:

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from nlosctl.errors import DataError, in_one_line
-from nlosctl.io.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest
+from nlosctl.io.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest, sealed_record
 from nlosctl.io.write import write_text
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
@@ -77,7 +77,7 @@ class RunFolder:
     def keep(self, number: int, record: Mapping[str, Any]) -> None:
         """Remember that a part is done, where a plan was begun."""
         if self._state.is_dir():
-            write_text(str(self._record_path(number)), json.dumps(record))
+            write_text(str(self._record_path(number)), json.dumps(sealed_record(record)))
 
     def finish(
         self, plan: Mapping[str, Any], records: Mapping[int, Mapping[str, Any]], report: Mapping[str, Any]

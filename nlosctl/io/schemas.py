@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+from nlosctl.contract.limits import LEAST_POSITIVE
 from nlosctl.contract.tables import TABLES, Column, Table
 
 __all__ = ["schema_text", "table_schema", "write_schemas"]
 
-_LEAST_POSITIVE = 5e-324
-"""The smallest number above 0: ``exclusiveMinimum: 0`` in the older vocabulary that validators read by default."""
+_LEAST_SPELLED = 5e-324
+"""For other units: the smallest number above 0, ``exclusiveMinimum: 0`` in the vocabulary that validators read."""
 
 _TYPES = {
     "number": "number",
@@ -85,7 +86,7 @@ def _spelled(column: Column) -> list[dict[str, Any]]:
             "replaces": column.name,
             "scale": spelling.scale,
             "offset": spelling.offset,
-            **({"constraints": {"minimum": _LEAST_POSITIVE}} if column.positive else {}),
+            **({"constraints": {"minimum": _LEAST_SPELLED}} if column.positive else {}),
         }
         for spelling in column.spellings
     ]
@@ -97,7 +98,7 @@ def _constraints(column: Column) -> dict[str, Any]:
     if column.required and not column.nullable and not elsewhere:
         constraints["required"] = True
     if column.positive:
-        constraints["minimum"] = _LEAST_POSITIVE
+        constraints["minimum"] = LEAST_POSITIVE
     if column.largest_magnitude is not None:
         constraints["minimum"] = -column.largest_magnitude
         constraints["maximum"] = column.largest_magnitude

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -127,8 +127,8 @@ class TableCopy:
         if rows or bad:
             self.log.add(sorted([*rows, *bad.values()], key=lambda row: row.problem.row or 0))
         table = pa.Table.from_batches([batch.table]).rename_columns(self._schema.names)
-        kept: Sequence[int] = [place for place in range(table.num_rows) if place not in bad] if bad else []
-        table = table.take(kept) if bad else table
+        if bad:
+            table = table.filter(pa.array([place not in bad for place in range(table.num_rows)]))
         self.rows += table.num_rows
         return table
 

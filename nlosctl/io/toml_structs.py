@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.errors import DataError, did_you_mean
 
 __all__ = ["Decoder", "Finite", "Point"]
@@ -17,7 +17,7 @@ __all__ = ["Decoder", "Finite", "Point"]
 StructT = TypeVar("StructT", bound=msgspec.Struct)
 
 Finite = float
-"""A number; the decoder refuses NaN and infinity everywhere."""
+"""A number; the decoder refuses NaN, infinity and what is larger than `LARGEST_NUMBER` everywhere."""
 
 Point = tuple[Finite, Finite]
 """x and y in metres."""
@@ -56,8 +56,8 @@ class Decoder:
         except msgspec.ValidationError:
             self.refuse(where, f"got {value!r}, expected {_expected(wanted)}")
         numbers = converted if isinstance(converted, tuple) else (converted,)
-        if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
-            self.refuse(where, f"got {value!r}, expected finite numbers")
+        if any(isinstance(number, float) and not abs(number) <= LARGEST_NUMBER for number in numbers):
+            self.refuse(where, f"got {value!r}, expected finite numbers within {LARGEST_NUMBER:g}")
 
     def refuse(self, where: str, fault: str) -> None:
         """Raise DataError for the key ``where``."""

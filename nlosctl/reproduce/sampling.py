@@ -36,8 +36,9 @@ def draw_samples(
     They are the same whatever the pool, and whether they come from the store or not. ``progress`` is told the trials
     done and their total.
     """
-    if store is not None and store.complete:
-        return store.load(), trials * len(experiment.conditions)
+    whole = store.load() if store is not None else None
+    if whole is not None:
+        return whole, trials * len(experiment.conditions)
     chunks = experiment.chunks(seed, trials)
     tasks = [(number, chunk) for number in range(len(experiment.conditions)) for chunk in chunks]
     parts: dict[tuple[int, int], Samples] = {}

@@ -1,7 +1,8 @@
 """The samples of an experiment in a folder, so that an interrupted run goes on where it stopped.
 
 While it runs: a file for each chunk of each condition in ``NAME.parts/``; when all are there:
-``NAME.samples.parquet``. Each carries the fingerprint of what it depends on, and one with another is never used.
+``NAME.samples.parquet``. Each carries the fingerprint of what it depends on, and a digest of what is in it: one of
+another run, or a damaged one, is never used.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from nlosctl.errors import DataError
-from nlosctl.io.arrays import read_array_metadata, read_arrays, write_arrays
+from nlosctl.io.arrays import read_arrays, write_arrays
 from nlosctl.reproduce.experiment import Experiment
-from nlosctl.reproduce.samples import Drawn, Samples
+from nlosctl.reproduce.samples import Drawn, FloatArray, Samples
 
 __all__ = ["SampleStore"]
 
@@ -31,26 +32,19 @@ class SampleStore:
         self._parts = folder / f"{experiment.name}.parts"
 
     def open(self, *, overwrite: bool) -> None:
-        """Make ready for a run; raises DataError where the whole samples of another are there and must stay."""
-        if self._whole.exists() and not self.complete and not overwrite:
+        """Make ready for a run; raises DataError where whole samples are there that are not its own, and must stay."""
+        complete = self._read(self._whole) is not None
+        if self._whole.exists() and not complete and not overwrite:
             raise DataError(
-                f"{self._whole}: is of another seed, number of trials or version; --overwrite replaces it, or choose "
-                "another folder with -o"
+                f"{self._whole}: is of another seed, number of trials or version, or damaged; --overwrite replaces it, "
+                "or choose another folder with -o"
             )
-        if self._parts.exists() and self.complete:
+        if self._parts.exists() and complete:
             shutil.rmtree(self._parts)
 
-    @property
-    def complete(self) -> bool:
-        """Whether all samples are there."""
-        return self._whole.exists() and read_array_metadata(self._whole).get(_KEY) == self._fingerprint
-
     def part(self, condition: int, chunk: int) -> Samples | None:
-        """Return the samples of a finished chunk, None where it is not there."""
-        path = self._part_path(condition, chunk)
-        if not path.exists() or read_array_metadata(path).get(_KEY) != self._fingerprint:
-            return None
-        return read_arrays(path)[0]
+        """Return the samples of a finished chunk, None where it is not there as it was written."""
+        return self._read(self._part_path(condition, chunk))
 
     def keep(self, condition: int, chunk: int, samples: Samples) -> None:
         """Store the samples of a finished chunk."""
@@ -74,15 +68,27 @@ class SampleStore:
         write_arrays(self._whole, {_CONDITION: place, **columns}, {_KEY: self._fingerprint})
         shutil.rmtree(self._parts, ignore_errors=True)
 
-    def load(self) -> Drawn:
-        """Return all samples of a complete store."""
-        columns, _ = read_arrays(self._whole)
+    def load(self) -> Drawn | None:
+        """Return all samples, None where they are not all there as they were written."""
+        columns = self._read(self._whole)
+        if columns is None:
+            return None
         place = columns.pop(_CONDITION)
         conditions = self._experiment.conditions
         samples = [
             {name: values[place == number] for name, values in columns.items()} for number in range(len(conditions))
         ]
         return Drawn(conditions=conditions, samples=samples, random=self._experiment.random)
+
+    def _read(self, path: Path) -> dict[str, FloatArray] | None:
+        """Return the samples in a file, None where it is not there, damaged, or another run's."""
+        if not path.exists():
+            return None
+        try:
+            samples, metadata = read_arrays(path)
+        except DataError:
+            return None
+        return samples if metadata.get(_KEY) == self._fingerprint else None
 
     def _part_path(self, condition: int, chunk: int) -> Path:
         return self._parts / f"{condition:04d}-{chunk:05d}.parquet"

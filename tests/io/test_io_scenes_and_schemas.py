@@ -17,7 +17,7 @@ from nlosctl.io.scenes import SCENE_KEY, find_scene, scene_from_toml, scene_to_t
 from nlosctl.io.schemas import schema_text, write_schemas
 
 ROOT = FIXTURES.parent
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+NUMBERS = st.floats(-1e15, 1e15)
 NAMES = st.lists(st.text(min_size=1, max_size=8), unique=True, max_size=3)
 LINE = '[[reflector]]\nname = "w"\nkind = "line"\n'
 

@@ -71,19 +71,21 @@ def _parser() -> Any:
 
 
 _known_methods = cache(registry.entries)
+_known_formats = cache(registry.format_entries)
 
 
 @contextmanager
 def _prepared() -> Iterator[None]:
-    """Use a parser and a list of methods made once: most of the time of a run would go into making them again."""
+    """Use a parser and lists of methods and formats made once: making them takes most of the time of a run."""
     from nlosctl.cli import main
 
     main.app, made_again = _parser(), main.app
     registry.entries, listed_again = _known_methods, registry.entries
+    registry.format_entries, formats_again = _known_formats, registry.format_entries
     try:
         yield
     finally:
-        main.app, registry.entries = made_again, listed_again
+        main.app, registry.entries, registry.format_entries = made_again, listed_again, formats_again
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
 import random
@@ -13,6 +14,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from writing_jobs import WritingJob, make_inputs, resumed_jobs, writing_jobs
@@ -50,8 +52,8 @@ def kill_at_random(job: WritingJob, kills: int, folder: Path, seed: int) -> Coun
     """Kill a job ``kills`` times in ``folder``, the current one; return how often each output was old, new or torn."""
     chance = random.Random(f"{seed} {job.command}")  # noqa: S311 - drawn to be made again
     line = [*job.line, "--overwrite"]
-    status, seconds = run_forked(line)
-    assert status >> 8 == job.code, f"{line} ended with {status}"
+    _imported(line, job.code)
+    seconds = _length_s(line, job.code)
     new = {name: (folder / name).read_bytes() for name in job.outputs}
     old = {name: f"the old {name}".encode() * 1000 for name in job.outputs}
     found: Counter[str] = Counter()
@@ -80,13 +82,14 @@ def kill_and_resume(job: WritingJob, kills: int, folder: Path, seed: int) -> Cou
     assert job.folder is not None
     place = folder / job.folder
     chance = random.Random(f"{seed} {job.command}")  # noqa: S311 - drawn to be made again
-    shutil.rmtree(place, ignore_errors=True)
-    status, seconds = run_forked(job.line)
-    assert status >> 8 == job.code, f"{job.line} ended with {status}"
+    _empty(place)
+    _imported(job.line, job.code)
+    _empty(place)
+    seconds = _length_s(job.line, job.code)
     whole = _contents(place)
     found: Counter[str] = Counter()
     while found["killed"] < kills:
-        shutil.rmtree(place)
+        _empty(place)
         times = chance.choice((1, 1, 2))
         for _ in range(times):
             killed, _ = run_forked([*job.line, *job.going_on], chance.uniform(0.0, 1.02 * seconds / times))
@@ -95,6 +98,26 @@ def kill_and_resume(job: WritingJob, kills: int, folder: Path, seed: int) -> Cou
         same = ended >> 8 == job.code and _contents(place) == whole
         found["the same bytes" if same else "torn"] += 1
     return found
+
+
+def _imported(line: Sequence[str], code: int) -> None:
+    """Run the program in this process: what forks of it need is imported then, and not in each of them."""
+    from nlosctl.cli.main import run
+
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        assert run([*line, "-q"]) == code, f"{line} did not end with {code}"
+
+
+def _length_s(line: Sequence[str], code: int) -> float:
+    """Return how long a run takes that nobody kills."""
+    status, seconds = run_forked(line)
+    assert status >> 8 == code, f"{line} ended with {status}"
+    return seconds
+
+
+def _empty(place: Path) -> None:
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
 
 
 def _contents(place: Path) -> dict[str, bytes]:
@@ -119,9 +142,11 @@ def main() -> int:
             if wanted and job.command not in wanted:
                 continue
             kill = kill_at_random if job.folder is None else kill_and_resume
+            started = time.monotonic()
             found = kill(job, arguments.kills, Path(name), arguments.seed)
+            found["seconds"] = round(time.monotonic() - started)
             torn += found["torn"]
-            sys.stdout.write(json.dumps({"command": job.command, "seed": arguments.seed, **found}) + "\n")
+            sys.stdout.write(json.dumps({"line": " ".join(job.line), "seed": arguments.seed, **found}) + "\n")
             sys.stdout.flush()
         os.chdir("/")
     return 1 if torn else 0

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-__all__ = ["FIXTURES", "SeedFile", "seed_files", "table_of"]
+__all__ = ["FIXTURES", "SeedFile", "table_of", "table_seeds"]
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
@@ -29,13 +29,18 @@ _TABLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class SeedFile:
-    """A good file: its kind, the job done with it, the name it goes by (with its extension), its bytes."""
+    """A good file: its kind, the job done with it, the name it goes by (with its extension), its bytes.
+
+    ``beside`` are the names and bytes of files that are read with it, ``parameters`` those of its importer.
+    """
 
     target: str
     kind: str
     job: str
     name: str
     content: bytes
+    beside: tuple[tuple[str, bytes], ...] = ()
+    parameters: tuple[str, ...] = ()
 
 
 @cache
@@ -112,9 +117,8 @@ field = "sensors:2"
 """
 
 
-@cache
-def seed_files() -> tuple[SeedFile, ...]:
-    """Return all seeds; those of targets scene and config are TOML, read beside a good table."""
+def table_seeds() -> tuple[SeedFile, ...]:
+    """Return tables, and scenes and a config (TOML) that are read beside a good table."""
     tables = [file for kind in _TABLES for file in _files_of(kind)]
     scenes = [
         SeedFile(target="scene", kind=kind, job="localize", name="s.toml", content=(FIXTURES / name).read_bytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import multiprocessing
 import os
@@ -11,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -53,6 +55,11 @@ def shell(script: str, folder: Path, **settings: Any) -> tuple[int, bytes, str]:
         **settings,
     )
     return done.returncode, done.stdout, done.stderr.decode()
+
+
+def unread(pipe: Any) -> int:
+    """Return how many bytes of a pipe nobody has read yet."""
+    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
 
 
 def in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, action: Callable[[], Any]) -> None:
@@ -178,7 +185,8 @@ def test_signals_end_in_one_line(command: str, number: int, code: int, folder: P
     if command == "localize":
         running.stdin.write(b"snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n")
         running.stdin.flush()
-        time.sleep(2.0)
+        while unread(running.stdin) and time.monotonic() < deadline:
+            time.sleep(0.02)
     running.send_signal(number)
     _, err = running.communicate(timeout=60)
     assert running.returncode == code

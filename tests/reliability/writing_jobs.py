@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet
 import typer.main
 
 from nlosctl.cli.main import app
@@ -66,8 +68,32 @@ _JOBS = [
 
 
 _RESUMED = [
-    WritingJob(command="reproduce", words=["song-fig8", "--trials", "100", "-o", "r"], folder="r"),
+    WritingJob(
+        command="localize",
+        words=["bearing_parts", "-o", "out/e/", "--flags-out", "out/f/", "--format", "csv", "--jobs", "2"],
+        folder="out",
+        going_on=["--resume"],
+    ),
+    WritingJob(
+        command="detect-ip",
+        words=["triplet_parts", "-o", "out/f/", "--estimates-out", "out/e/", "--jobs", "1"],
+        folder="out",
+        going_on=["--resume"],
+    ),
+    WritingJob(
+        command="identify-los",
+        words=["echo_parts", "-o", "out/f/", "--estimates-out", "out/e/", "--jobs", "1"],
+        folder="out",
+        going_on=["--resume"],
+    ),
+    WritingJob(command="reproduce", words=["song-fig8", "--trials", "20", "-o", "out"], folder="out"),
 ]
+_PARTS = {
+    "bearing_parts": ("bearings.parquet", 500),
+    "triplet_parts": ("triplets.parquet", 50),
+    "echo_parts": ("echoes.parquet", 12),
+}
+"""Folders of parts, the file that each is cut from, and the snapshots in a part."""
 
 
 def writing_jobs() -> list[WritingJob]:
@@ -98,7 +124,17 @@ def make_inputs(folder: Path) -> None:
     """Write the inputs of all jobs into ``folder``, which is the current one."""
     for words in _inputs():
         assert run_program([*words, "-q"]) == 0
+    for name, (source, snapshots) in _PARTS.items():
+        _cut_up(folder / source, folder / name, snapshots)
     spoilt = folder / "spoilt.csv"
     lines = spoilt.read_text(encoding="utf-8").splitlines()
     lines[20:] = [line.replace(",", ";") for line in lines[20:]]
     spoilt.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _cut_up(source: Path, parts: Path, snapshots: int) -> None:
+    table = pa.parquet.read_table(source)
+    numbers = table.column("snapshot").to_numpy() // snapshots
+    parts.mkdir()
+    for number in range(int(numbers.max()) + 1):
+        pa.parquet.write_table(table.filter(pa.array(numbers == number)), parts / f"{number}.parquet")

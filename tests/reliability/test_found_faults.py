@@ -1,0 +1,201 @@
+"""What the fuzzer, the kills and the numerics have found, each by its name: it stays mended."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from guarded_run import Ending, complaints, run_guarded
+from other_seeds import CACHED, PARTED, without_pictures
+from seed_files import FIXTURES
+
+from nlosctl.cli import main
+from nlosctl.cli.settings import SettingsCommand
+
+BEARINGS = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
+TRIPLETS = "snapshot,path,tx_x_m,tx_y_m,rx_x_m,rx_y_m,dod_rad,doa_rad,toa_s,dod_std_rad,doa_std_rad,path_length_std_m\n"
+
+
+def told(folder: Path, words: list[Any], *said: str) -> Ending:
+    """Run; the end is exit 1 with one clear line that holds all of ``said``, and nothing is left."""
+    before = [path.name for path in folder.iterdir()]
+    ending = run_guarded([*words, "-q"])
+    assert list(complaints(ending, folder, [], before)) == []
+    assert ending.code == 1
+    assert [word for word in said if word not in ending.err] == []
+    return ending
+
+
+def test_hexadecimal_digits_are_no_integer(folder: Path) -> None:
+    """``0x10`` in a column of integers is a fault of its row; it was read as 16."""
+    text = (FIXTURES / "good_echoes.csv").read_text().replace("true,0\n", "true,0x10\n", 1)
+    assert "0x10" in text
+    (folder / "m.csv").write_text(text)
+    told(folder, ["identify-los", "m.csv", "-o", "f.csv"], "'truth_target'", "'0x10'", "integer")
+
+
+def test_a_number_that_overflows_in_its_unit(folder: Path) -> None:
+    """A time that is finite in seconds and not in metres is a fault of its row; it was a warning."""
+    (folder / "m.csv").write_text(f"{TRIPLETS}1,0,0,0,9,0,1,2,1e302,0.1,0.1,1\n")
+    told(folder, ["detect-ip", "m.csv", "-o", "f.csv"], "row 1", "'toa_s'", "got 1e+302", "within 1e+15")
+
+
+def test_a_ragged_line_that_is_no_text(folder: Path) -> None:
+    """A line with too few fields that is no UTF-8 either is told; it was an internal error."""
+    (folder / "m.csv").write_bytes(f"{BEARINGS}1,a,0,0,0.5,0.1\n1,b,".encode() + b"\xff\xfe\n")
+    told(folder, ["localize", "m.csv", "-o", "e.csv"], "m.csv, row 2", "3 fields")
+
+
+def test_a_reflector_that_no_scene_has(folder: Path) -> None:
+    """A row by a reflector that the scene lacks, or without any scene, is told; it was an internal error."""
+    (folder / "m.csv").write_text(BEARINGS.replace("\n", ",reflector\n") + "1,a,0,0,0.5,0.1,wall\n")
+    told(folder, ["localize", "m.csv", "-o", "e.csv"], "'wall'", "no scene")
+    (folder / "s.toml").write_text('[[reflector]]\nname = "well"\nkind = "line"\npoint = [0, 9]\ndirection = [1, 0]\n')
+    told(folder, ["localize", "m.csv", "--scene", "s.toml", "-o", "e.csv"], "did you mean 'well'")
+
+
+@pytest.mark.parametrize("value", ["1e160", "-1e308"])
+def test_places_beyond_all_measure(value: str, folder: Path) -> None:
+    """A place whose square overflows is a fault of its row, in a scene or a field one of its key or line."""
+    (folder / "m.csv").write_text(f"{BEARINGS}1,a,{value},0,0.5,0.1\n")
+    told(folder, ["localize", "m.csv", "-o", "e.csv"], "'sensor_x_m'", "within 1e+15")
+    (folder / "s.toml").write_text(f'[[sensor]]\nname = "a"\nposition = [{value}, 0.0]\n')
+    told(folder, ["localize", "m.csv", "--scene", "s.toml", "-o", "e.csv"], "position", "within 1e+15")
+    (folder / "p.csv").write_text(f"0,0\n{value},0\n0,5\n")
+    ranges = FIXTURES / "good_ranges.csv"
+    words = ["localize", ranges, "-m", "mixture-ml", "--field", "polygon:p.csv", "-o", "e.csv"]
+    told(folder, words, "p.csv, line 2", "within 1e+15")
+
+
+def test_a_deviation_too_small_to_weigh_by(folder: Path) -> None:
+    """A standard deviation whose inverse square overflows is a fault of its row."""
+    (folder / "m.csv").write_text(f"{BEARINGS}1,a,0,0,0.5,5e-324\n")
+    told(folder, ["localize", "m.csv", "-o", "e.csv"], "'bearing_std_rad'", "larger than 0 (at least 1e-15 rad)")
+
+
+def test_a_field_with_an_edge_of_no_length(folder: Path) -> None:
+    """A polygon whose edge is as good as level, or as good as a point, overflows nowhere."""
+    (folder / "p.csv").write_text("-900,-900\n900.5,0\n900.5,1e-320\n900,1e-320\n-900,900\n")
+    ranges = FIXTURES / "good_ranges.csv"
+    ending = run_guarded(["localize", ranges, "-m", "mixture-ml", "--field", "polygon:p.csv", "-o", "e.csv", "-q"])
+    assert (ending.code, ending.err, ending.raised) == (0, "", "")
+
+
+ESTIMATES = "snapshot,method,target,alternative,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,n_measurements,n_used,cost,status"
+ROW = {"alternative": "0", "truth": "1,1", "id": "7"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"alternative": ""}, ["'alternative'", "empty"]),
+        ({"truth": "1e200,1"}, ["'truth_x_m'", "got 1e+200", "within 1e+15"]),
+        ({"truth": "x,1"}, ["row 1", "'truth_x_m'"]),
+    ],
+)
+def test_estimates_that_are_spoilt(changed: dict[str, str], said: list[str], folder: Path) -> None:
+    """An absent alternative, and a truth beyond all measure or that is no number, are told, not internal errors."""
+    row = {**ROW, **changed}
+    line = f"{row['id']},ml,0,{row['alternative']},1,1,1,0,1,3,3,0.5,ok,{row['truth']}\n"
+    (folder / "e.csv").write_text(f"{ESTIMATES},truth_x_m,truth_y_m\n{line}")
+    told(folder, ["evaluate", "e.csv"], *said)
+
+
+def test_flags_with_a_truth_that_is_no_boolean(folder: Path) -> None:
+    """A truth of flags that is neither true nor false is a fault of its row; it was an internal error."""
+    flags = "snapshot,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,truth_los,los,used\n"
+    (folder / "f.csv").write_text(f"{flags}1,a,0,0,5,1,true,true,true\n1,b,0,0,5,1,]],true,true\n")
+    told(folder, ["evaluate", "f.csv"], "row 2", "'truth_los'", "']]'")
+
+
+def test_a_zip_of_unknown_ways(folder: Path) -> None:
+    """Arrays packed in a way that there is not are told as unreadable; the importer failed."""
+    packed = BytesIO()
+    with ZipFile(packed, "w") as archive:
+        archive.writestr("tau.npy", b"x" * 99)
+    for at in (8, packed.getvalue().index(b"PK\x01\x02") + 10):  # the way of packing, in both headers
+        packed.seek(at)
+        packed.write(b"\x63")
+    (folder / "h.npz").write_bytes(packed.getvalue())
+    told(folder, ["convert", "h.npz", "--from", "sionna", "-o", "o.csv"], "h.npz", "not a whole NPZ file")
+
+
+def test_a_copy_of_nothing_but_bad_rows(folder: Path) -> None:
+    """Converting a file in which no row can be read tells them all; it was an internal error."""
+    (folder / "m.csv").write_bytes(BEARINGS.encode() + b"1,\xff\xfe,0,0,0.5,0.1\n1,\xff\xff,0,0,0.5,0.1\n")
+    told(folder, ["convert", "m.csv", "-o", "c.csv"], "row 1", "row 2", "2 bad rows in all")
+
+
+def _parts(folder: Path) -> dict[str, bytes]:
+    lines = (FIXTURES / "good_bearings.csv").read_text().splitlines(keepends=True)
+    (folder / "in").mkdir()
+    for place, name in enumerate(("a.csv", "b.csv")):
+        (folder / "in" / name).write_text("".join([lines[0], *lines[1 + 24 * place : 25 + 24 * place]]))
+    assert run_guarded(PARTED).code == 0
+    return {path.name: path.read_bytes() for path in (folder / "out").iterdir()}
+
+
+def test_a_record_that_was_changed_is_not_believed(folder: Path) -> None:
+    """Counts of a part that were changed in the manifest are counted again; ``--resume`` took them over."""
+    whole = _parts(folder)
+    manifest = folder / "out" / "_manifest.json"
+    tree = json.loads(manifest.read_text())
+    tree["parts"][1]["record"]["rows"] += 1
+    manifest.write_text(json.dumps(tree))
+    assert run_guarded([*PARTED, "--resume"]).code == 0
+    assert {path.name: path.read_bytes() for path in (folder / "out").iterdir()} == whole
+
+
+@pytest.fixture
+def samples(folder: Path) -> Iterator[Path]:
+    """Run a small experiment; return the file of its samples."""
+    with without_pictures():
+        assert run_guarded(CACHED).code == 0
+        yield folder / "out" / "shen-table3.samples.parquet"
+
+
+def test_samples_that_were_changed_are_not_believed(samples: Path, folder: Path) -> None:
+    """A sample that is not what was drawn is told, and drawn again with ``--overwrite``; it went into the figure."""
+    figure = (folder / "out" / "shen-table3.parquet").read_bytes()
+    whole = samples.read_bytes()
+    table = pa.parquet.read_table(samples)
+    place = next(place for place, name in enumerate(table.column_names) if name != "condition")
+    values = table.column(place).to_pylist()
+    values[0] = (values[0] or 0) + 1
+    column = pa.array(values, table.schema.field(place).type)
+    changed = table.set_column(place, table.schema.field(place), column)
+    pa.parquet.write_table(changed.replace_schema_metadata(table.schema.metadata), samples)
+    told(folder, list(CACHED[:-2]), "shen-table3.samples.parquet", "damaged", "--overwrite")
+    assert run_guarded([*CACHED, "--overwrite"]).code == 0
+    assert samples.read_bytes() == whole
+    assert (folder / "out" / "shen-table3.parquet").read_bytes() == figure
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_while_the_words_are_parsed(number: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exit code tells which signal it was however early it came; the parser made 130 of all."""
+    parse = SettingsCommand.parse_args
+
+    def parse_late(*arguments: Any) -> Any:
+        os.kill(os.getpid(), number)
+        time.sleep(1.0)
+        return parse(*arguments)
+
+    monkeypatch.setattr(SettingsCommand, "parse_args", parse_late)
+    monkeypatch.setattr("sys.argv", ["nlosctl", "schema"])
+    before = {other: signal.getsignal(other) for other in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        assert main.run() == 128 + number
+    finally:
+        for other, handler in before.items():
+            signal.signal(other, handler)
