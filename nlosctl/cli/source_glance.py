@@ -55,14 +55,14 @@ def _keywords(module: str, attribute: str, depth: int) -> Iterator[tuple[str, as
 
 
 def _fields(module: str, name: str, depth: int) -> Iterator[tuple[str, str]]:
-    """Yield the fields of an options class with their meanings, those of its bases first."""
+    """Yield the fields of an options class with their meanings, as a dataclass has them: the last base's first."""
     for statement in _tree(module).body:
         if isinstance(statement, ast.ImportFrom) and statement.module and depth:
             for alias in statement.names:
                 if name == (alias.asname or alias.name):
                     yield from _fields(statement.module, alias.name, depth - 1)
         if isinstance(statement, ast.ClassDef) and statement.name == name:
-            for base in statement.bases:
+            for base in reversed(statement.bases):
                 if isinstance(base, ast.Name) and depth:
                     yield from _fields(module, base.id, depth - 1)
             for line in statement.body:

@@ -15,6 +15,7 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bootstraps import count_bootstraps
 from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
+from nlosctl.solvers.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
@@ -26,19 +27,9 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SuppressOptions:
+class SuppressOptions(BearingOutlierOptions):
     """Parameters of ``suppress``."""
 
-    alpha: float = option(
-        0.25,
-        minimum=0.0,
-        maximum=1.0,
-        exclusive=True,
-        meaning="fraction of rows (of sensors, if they have several paths) to expect as outliers",
-    )
-    field_of_view_deg: float = option(
-        180.0, unit="deg", minimum=1.0, maximum=360.0, meaning="angle over which an outlier's bearing is uniform"
-    )
     failure_probability: float = option(
         0.001,
         minimum=0.0,
@@ -54,27 +45,6 @@ class SuppressOptions:
         meaning="a row joins a set if all residuals stay below their thresholds (as published), or if the likelihood"
         " does not get worse (repairs masking)",
     )
-    path_prior: Literal["uniform", "first", "falling"] = option(
-        "uniform",
-        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as the last",
-    )
-    use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
-    range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
-    min_range_m: float | None = option(
-        None,
-        unit="m",
-        minimum=0.0,
-        meaning="a row can't be direct from closer than this; none: 0.5 % of the larger side of the box of the sensors",
-    )
-    ambiguous_within: float = option(
-        2.0, unit="nat", minimum=0.0, meaning="another estimate this near makes a fix ambiguous"
-    )
-    ambiguous_rows: int = option(
-        2,
-        minimum=0,
-        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
-        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
-    )
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
 
 
@@ -86,16 +56,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     cost its negative logarithm in nats, the covariance the sequential one of the rows in the set.
     """
     grouped, groups = grouped_batch(batch)
-    model = outlier_model(
-        grouped,
-        groups,
-        alpha=options.alpha,
-        field_of_view_deg=options.field_of_view_deg,
-        path_prior=options.path_prior,
-        use_ranges=options.use_ranges,
-        lognormal=options.range_noise == "lognormal",
-        min_range_m=options.min_range_m,
-    )
+    model = outlier_model(grouped, groups, options)
     lines = model.lines
     bootstraps = options.bootstraps or count_bootstraps(batch.measurements, options.alpha, options.failure_probability)
     found = suppress_outliers(

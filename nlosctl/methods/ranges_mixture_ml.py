@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import MethodSpec
@@ -11,6 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.modes import find_modes
+from nlosctl.solvers.outlier_options import MixtureModeOptions, OutlierOptions
 from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.range_mixture import RangeCandidates, grouped_ranges, range_outlier_model
@@ -26,16 +26,9 @@ __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RangeMixtureOptions:
+class RangeMixtureOptions(OutlierOptions, MixtureModeOptions):
     """Parameters of ``mixture-ml`` on ranges."""
 
-    alpha: float = option(
-        0.25,
-        minimum=0.0,
-        maximum=1.0,
-        exclusive=True,
-        meaning="fraction of rows (of sensors, if they have several paths) to expect as outliers",
-    )
     nlos_density_per_m: float | None = option(
         None,
         unit="1/m",
@@ -43,31 +36,12 @@ class RangeMixtureOptions:
         exclusive=True,
         meaning="probability density of the range of an outlier; none: one over the diagonal of the search field",
     )
-    path_prior: Literal["uniform", "first", "falling"] = option(
-        "uniform",
-        meaning="which of a sensor's paths is direct: any, only the first arrival, or each half as likely as before",
-    )
-    covariance: Literal["inliers", "posterior"] = option(
-        "inliers",
-        meaning="of the rows held to be direct (too small with outliers), or calibrated, from a posterior grid",
-    )
-    ambiguous_within: float = option(
-        2.0, unit="nats", minimum=0.0, meaning="another mode this near makes a fix ambiguous"
-    )
-    ambiguous_rows: int = option(
-        2,
-        minimum=0,
-        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
-        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
-    )
-    max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
     mode_gap: float = option(
         3.0,
-        unit="nats per row",
+        unit="nat per row",
         minimum=0.0,
         meaning="crossings less likely than the best by more than this times the number of rows are not followed",
     )
-    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows crossed; of more, so many are drawn at random")
 
 
 def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:

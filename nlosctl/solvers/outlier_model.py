@@ -19,6 +19,7 @@ from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.fixes import nearly_singular
 from nlosctl.solvers.line_fits import fit_least_squares
 from nlosctl.solvers.mixture import Mixture
+from nlosctl.solvers.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.ranged_bearings import range_columns
 from nlosctl.solvers.search_regions import search_region
@@ -98,18 +99,8 @@ def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     return dataclasses.replace(batch, **sorted_arrays), groups
 
 
-def outlier_model(
-    batch: BearingBatch,
-    groups: PathGroups,
-    *,
-    alpha: float,
-    field_of_view_deg: float,
-    path_prior: str,
-    use_ranges: bool,
-    lognormal: bool,
-    min_range_m: float | None,
-) -> OutlierModel:
-    """Return the model of a grouped batch: outlier share ``alpha`` and density 1 / field of view, equation (23).
+def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutlierOptions) -> OutlierModel:
+    """Return the model of a grouped batch: outlier share alpha and density 1 / field of view, equation (23).
 
     The direct density is (1), Gaussian and truncated to a right angle on either side. A row with a range has the
     product of both densities, as an outlier too: its range is then uniform over the search field's diagonal.
@@ -120,23 +111,24 @@ def outlier_model(
     xmin, xmax, ymin, ymax = region.bounds_m
     extent = np.hypot(xmax - xmin, ymax - ymin)
     sensor_extent = _larger_side(sensor_x, sensor_y)
-    minimum = _MINIMUM_RANGE_SHARE * sensor_extent if min_range_m is None else np.full(extent.shape, min_range_m)
+    least = options.min_range_m
+    minimum = _MINIMUM_RANGE_SHARE * sensor_extent if least is None else np.full(extent.shape, least)
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
-    share = sort_rows(path_shares(groups, path_prior), groups)
-    fov = radians(field_of_view_deg)
+    share = sort_rows(path_shares(groups, options.path_prior), groups)
+    fov = radians(options.field_of_view_deg)
     with np.errstate(divide="ignore"):
-        log_direct = np.log(share * (1.0 - alpha)) - np.log(
+        log_direct = np.log(share * (1.0 - options.alpha)) - np.log(
             lines.std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * lines.std_rad))
         )
     log_nlos = np.full(extent.shape, -batch.measurements * log(fov))
-    ranges = range_columns(batch, use_ranges)
+    ranges = range_columns(batch, options.use_ranges)
     if ranges is not None:
         known = np.isfinite(ranges[0])
         with np.errstate(divide="ignore"):
             log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
-    rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=lognormal)
-    mixture = Mixture.of(rows, log_direct, np.full(extent.shape, alpha), groups.last, log_nlos)
+    rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=options.range_noise == "lognormal")
+    mixture = Mixture.of(rows, log_direct, np.full(extent.shape, options.alpha), groups.last, log_nlos)
     leader = sort_rows(groups.leader, groups)
     return OutlierModel(
         lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))

@@ -15,15 +15,8 @@ from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_m
 
 
 def _model(batch: BearingBatch, *, lognormal: bool = False, path_prior: str = "uniform") -> OutlierModel:
-    return outlier_model(
-        *grouped_batch(batch),
-        alpha=0.25,
-        field_of_view_deg=180.0,
-        path_prior=path_prior,
-        use_ranges=True,
-        lognormal=lognormal,
-        min_range_m=None,
-    )
+    noise = "lognormal" if lognormal else "gaussian"
+    return outlier_model(*grouped_batch(batch), MixtureOptions(range_noise=noise, path_prior=path_prior))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("paths", [1, 2])
