@@ -19,6 +19,7 @@ from nlosctl.pipeline.parameters import method_runs
 from nlosctl.pipeline.report import RunReport
 from nlosctl.pipeline.run import MeasurementRun, RunSettings
 from nlosctl.pipeline.simulation import Simulation
+from nlosctl.pipeline.solving import MethodRun
 from nlosctl.pipeline.workers import usable_jobs
 
 __all__ = ["Detection", "Localization", "bound", "detect_ip", "evaluate", "identify_los", "localize", "simulate"]
@@ -68,17 +69,10 @@ def localize(
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    options = ReadOptions(
-        kind=kind,
-        renames=dict(columns or {}),
-        constants=dict(constants or {}),
-        scene=scene if isinstance(scene, Scene) else None,
-        scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
-        all_rows=all_rows,
-        frame=_frame(crs, origin),
+    frame = _frame(crs, origin)
+    reader = _reader(
+        table, kind=kind, columns=columns, constants=constants, scene=scene, frame=frame, all_rows=all_rows
     )
-    reader = MeasurementReader([input_of_table(table)], options)
-    names = [method] if isinstance(method, str) else list(method)
     settings = RunSettings(
         seed=seed,
         jobs=usable_jobs(jobs),
@@ -91,9 +85,7 @@ def localize(
         target_z_m=target_z_m,
         want_flags=True,
     )
-    return _localization(
-        MeasurementRun(reader, method_runs(names, reader.kind, "localize", parameters, sweep), settings)
-    )
+    return _localization(reader, method_runs(_names(method), reader.kind, "localize", parameters, sweep), settings)
 
 
 def bound(
@@ -118,6 +110,26 @@ def bound(
 
     Raises DataError for faults of the data, UsageError for a map that is none.
     """
+    frame = _frame(crs, origin)
+    reader = _reader(
+        table, kind=kind, columns=columns, constants=constants, scene=scene, frame=frame, all_rows=all_rows
+    )
+    grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
+    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
+    tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
+    return gather(list(tables), result_schema(reader, grid))
+
+
+def _reader(
+    table: Any,
+    *,
+    kind: str | None,
+    columns: Mapping[str, str] | None,
+    constants: Mapping[str, float] | None,
+    all_rows: bool,
+    scene: Scene | str | PathLike[str] | None = None,
+    frame: EarthFrame | None = None,
+) -> MeasurementReader:
     options = ReadOptions(
         kind=kind,
         renames=dict(columns or {}),
@@ -125,13 +137,9 @@ def bound(
         scene=scene if isinstance(scene, Scene) else None,
         scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
         all_rows=all_rows,
-        frame=_frame(crs, origin),
+        frame=frame,
     )
-    reader = MeasurementReader([input_of_table(table)], options)
-    grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
-    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
-    tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
-    return gather(list(tables), result_schema(reader, grid))
+    return MeasurementReader([input_of_table(table)], options)
 
 
 def _frame(crs: str | None, origin: tuple[float, float] | None) -> EarthFrame | None:
@@ -173,12 +181,8 @@ def detect_ip(
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    options = ReadOptions(
-        kind="triplets", renames=dict(columns or {}), constants=dict(constants or {}), all_rows=all_rows
-    )
-    reader = MeasurementReader([input_of_table(table)], options)
-    names = [method] if isinstance(method, str) else list(method)
-    runs = method_runs(names, reader.kind, "detect-ip", parameters, sweep)
+    reader = _reader(table, kind="triplets", columns=columns, constants=constants, all_rows=all_rows)
+    runs = method_runs(_names(method), reader.kind, "detect-ip", parameters, sweep)
     settings = RunSettings(
         seed=seed,
         jobs=usable_jobs(jobs),
@@ -222,16 +226,7 @@ def identify_los(
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    options = ReadOptions(
-        kind="ranges",
-        renames=dict(columns or {}),
-        constants=dict(constants or {}),
-        scene=scene if isinstance(scene, Scene) else None,
-        scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
-        all_rows=all_rows,
-    )
-    reader = MeasurementReader([input_of_table(table)], options)
-    names = [method] if isinstance(method, str) else list(method)
+    reader = _reader(table, kind="ranges", columns=columns, constants=constants, scene=scene, all_rows=all_rows)
     settings = RunSettings(
         seed=seed,
         jobs=usable_jobs(jobs),
@@ -242,12 +237,15 @@ def identify_los(
         target_z_m=target_z_m,
         want_flags=True,
     )
-    return _localization(
-        MeasurementRun(reader, method_runs(names, reader.kind, "identify-los", parameters, sweep), settings)
-    )
+    return _localization(reader, method_runs(_names(method), reader.kind, "identify-los", parameters, sweep), settings)
 
 
-def _localization(run: MeasurementRun) -> Localization:
+def _names(method: str | Sequence[str]) -> list[str]:
+    return [method] if isinstance(method, str) else list(method)
+
+
+def _localization(reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> Localization:
+    run = MeasurementRun(reader, runs, settings)
     chunks = list(run.tables())
     return Localization(
         estimates=gather([chunk.estimates for chunk in chunks], run.estimates_schema),
