@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.levenberg_marquardt import Evaluation
+from nlosctl.solvers.evaluations import Evaluation
 
 __all__ = ["BearingProblem"]
 

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
+from nlosctl.solvers.evaluations import Evaluation
+from nlosctl.solvers.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.triplet_problem import PathSums, TripletProblem
 
 __all__ = ["minimize_paths"]

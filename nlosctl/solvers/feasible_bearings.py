@@ -12,7 +12,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.scene_margins import scene_margins
-from nlosctl.solvers.levenberg_marquardt import Evaluation, minimize
+from nlosctl.solvers.evaluations import Evaluation
+from nlosctl.solvers.levenberg_marquardt import minimize
 from nlosctl.solvers.mixed_bearing_problem import BearingLikelihood, bearing_problem
 from nlosctl.solvers.several_optima import Ends
 

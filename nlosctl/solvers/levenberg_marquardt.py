@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.array_tuples import pick_rows, take_rows_of
+from nlosctl.solvers.evaluations import Evaluation, Problem
 
-__all__ = ["Evaluation", "Minimum", "Problem", "minimize"]
+__all__ = ["Minimum", "minimize"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
-ProblemT = TypeVar("ProblemT", bound="Problem")
-PartsT = TypeVar("PartsT", bound=tuple[Any, ...])
 
 _ROUNDING_DECREASE = 1e-8
 """A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may
@@ -29,58 +29,11 @@ _FORETOLD = 1e-9
 """A Newton step is the last when quadratic convergence foretells a next one shorter than this, in standard deviations:
 two steps tell the rate."""
 
-_LEAST_SHARE = 0.1
-"""Exact second derivatives are trusted when their determinant is at least this share of the stand-in's."""
-
 _NEARLY_FULL = 0.1
 """Up to this damping a step counts as a full one."""
 
 _WORTH_DROPPING = 0.75
 """Settled rows are dropped when fewer than this share of the rows in the work are open: copying costs too."""
-
-
-class Evaluation(NamedTuple):
-    """Cost, gradient and a positive matrix of second derivatives (B,) at one point each.
-
-    ``exact`` (B,) tells where the matrix is that of the exact second derivatives, None that it is nowhere.
-    """
-
-    cost: FloatArray
-    gradient_x: FloatArray
-    gradient_y: FloatArray
-    hessian: Symmetric2x2
-    exact: BoolArray | None = None
-
-    @classmethod
-    def of_newton(
-        cls,
-        cost: FloatArray,
-        gradient_x: FloatArray,
-        gradient_y: FloatArray,
-        exact: Symmetric2x2,
-        stand_in: Symmetric2x2,
-        least_share: float = _LEAST_SHARE,
-    ) -> Evaluation:
-        """Return the evaluation with the exact second derivatives, or a positive stand-in where those are not.
-
-        That is Gauss-Newton's matrix, or the EM algorithm's. ``least_share`` is of the stand-in's determinant.
-        """
-        positive = (exact.xx > 0.0) & (exact.determinant > least_share * stand_in.determinant)
-        if np.count_nonzero(positive) < positive.size:
-            exact = _pick(positive, exact, stand_in)
-        return cls(cost, gradient_x, gradient_y, exact, positive)
-
-
-class Problem(Protocol):
-    """B problems. ``cost`` is half a sum of squares of residuals scaled by their standard deviation."""
-
-    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
-        """Return the evaluation at points (B,)."""
-        ...
-
-    def take(self: ProblemT, rows: IntArray) -> ProblemT:
-        """Return the problems of some rows."""
-        ...
 
 
 class Minimum(NamedTuple):
@@ -95,7 +48,7 @@ class Minimum(NamedTuple):
 
     def take(self, rows: IntArray) -> Minimum:
         """Return the ends of some problems."""
-        return _rows_of(self, rows)
+        return take_rows_of(self, rows)
 
 
 class _State(NamedTuple):
@@ -167,7 +120,11 @@ def minimize(
                 if not open_rows.size:
                     break
                 if open_rows.size < _WORTH_DROPPING * state.rows.size:
-                    active, state, step = active.take(open_rows), _rows_of(state, open_rows), _rows_of(step, open_rows)
+                    active, state, step = (
+                        active.take(open_rows),
+                        take_rows_of(state, open_rows),
+                        take_rows_of(step, open_rows),
+                    )
             state = _try_step(active, state, step)
         _record(minimum, state, state.x, state.y, state.at.cost, max_iterations + 1, ~state.settled)
         return minimum
@@ -263,43 +220,7 @@ def _try_step(problem: Problem, state: _State, step: _Step) -> _State:
         np.where(better, step.y, state.y),
         np.where(better, eased, np.maximum(state.damping * 30.0, 1e-3)),
         state.refused + ~better,
-        _pick(better, trial, state.at),
+        pick_rows(better, trial, state.at),
         state.settled,
         np.where(newton, step.length, 0.0),
-    )
-
-
-def _rows_of(parts: PartsT, rows: IntArray) -> PartsT:
-    """Return some rows of all arrays of a named tuple; those that are None stay so."""
-    make: Any = type(parts)
-    return cast(
-        PartsT,
-        make(
-            *(
-                _rows_of(part, rows) if isinstance(part, tuple) else part if part is None else part[rows]
-                for part in parts
-            )
-        ),
-    )
-
-
-def _pick(first: BoolArray, one: PartsT, other: PartsT) -> PartsT:
-    """Return the rows of one named tuple where ``first``, else those of the other; None where either is None."""
-    taken = np.count_nonzero(first)
-    if taken in (0, first.size):
-        return one if taken else other
-    pairs = zip(one, other, strict=True)
-    make: Any = type(one)
-    return cast(
-        PartsT,
-        make(
-            *(
-                _pick(first, a, b)
-                if isinstance(a, tuple)
-                else None
-                if a is None or b is None
-                else np.where(first, a, b)
-                for a, b in pairs
-            )
-        ),
     )

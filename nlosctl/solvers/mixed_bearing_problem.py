@@ -12,7 +12,7 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.solvers.bearing_problem import BearingProblem
-from nlosctl.solvers.levenberg_marquardt import Evaluation
+from nlosctl.solvers.evaluations import Evaluation
 
 __all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
 

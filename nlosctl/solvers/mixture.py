@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.solvers.levenberg_marquardt import Evaluation
+from nlosctl.solvers.evaluations import Evaluation
 
 __all__ = ["Mixture", "MixtureRows", "RowDerivatives"]
 

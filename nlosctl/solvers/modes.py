@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.crossings import Candidates
-from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
+from nlosctl.solvers.evaluations import Evaluation
+from nlosctl.solvers.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.mixture import Mixture
 from nlosctl.solvers.starts import Mode, Scores, Starts, choose_starts, leave_out_slope
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from nlosctl.geometry.blocks import sum_measurements, take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.ranges import RangeCircles
-from nlosctl.solvers.levenberg_marquardt import Evaluation
+from nlosctl.solvers.evaluations import Evaluation
 
 __all__ = ["RangeProblem", "SquaredRangeProblem"]
 

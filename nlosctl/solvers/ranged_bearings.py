@@ -15,8 +15,9 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearing_mixture import DirectBearings
 from nlosctl.solvers.crossings import end_rays
+from nlosctl.solvers.evaluations import Evaluation
 from nlosctl.solvers.fixes import bearing_flags, judge_fixes
-from nlosctl.solvers.levenberg_marquardt import Evaluation, Minimum, minimize
+from nlosctl.solvers.levenberg_marquardt import Minimum, minimize
 
 __all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns", "row_residuals"]
 

@@ -12,7 +12,7 @@ from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
-from nlosctl.solvers.levenberg_marquardt import Evaluation
+from nlosctl.solvers.evaluations import Evaluation
 
 __all__ = ["PathSums", "TripletProblem"]
 
