@@ -154,6 +154,9 @@ class Preview:
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
         """Take metadata, as a writer does; a preview shows none."""
 
+    def complete(self) -> None:
+        """Do nothing: a preview is shown at the end."""
+
     def show(self) -> None:
         """Print the rows, and how many there are in all."""
         print_table(self._rows, self._columns)

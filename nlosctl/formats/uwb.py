@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row, UnfitError
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.options import option
 from nlosctl.errors import UsageError
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
@@ -56,7 +57,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
             "sensor": anchor,
             "sensor_x_m": x,
             "sensor_y_m": y,
-            "range_m": number(cells[options.range], options.range, 1e-9) * metres,
+            "range_m": number(cells[options.range], options.range, 1e-9, LARGEST_NUMBER) * metres,
             "range_std_m": _std(cells, options, metres),
             "time_s": time_s,
             "tag": cells[options.tag] if options.tag else None,
@@ -68,9 +69,9 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
 
 def _std(cells: Mapping[str, str], options: UwbOptions, metres: float) -> float | None:
     if options.variance is not None:
-        return math.sqrt(number(cells[options.variance], options.variance, 1e-18)) * metres
+        return math.sqrt(number(cells[options.variance], options.variance, 1e-18, LARGEST_NUMBER)) * metres
     if options.std is not None:
-        return number(cells[options.std], options.std, 1e-9) * metres
+        return number(cells[options.std], options.std, 1e-9, LARGEST_NUMBER) * metres
     return options.range_std_m
 
 

@@ -29,11 +29,16 @@ class NewFile:
         self._temporary.chmod(0o666 & ~_umask())
         self.sink: IO[bytes] = os.fdopen(handle, "wb")
 
+    def complete(self) -> None:
+        """Take no more bytes, and see that the disk has them all: what is left is to take the name."""
+        if not self.sink.closed:
+            self.sink.flush()
+            os.fsync(self.sink.fileno())
+            self.sink.close()
+
     def keep(self) -> None:
         """Put the file in its place, whole; what was there is replaced."""
-        self.sink.flush()
-        os.fsync(self.sink.fileno())
-        self.sink.close()
+        self.complete()
         if isinstance(self._place, RemotePath):
             self._place.take(self._temporary)
             self._temporary.unlink()

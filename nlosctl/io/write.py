@@ -71,6 +71,7 @@ class TableWriter:
         self._new: NewFile | None = None
         self._sink: Any = None
         self._encoder: Encoder | None = None
+        self._closed = False
         check_targets([target], overwrite=overwrite, inputs=inputs)
 
     def __enter__(self) -> TableWriter:
@@ -91,6 +92,16 @@ class TableWriter:
             self._encode(waiting.slice(0, self._group_rows))
             self._waiting = [waiting.slice(self._group_rows)]
             self._waiting_rows -= self._group_rows
+
+    def complete(self) -> None:
+        """Write all that waits, so that nothing is left but to take the name; stdout waits for the end of the block.
+
+        With several outputs all are completed before any takes its name: a full disk leaves none of them.
+        """
+        if self._new is not None:
+            with writing(self.target):
+                self._close_encoder()
+                self._new.complete()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -115,11 +126,17 @@ class TableWriter:
         with writing(self.target):
             self._put_in_place()
 
-    def _put_in_place(self) -> None:
+    def _close_encoder(self) -> None:
+        if self._closed:
+            return
         if self._waiting_rows or self._encoder is None:
             self._encode(pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table())
         assert self._encoder is not None  # noqa: S101 - made by _encode
         self._encoder.close(self._metadata)
+        self._closed = True
+
+    def _put_in_place(self) -> None:
+        self._close_encoder()
         if self._new is None:
             self._pass_on() if self.target == "-" else self._sink.close()
             return

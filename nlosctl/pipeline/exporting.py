@@ -67,6 +67,7 @@ class MapWriter:
         self._frame = frame or _frame_of(metadata or {})
         self._stack = ExitStack()
         self._writer: PlacesWriter | None = None
+        self._completed = False
         check_targets([target], overwrite=overwrite, inputs=self._inputs)
 
     def __enter__(self) -> MapWriter:
@@ -85,15 +86,21 @@ class MapWriter:
             with self._blamed():
                 self._started().write(places)
 
+    def complete(self) -> None:
+        """Write all that waits, as a `TableWriter` does."""
+        with self._blamed():
+            self._started().close()
+        self._completed = True
+        self._sink.flush()
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with self._stack:  # what goes wrong here leaves no file either
             if kind is not None:
                 self._stack.__exit__(kind, error, trace)
-            else:
-                with self._blamed():
-                    self._started().close()
+            elif not self._completed:
+                self.complete()
 
     def _started(self) -> PlacesWriter:
         if self._writer is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from functools import partial
 from pathlib import Path
 
@@ -32,8 +33,7 @@ def job_inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def job_folder(folder: Path, job_inputs: Path) -> Path:
     """Link the inputs of all writing jobs into the current folder."""
-    for path in job_inputs.iterdir():
-        (folder / path.name).hardlink_to(path)
+    shutil.copytree(job_inputs, folder, copy_function=os.link, dirs_exist_ok=True)
     return folder
 
 

@@ -99,7 +99,6 @@ def test_every_format_meets_a_full_disk(extension: str, folder: Path, small_disk
     check(run_guarded(words), folder, [], "can't be written: File too large")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("job", JOBS)
 def test_a_disk_that_is_full(job: WritingJob, job_folder: Path) -> None:
     """On a real full disk, of 64 KiB, it is the same: one line, nothing left, what was there is whole."""
@@ -156,7 +155,7 @@ def test_an_input_that_changes(
 @pytest.mark.parametrize("job", JOBS)
 def test_killed_at_any_moment(job: WritingJob, job_folder: Path) -> None:
     """After kill -9 each output is the old one whole or the new one whole."""
-    assert kill_at_random(job, 2, job_folder, seed=9)["torn"] == 0
+    assert kill_at_random(job, 1, job_folder, seed=9)["torn"] == 0
 
 
 @pytest.mark.parametrize("job", [pytest.param(job, id=job.command) for job in resumed_jobs()])
