@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.columns import Column, ColumnType, Spelling, Table
-from nlosctl.contract.tables.measurements import BEARINGS, EARTH_PLACES, RANGES, TRIPLETS
 from nlosctl.contract.tables.results import BOUND, ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, TRUTH
 from nlosctl.contract.tables.scores import SCORES
+from nlosctl.contract.tables.shared import EARTH_PLACES
+from nlosctl.contract.tables.triplets import TRIPLETS
 
 __all__ = [
     "BEARINGS",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from nlosctl.contract.tables.columns import Column, Table
-from nlosctl.contract.tables.measurements import TRUTH_POSITION
+from nlosctl.contract.tables.shared import TRUTH_POSITION
 
 __all__ = ["BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "PRECISION", "TRACE", "TRUTH"]
 

@@ -1,0 +1,163 @@
+"""The columns of files of bearings and of ranges, which sensors measure."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from nlosctl.contract.tables.columns import Column, Spelling, Table
+from nlosctl.contract.tables.shared import DEGREE, EARLIER_FLAGS, SNAPSHOT, TRUTH_POSITION, on_earth
+
+__all__ = ["BEARINGS", "RANGES"]
+
+_TRUTH = (
+    *TRUTH_POSITION,
+    Column(
+        name="truth_los",
+        type="boolean",
+        nullable=True,
+        carried=True,
+        meaning="whether the row really follows its stated path (direct, or by its reflector)",
+    ),
+)
+
+_SENSOR = (
+    Column(name="sensor", type="identifier", required=True, meaning="name of the sensor"),
+    Column(
+        name="sensor_x_m",
+        type="number",
+        unit="m",
+        required=True,
+        scene_axis=0,
+        earth_place="sensor",
+        meaning="sensor position, x",
+    ),
+    Column(
+        name="sensor_y_m",
+        type="number",
+        unit="m",
+        required=True,
+        scene_axis=1,
+        earth_place="sensor",
+        meaning="sensor position, y",
+    ),
+    *on_earth("sensor", "sensor position"),
+)
+
+_RANGE = (
+    Column(
+        name="range_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        positive=True,
+        meaning="path length from source to sensor",
+    ),
+    Column(
+        name="range_std_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        positive=True,
+        constant_allowed=True,
+        constant_option="--range-std-m",
+        meaning="standard deviation of the range error",
+    ),
+)
+
+_PRIOR = (
+    Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(
+        name="prior_std_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        positive=True,
+        meaning="standard deviation of the prior position in x and in y",
+    ),
+)
+
+BEARINGS = Table(
+    name="bearings",
+    title="Bearings: directions from sensors to where a wave comes from",
+    row_key=("sensor", "sensor_x_m", "sensor_y_m", "path", "reflector"),
+    together=(tuple(column.name for column in _PRIOR),),
+    columns=(
+        SNAPSHOT,
+        *_SENSOR,
+        Column(
+            name="bearing_rad",
+            type="number",
+            unit="rad",
+            required=True,
+            largest_magnitude=2.0 * math.pi,
+            too_large_means="plainly degrees: name the column bearing_deg (or azimuth_deg for compass bearings)",
+            meaning="direction from the sensor to where the wave comes from, counter-clockwise from +x",
+            spellings=(
+                Spelling(name="bearing_deg", scale=DEGREE),
+                Spelling(name="azimuth_deg", scale=-DEGREE, offset=0.5 * math.pi, from_north=True),
+            ),
+        ),
+        Column(
+            name="bearing_std_rad",
+            type="number",
+            unit="rad",
+            required=True,
+            positive=True,
+            constant_allowed=True,
+            constant_option="--bearing-std-deg",
+            meaning="standard deviation of the bearing error",
+            spellings=(Spelling(name="bearing_std_deg", scale=DEGREE),),
+        ),
+        Column(
+            name="path",
+            type="integer",
+            nullable=True,
+            meaning="numbers several measurements of one sensor in one snapshot (resolved multipath)",
+        ),
+        Column(
+            name="reflector",
+            type="text",
+            nullable=True,
+            names_reflector=True,
+            meaning="reflector of the scene by which the wave came; empty or absent: the direct path",
+        ),
+        *_RANGE,
+        *_PRIOR,
+        *on_earth("prior", "where the source was expected before"),
+        *_TRUTH,
+        *EARLIER_FLAGS,
+    ),
+)
+
+RANGES = Table(
+    name="ranges",
+    title="Ranges: path lengths from targets to sensors, any number for a sensor",
+    columns=(
+        SNAPSHOT,
+        *_SENSOR,
+        *(dataclasses.replace(column, required=True, nullable=False) for column in _RANGE),
+        Column(
+            name="sensor_z_m",
+            type="number",
+            unit="m",
+            meaning="sensor height; with --target-z-m the ranges are slant and are reduced to the targets' plane",
+        ),
+        Column(
+            name="path",
+            type="integer",
+            nullable=True,
+            meaning="numbers several measurements of one sensor in one snapshot (resolved multipath)",
+        ),
+        *_TRUTH,
+        Column(
+            name="truth_target",
+            type="integer",
+            nullable=True,
+            carried=True,
+            meaning="number of the target that the echo is of, from 0; null for a false echo",
+        ),
+        *EARLIER_FLAGS,
+    ),
+)

@@ -1,0 +1,71 @@
+"""Columns that measurement files of several kinds have."""
+
+from __future__ import annotations
+
+import math
+
+from nlosctl.contract.tables.columns import Column
+
+__all__ = ["DEGREE", "EARLIER_FLAGS", "EARTH_PLACES", "SNAPSHOT", "TRUTH_POSITION", "on_earth"]
+
+EARTH_PLACES = ("sensor", "truth", "prior", "tx", "rx")
+"""Places whose ``_x_m`` and ``_y_m`` may be told as ``_lat_deg`` and ``_lon_deg`` (WGS 84)."""
+
+DEGREE = math.pi / 180.0
+"""In radians."""
+
+SNAPSHOT = Column(
+    name="snapshot",
+    type="identifier",
+    meaning="rows that share it are solved together; without the column a file is one snapshot",
+)
+"""What tells which rows belong together."""
+
+
+def on_earth(place: str, meaning: str) -> tuple[Column, Column]:
+    """Return the latitude and longitude of a place, of which ``meaning`` tells what is there."""
+    return (
+        Column(
+            name=f"{place}_lat_deg",
+            type="number",
+            unit="deg",
+            nullable=True,
+            carried=True,
+            meaning=f"{meaning}: latitude (WGS 84), in place of {place}_x_m and {place}_y_m",
+        ),
+        Column(
+            name=f"{place}_lon_deg",
+            type="number",
+            unit="deg",
+            nullable=True,
+            carried=True,
+            meaning=f"{meaning}: longitude (WGS 84)",
+        ),
+    )
+
+
+TRUTH_POSITION = (
+    Column(name="truth_x_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position"),
+    Column(name="truth_y_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position"),
+    *on_earth("truth", "true source position"),
+)
+"""The true position of a row's source."""
+
+EARLIER_FLAGS = (
+    Column(
+        name="los",
+        type="boolean",
+        nullable=True,
+        carried=True,
+        meaning="flag of an earlier step: rows with false are left out unless --all-rows",
+    ),
+    Column(
+        name="ip",
+        type="boolean",
+        nullable=True,
+        carried=True,
+        meaning="flag of an earlier step: rows with true (indirect path) are left out unless --all-rows",
+    ),
+    Column(name="used", type="boolean", nullable=True, carried=True, meaning="flag of an earlier step: used there"),
+)
+"""What an earlier step may have said of a row."""
