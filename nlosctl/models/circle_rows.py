@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from nlosctl.contract.scene import CircleReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, reflect_at, short_arc_point
+from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, reflect_at
+from nlosctl.geometry.short_arc import short_arc_point
 from nlosctl.geometry.visibility import clears_blocker, elevation, horizon_elevation, sees_by_reflection
 from nlosctl.models.placed_rows import PlacedRows
 

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.geometry.circles import leave_circle
-from nlosctl.geometry.circular_reflection import all_reflections, count_reflections, short_arc_reflection
+from nlosctl.geometry.circular_reflection import all_reflections, count_reflections
+from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.geometry.visibility import (
     reach_by_reflection,
     sees_by_reflection,

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from nlosctl.contract.scene import CircleReflector
 from nlosctl.geometry.circles import leave_circle
-from nlosctl.geometry.circular_reflection import ReflectedPath, short_arc_reflection
+from nlosctl.geometry.circular_reflection import ReflectedPath
+from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.plotting.panels import Line, LinesPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.panels import curve

@@ -13,13 +13,8 @@ from circle_worlds import (
     unblocked_points,
 )
 
-from nlosctl.geometry.circular_reflection import (
-    all_points,
-    all_reflections,
-    count_reflections,
-    separatrix,
-    short_arc_reflection,
-)
+from nlosctl.geometry.circular_reflection import all_points, all_reflections, count_reflections, separatrix
+from nlosctl.geometry.short_arc import short_arc_reflection
 
 
 def draw_visible(count, seed):

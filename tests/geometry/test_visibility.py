@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from circle_worlds import EARTH_M, IONOSPHERE_M, distance_from_center, parts, unblocked_points
 
-from nlosctl.geometry.circular_reflection import all_reflections, short_arc_reflection
+from nlosctl.geometry.circular_reflection import all_reflections
+from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.geometry.visibility import (
     elevation,
     horizon_elevation,

@@ -6,7 +6,7 @@ import numpy as np
 from flat_solving import dense_batch
 from scipy.optimize import least_squares
 
-from nlosctl.geometry.circular_reflection import short_arc_reflection
+from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield, bearings_stansfield_focused
 from nlosctl.scenarios.catalogue import find_scenario
 from nlosctl.scenarios.drawing import draw_snapshots

@@ -42,6 +42,7 @@ TESTS = {
     "geometry/regions.py": ["tests/geometry/test_regions.py"],
     "geometry/roots.py": ["tests/geometry/test_roots.py"],
     "geometry/segments.py": ["tests/geometry/test_segments.py"],
+    "geometry/short_arc.py": ["tests/geometry/test_circular_reflection.py"],
     "geometry/symmetric.py": ["tests/geometry/test_symmetric.py"],
     "geometry/triplets.py": ["tests/geometry/test_triplets.py"],
     "geometry/visibility.py": ["tests/geometry/test_visibility.py"],
