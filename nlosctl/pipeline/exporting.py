@@ -124,10 +124,7 @@ class MapWriter:
                 f"{self._spec.name} takes estimates, and there is no column {missing[0]!r}; localize measurements first"
             )
         columns = {name: table.column(name).to_pylist() for name in table.column_names}
-        x, y, xx, xy, yy = (
-            np.array([np.nan if value is None else value for value in columns[name]], dtype=np.float64)
-            for name in _ESTIMATED
-        )
+        x, y, xx, xy, yy = (self._numbers(columns[name], name) for name in _ESTIMATED)
         ellipse = error_ellipse(Symmetric2x2(xx, xy, yy))
         share = float(getattr(self._options, "ellipse", 0.95))
         scale = float(np.sqrt(-2.0 * np.log1p(-share)))
@@ -154,6 +151,14 @@ class MapWriter:
             major_azimuth_rad=north - ellipse.orientation_rad,
             on_earth=not metres,
         )
+
+    def _numbers(self, values: Sequence[Any], name: str) -> FloatArray:
+        try:
+            return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise DataError(
+                f"{self._spec.name} takes estimates, expected numbers in the column {name!r}: {error}"
+            ) from None
 
     def _on_earth(
         self, columns: Mapping[str, Sequence[Any]], x: FloatArray, y: FloatArray, ring_x: FloatArray, ring_y: FloatArray

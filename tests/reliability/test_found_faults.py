@@ -111,6 +111,13 @@ def test_estimates_that_are_spoilt(changed: dict[str, str], said: list[str], fol
     told(folder, ["evaluate", "e.csv"], *said)
 
 
+def test_a_map_of_words(folder: Path) -> None:
+    """A column of positions that holds words is told by an exporter; it was an internal error."""
+    table = ESTIMATES.replace("cost,", "") + "\n7,ml,0,0,1,1&2,1,0,1,3,3,ok\n"
+    (folder / "e.csv").write_text(table)
+    told(folder, ["convert", "e.csv", "-o", "e.geojson", "--param", "metres=true"], "'y_m'", "numbers")
+
+
 def test_flags_with_a_truth_that_is_no_boolean(folder: Path) -> None:
     """A truth of flags that is neither true nor false is a fault of its row; it was an internal error."""
     flags = "snapshot,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,truth_los,los,used\n"
