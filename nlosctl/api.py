@@ -17,7 +17,8 @@ from nlosctl.pipeline.evaluating import Evaluation, evaluate_inputs
 from nlosctl.pipeline.evaluating_targets import evaluate_targets
 from nlosctl.pipeline.parameters import method_runs
 from nlosctl.pipeline.report import RunReport
-from nlosctl.pipeline.run import MeasurementRun, RunSettings
+from nlosctl.pipeline.run import MeasurementRun
+from nlosctl.pipeline.run_settings import RunSettings
 from nlosctl.pipeline.simulation import Simulation
 from nlosctl.pipeline.solving import MethodRun
 from nlosctl.pipeline.workers import usable_jobs

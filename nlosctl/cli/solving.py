@@ -16,7 +16,8 @@ from nlosctl.errors import UsageError, did_you_mean
 if TYPE_CHECKING:
     from nlosctl.contract.methods import Job
     from nlosctl.pipeline.folder_run import Engine
-    from nlosctl.pipeline.run import ChunkTables, MeasurementRun, RunSettings
+    from nlosctl.pipeline.run import ChunkTables, MeasurementRun
+    from nlosctl.pipeline.run_settings import RunSettings
     from nlosctl.pipeline.writing import Run
 
 __all__ = ["Outputs", "reading_words", "run_methods", "run_settings", "solve_and_write"]
@@ -70,7 +71,7 @@ def reading_words(inputs: Sequence[str], options: SolvingOptions, *tables: str |
 
 def run_settings(options: SolvingOptions) -> RunSettings:
     """Return what the options that all solving commands share say of the run."""
-    from nlosctl.pipeline.run import RunSettings
+    from nlosctl.pipeline.run_settings import RunSettings
     from nlosctl.pipeline.workers import usable_jobs
 
     return RunSettings(

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl import registry
-from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import UsageError
 from nlosctl.io.inputs import Input
@@ -22,41 +20,17 @@ from nlosctl.io.sweep_columns import SweepColumns
 from nlosctl.pipeline.flat_plane import FlatPlaneTally
 from nlosctl.pipeline.gdop import gdop, refuse_gdop
 from nlosctl.pipeline.heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.method_remarks import method_remarks
 from nlosctl.pipeline.precision import on_earth, precision_columns, precision_of
 from nlosctl.pipeline.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.report import MethodTally, RunReport
+from nlosctl.pipeline.run_settings import RunSettings
 from nlosctl.pipeline.seeds import snapshot_seeds
 from nlosctl.pipeline.solving import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
 from nlosctl.pipeline.sweeps import refuse_swept_columns
 from nlosctl.pipeline.workers import map_in_processes
 
-__all__ = ["ChunkTables", "MeasurementRun", "RunSettings"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunSettings:
-    """What steers a run but changes no method: see the options of ``nlosctl localize``."""
-
-    seed: int = 0
-    jobs: int = 1
-    block_size: int = 8192
-    alternatives: int = 1
-    carry: tuple[str, ...] = ()
-    field: Field = dataclasses.field(default_factory=SensorsField)
-    target_z_m: float | None = None
-    want_estimates: bool = True
-    want_flags: bool = False
-    want_details: bool = False
-    want_trace: bool = False
-    ellipse: float | None = None
-    add: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name, least in (("seed", 0), ("jobs", 1), ("block_size", 1), ("alternatives", 1)):
-            if getattr(self, name) < least:
-                raise UsageError(f"{name} must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
-        if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:
-            raise UsageError(f"--ellipse must be a probability between 0 and 1. Got {self.ellipse!r} instead.")
+__all__ = ["ChunkTables", "MeasurementRun"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,39 +276,5 @@ class MeasurementRun:
             *remarks,
             *heights_remark(self._reader.column_names, self._settings.target_z_m),
             *FlatPlaneTally(self._reader.scene.frame, self.report.flat_plane).remarks(),
-            *self._unused_ranges(),
-            *self._edge_remarks(),
-            *self._hopeless(),
-            *self._advice(),
-        ]
-
-    def _edge_remarks(self) -> list[str]:
-        tallies = [(run.label, self.report.methods[run.label]) for run in self._runs if run.spec.searches]
-        return [
-            f"{name} searched {self._settings.field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
-            for name, tally in tallies
-        ]
-
-    def _unused_ranges(self) -> list[str]:
-        takers = dict.fromkeys(run.spec.name for run in self._runs if "range_m" not in run.spec.reads)
-        if "range_m" not in self._reader.schema.names or self.report.kind == "ranges" or not takers:
-            return []
-        return [f"the column 'range_m' is not used by {', '.join(takers)}"]
-
-    def _hopeless(self) -> list[str]:
-        answered = any(tally.answered for tally in self.report.methods.values())
-        answered |= not any(run.spec.job == "localize" for run in self._runs)
-        senses = [spelling.name for column in KINDS[self.report.kind].columns for spelling in column.spellings]
-        if answered or not self.report.snapshots:
-            return []
-        return [f"no snapshot got a position; check units and sense of the angles (there are also {', '.join(senses)})"]
-
-    def _advice(self) -> list[str]:
-        robust = {entry.name for entry in registry.entries() if entry.kind == self.report.kind}
-        advised = "; try --method mixture-ml" if "mixture-ml" in robust - {run.spec.name for run in self._runs} else ""
-        return [
-            f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
-            f"their standard deviations explain{advised}"
-            for name, tally in self.report.methods.items()
-            if tally.fits_badly
+            *method_remarks(self._runs, self.report, self._reader.schema.names, self._settings.field),
         ]
