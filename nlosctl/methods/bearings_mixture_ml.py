@@ -14,7 +14,6 @@ from nlosctl.solvers.modes import find_modes
 from nlosctl.solvers.outlier_model import grouped_batch, has_several_paths, outlier_model
 from nlosctl.solvers.outlier_options import BearingOutlierOptions, MixtureModeOptions
 from nlosctl.solvers.parted_batches import solve_parts
-from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import (
@@ -89,12 +88,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         return Solution(estimates=estimates)
     x, y = modes.x[:, 0], modes.y[:, 0]
     numbers = {"los_probability": probability, **row_residuals(grouped, model.lines, x, y)}
-    flags = ranked_flags(
-        status,
-        restore_rows(probability > 0.5, groups),
-        {name: restore_rows(values, groups) for name, values in numbers.items()},
-    )
-    return Solution(estimates=estimates, flags=flags)
+    return Solution(estimates=estimates, flags=ranked_flags(status, groups, probability > 0.5, numbers))
 
 
 METHOD = MethodSpec(

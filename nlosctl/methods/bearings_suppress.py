@@ -16,7 +16,6 @@ from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bootstraps import count_bootstraps
 from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
 from nlosctl.solvers.outlier_options import BearingOutlierOptions
-from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.suppressed_fixes import suppress_outliers
@@ -84,12 +83,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
         return Solution(estimates=estimates)
     x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
     numbers = {"los_probability": _probability(model, x, y), **row_residuals(grouped, model.lines, x, y)}
-    flags = ranked_flags(
-        status,
-        restore_rows(found.used, groups),
-        {name: restore_rows(values, groups) for name, values in numbers.items()},
-    )
-    return Solution(estimates=estimates, flags=flags)
+    return Solution(estimates=estimates, flags=ranked_flags(status, groups, found.used, numbers))
 
 
 def _probability(model: OutlierModel, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -11,7 +11,6 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.modes import find_modes
 from nlosctl.solvers.outlier_options import MixtureModeOptions, OutlierOptions
-from nlosctl.solvers.path_groups import restore_rows
 from nlosctl.solvers.posterior_grid import posterior_covariance
 from nlosctl.solvers.range_mixture import RangeCandidates, grouped_ranges, range_outlier_model
 from nlosctl.solvers.ranked_fixes import (
@@ -87,12 +86,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     numbers = {"los_probability": probability, "residual_m": circles.residual_m(modes.x[:, 0], modes.y[:, 0])}
-    flags = ranked_flags(
-        status,
-        restore_rows(probability > 0.5, groups),
-        {name: restore_rows(values, groups) for name, values in numbers.items()},
-    )
-    return Solution(estimates=estimates, flags=flags)
+    return Solution(estimates=estimates, flags=ranked_flags(status, groups, probability > 0.5, numbers))
 
 
 METHOD = MethodSpec(

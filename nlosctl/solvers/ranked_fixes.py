@@ -13,6 +13,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.mixture import Mixture
 from nlosctl.solvers.modes import Modes
+from nlosctl.solvers.path_groups import PathGroups, restore_rows
 
 __all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
@@ -134,14 +135,16 @@ def _sound(covariance: Symmetric2x2) -> BoolArray:
     return sound
 
 
-def ranked_flags(status: StatusArray, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:
+def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:
     """Return the flags of the best fix: ``los`` (B, K), which is also ``used``, and columns of numbers (B, K).
 
-    A snapshot without an answer uses no row and says nothing of any.
+    They come in the order of the groups and go in that of the file. A snapshot without an answer uses no row and says
+    nothing of any.
     """
+    los = restore_rows(los, groups)
     answered = (status <= Status.BOUNDARY)[:, None]
     said = np.full(los.shape, None, dtype=object)
     np.copyto(said, los, where=np.broadcast_to(answered, los.shape))
     columns: dict[str, npt.NDArray[np.generic]] = {"los": said}
-    columns.update({name: np.where(answered, values, np.nan) for name, values in numbers.items()})
+    columns.update({name: np.where(answered, restore_rows(values, groups), np.nan) for name, values in numbers.items()})
     return Flags(used=los & answered, columns=columns)
