@@ -6,11 +6,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Any
 
 from nlosctl.errors import DataError, in_one_line
+from nlosctl.io.locations import Location, RemotePath, location
 from nlosctl.io.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest, sealed_record
+from nlosctl.io.new_file import writing
 from nlosctl.io.write import write_text
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
@@ -18,11 +20,13 @@ __all__ = ["MANIFEST", "RunFolder", "describe_file"]
 MANIFEST = "_manifest.json"
 _STATE = "_unfinished"
 _PLAN = "plan.json"
+_STORE_CLOCK_NS = 1_000_000_000
+"""The times that stores tell are cut to the second; some tell none (0)."""
 
 
 def describe_file(root: str, name: str, rows: int) -> dict[str, Any]:
     """Return name, rows, bytes and SHA-256 of a part file of the folder ``root``."""
-    path = Path(root) / name
+    path = location(root) / name
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return {"name": name, "rows": rows, "bytes": path.stat().st_size, "sha256": digest}
@@ -36,8 +40,8 @@ class RunFolder:
     """
 
     def __init__(self, roots: Mapping[str, str]) -> None:
-        self.roots = {table: root if root == "/" else root.rstrip("/") for table, root in roots.items()}
-        self.main = Path(next(iter(self.roots.values())))
+        self.roots = {table: str(location(root)) for table, root in roots.items()}
+        self.main = location(next(iter(self.roots.values())))
         self._state = self.main / _STATE
 
     def open(
@@ -50,9 +54,11 @@ class RunFolder:
         begun with another plan or on other inputs.
         """
         for root in self.roots.values():
-            _check_root(Path(root))
+            with writing(root):
+                _check_root(location(root))
         try:
-            return self._opened(plan, modified, resume=resume, overwrite=overwrite)
+            with writing(str(self.main)):
+                return self._opened(plan, modified, resume=resume, overwrite=overwrite)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError(
                 f"{self.main}: its {MANIFEST} or {_STATE}/{_PLAN} is not what a run writes ({in_one_line(error)}); "
@@ -70,7 +76,7 @@ class RunFolder:
         if begun is not None:
             self._clear()
         for root in self.roots.values():
-            _refuse_strangers(Path(root))
+            _refuse_strangers(location(root))
         self._begin(plan, modified)
         return {}
 
@@ -84,16 +90,17 @@ class RunFolder:
     ) -> None:
         """Write the manifest of each table's folder, that of the first last; the run is finished then."""
         parts = [records[number] for number in sorted(records)]
-        self._remove_temporary_files(plan)
-        for table, root in reversed(self.roots.items()):
-            manifest = make_manifest(table, plan, parts, report, is_main=Path(root) == self.main)
-            text = json.dumps(manifest, indent=2, ensure_ascii=False)
-            write_text(str(Path(root) / MANIFEST), text + "\n")
-        self._forget_state()
+        with writing(str(self.main)):
+            self._remove_temporary_files(plan)
+            for table, root in reversed(self.roots.items()):
+                manifest = make_manifest(table, plan, parts, report, is_main=location(root) == self.main)
+                text = json.dumps(manifest, indent=2, ensure_ascii=False)
+                write_text(str(location(root) / MANIFEST), text + "\n")
+            self._forget_state()
 
     def _begin(self, plan: Mapping[str, Any], modified: Mapping[str, int]) -> None:
         for root in self.roots.values():
-            Path(root).mkdir(exist_ok=True)
+            location(root).mkdir(exist_ok=True)
         self._state.mkdir(exist_ok=True)
         write_text(str(self._state / _PLAN), json.dumps({"plan": plan, "modified": dict(modified)}))
 
@@ -124,7 +131,7 @@ class RunFolder:
             for number, record in records.items():
                 self.keep(number, record)
             for root in self.roots.values():
-                (Path(root) / MANIFEST).unlink(missing_ok=True)
+                (location(root) / MANIFEST).unlink(missing_ok=True)
             self._remove_temporary_files(plan)
         return records
 
@@ -135,14 +142,15 @@ class RunFolder:
             changed = [name for name, when in modified.items() if told.get("modified", {}).get(name) != when]
         else:
             finished = (self.main / MANIFEST).stat().st_mtime_ns
-            changed = [name for name, when in modified.items() if when > finished]
+            slack = _STORE_CLOCK_NS if isinstance(self.main, RemotePath) else 0
+            changed = [name for name, when in modified.items() if finished and when > finished + slack]
         return f"the input {changed[0]} has changed since" if changed else None
 
     def _records(self) -> dict[int, dict[str, Any]]:
         manifest = self._manifest()
         records = {} if manifest is None else records_of_manifest(manifest)
         if self._state.is_dir():
-            for path in self._state.iterdir():
+            for path in _entries(self._state):
                 record = record_of(_read_json(path)) if path.name != _PLAN else None
                 if record is not None and path.stem.isdigit():
                     records[int(path.stem)] = record
@@ -152,9 +160,9 @@ class RunFolder:
         """Return whether all files of a part are there as they were written."""
         for table, root in self.roots.items():
             told = record["files"].get(table)
-            if told is None or not _inside(Path(root), told["name"]):
+            if told is None or not _inside(location(root), told["name"]):
                 return False
-            path = Path(root) / told["name"]
+            path = location(root) / told["name"]
             if not path.is_file() or describe_file(root, told["name"], told["rows"]) != told:
                 return False
         return True
@@ -165,32 +173,32 @@ class RunFolder:
         plan = self._plan_begun() or {}
         self._remove_temporary_files(plan)
         for root in self.roots.values():
-            (Path(root) / MANIFEST).unlink(missing_ok=True)
+            (location(root) / MANIFEST).unlink(missing_ok=True)
         names = [told["name"] for record in records.values() for told in record["files"].values()]
         for root in self.roots.values():
             for name in [*names, *plan.get("parts", [])]:
-                if _inside(Path(root), name):
-                    (Path(root) / name).unlink(missing_ok=True)
-                    _remove_empty_folders(Path(root), name)
+                if _inside(location(root), name):
+                    (location(root) / name).unlink(missing_ok=True)
+                    _remove_empty_folders(location(root), name)
         self._forget_state()
 
     def _remove_temporary_files(self, plan: Mapping[str, Any]) -> None:
         """Remove what a killed run has left of the files that it was writing."""
-        for root in self.roots.values():
-            for name in (name for name in plan.get("parts", []) if _inside(Path(root), name)):
-                path = Path(root) / name
-                if path.parent.is_dir():
-                    for left in list(path.parent.iterdir()):
-                        if left.name.startswith(f".{path.name[:100]}.") and left.name.endswith(".part"):
-                            left.unlink(missing_ok=True)
+        for root in map(location, self.roots.values()):
+            paths = [root / name for name in plan.get("parts", []) if _inside(root, name)]
+            begins = {f".{path.name[:100]}." for path in paths}
+            for folder in dict.fromkeys(path.parent for path in paths):
+                for left in _entries(folder):
+                    if left.name.endswith(".part") and left.name.startswith(tuple(begins)):
+                        left.unlink(missing_ok=True)
 
     def _forget_state(self) -> None:
         if self._state.is_dir():
-            for path in sorted(self._state.iterdir(), key=lambda path: path.name == _PLAN):
+            for path in sorted(_entries(self._state), key=lambda path: path.name == _PLAN):
                 path.unlink(missing_ok=True)
             self._state.rmdir()
 
-    def _record_path(self, number: int) -> Path:
+    def _record_path(self, number: int) -> Location:
         return self._state / f"{number:06d}.json"
 
     def _is_there(self) -> str:
@@ -199,21 +207,31 @@ class RunFolder:
         return f"{self.main}: holds an unfinished run; --resume goes on with it, --overwrite begins anew"
 
 
-def _check_root(root: Path) -> None:
+def _check_root(root: Location) -> None:
     if root.exists() and not root.is_dir():
         raise DataError(f"{root}: is a file, expected a folder")
-    if not root.exists() and not root.parent.is_dir():
+    if isinstance(root, RemotePath):
+        if not root.has_bucket():
+            raise DataError(f"{root}: there is no {str(root.top)!r}; make it first")
+    elif not root.exists() and not root.parent.is_dir():
         raise DataError(f"{root}: there is no folder {str(root.parent)!r}; make it first")
 
 
-def _refuse_strangers(root: Path) -> None:
+def _entries(folder: Location) -> list[Location]:
+    """Return what is in a folder, nothing where there is none."""
+    if isinstance(folder, RemotePath):
+        return [*folder.iterdir()]
+    return [*folder.iterdir()] if folder.is_dir() else []
+
+
+def _refuse_strangers(root: Location) -> None:
     if root.is_dir():
         found = sorted(path.name for path in root.iterdir() if path.name != _STATE)
         if found:
             raise DataError(f"{root}: the folder holds other files already ({found[0]!r}); name an empty or a new one")
 
 
-def _read_json(path: Path) -> dict[str, Any] | None:
+def _read_json(path: Location) -> dict[str, Any] | None:
     """Return a JSON object, or None where there is none that is whole."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -222,18 +240,18 @@ def _read_json(path: Path) -> dict[str, Any] | None:
     return content if isinstance(content, dict) else None
 
 
-def _inside(root: Path, name: str) -> bool:
+def _inside(root: Location, name: str) -> bool:
     """Return whether a name leads to a place within the folder, symbolic links followed."""
     steps = PurePosixPath(name)
     if steps.is_absolute() or ".." in steps.parts or not steps.parts:
         return False
-    return (root / name).parent.resolve().is_relative_to(root.resolve())
+    return isinstance(root, RemotePath) or (root / name).parent.resolve().is_relative_to(root.resolve())
 
 
-def _remove_empty_folders(root: Path, name: str) -> None:
+def _remove_empty_folders(root: Location, name: str) -> None:
     for folder in list(PurePosixPath(name).parents)[:-1]:
         with suppress(OSError):
-            (root / folder).rmdir()
+            (root / str(folder)).rmdir()
 
 
 def _difference(begun: Any, now: Any, where: str = "") -> str | None:

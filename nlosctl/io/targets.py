@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.file_format import known_format_of_path
-from nlosctl.io.locations import Location, RemotePath, is_remote, location
+from nlosctl.io.locations import Location, RemotePath, is_remote, location, names_folder
 
 __all__ = ["check_targets", "is_folder_target", "takes_bytes_as_they_come"]
 
@@ -17,7 +17,7 @@ def is_folder_target(target: str | None) -> bool:
     """Return whether an output is meant to be a folder: its name ends with a slash, or it is one not called a file."""
     if target is None or target == "-":
         return False
-    return target.endswith("/") or (
+    return names_folder(target) or (
         not is_remote(target) and location(target).is_dir() and known_format_of_path(target) is None
     )
 
@@ -45,13 +45,8 @@ def check_targets(
 
 def _check_folder(target: str, inputs: Sequence[Location]) -> None:
     folder = location(target).resolve()
-    if isinstance(folder, RemotePath):
-        raise DataError(
-            f"{target}: a folder output lies on a disk of this machine or one that it mounts; name a folder there and "
-            f"copy it, or one file in the store ({target.rstrip('/')}/NAME.parquet)"
-        )
-    for given in (given.resolve() for given in inputs if isinstance(given, Path)):
-        if folder == given or folder in given.parents or (given.is_dir() and given in folder.parents):
+    for given in (given.resolve() for given in inputs if isinstance(given, type(folder))):
+        if folder == given or folder in given.parents or (given in folder.parents and given.is_dir()):
             raise DataError(f"{target}: the folder and the input lie in each other; write to another folder")
 
 

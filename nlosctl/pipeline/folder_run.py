@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 from nlosctl.errors import DataError, UsageError
@@ -32,8 +31,7 @@ def in_this_machine(jobs: int) -> Engine:
     """Return the engine of this machine: ``jobs`` processes, each at a part; at a single part they share its rows."""
 
     def make(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
-        remote = any(not isinstance(part.path, Path) for given in work.inputs for part in given.parts)
-        if len(numbers) == 1 or remote:  # a store's connection does not bear being forked
+        if len(numbers) == 1 or work.is_remote:  # a store's connection does not bear being forked
             yield from ((number, work.make(number, jobs)) for number in numbers)
             return
         with closing(map_in_processes(work.make, numbers, jobs)) as records:

@@ -10,6 +10,7 @@ from typing import Any
 
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Input
+from nlosctl.io.locations import location
 from nlosctl.io.look_ahead import LookAhead
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
 from nlosctl.io.run_folder import RunFolder, describe_file
@@ -75,6 +76,12 @@ class PartWork:
         RunFolder(self.roots).keep(number, record)
         return record
 
+    @property
+    def is_remote(self) -> bool:
+        """Whether an input or an output is not on this machine."""
+        paths = [part.path for given in self.inputs for part in given.parts]
+        return any(not isinstance(path, Path) for path in [*paths, *map(location, self.roots.values())])
+
     def with_absolute_paths(self) -> PartWork:
         """Return the same work for a process with another current folder; the inputs keep the names they go by."""
         inputs = tuple(
@@ -84,12 +91,12 @@ class PartWork:
             )
             for given in self.inputs
         )
-        roots = {table: str(Path(root).absolute()) for table, root in self.roots.items()}
+        roots = {table: str(location(root).absolute()) for table, root in self.roots.items()}
         return replace(self, inputs=inputs, roots=roots)
 
     def _writer(self, table: str, number: int, run: Run, metadata: Mapping[str, str]) -> TableWriter:
         schema = BadRowWriter.schema(self.found.schema.names) if table == BAD_ROWS else run.schemas[table]
-        target = Path(self.roots[table]) / self.names[number]
+        target = location(self.roots[table]) / self.names[number]
         target.parent.mkdir(parents=True, exist_ok=True)
         return TableWriter(
             str(target), schema, format=self.format, overwrite=True, metadata={} if table == BAD_ROWS else metadata

@@ -8,9 +8,14 @@ from typing import Any
 
 import fsspec
 import pyarrow as pa
+import pyarrow.fs
 import pyarrow.parquet
 import pytest
 from cli_support import FIXTURES, Outcome
+
+from nlosctl.errors import DataError
+from nlosctl.io.locations import location
+from nlosctl.pipeline.parts import PartWork
 
 Cli = Callable[..., Outcome]
 NAMES = [f"good_bearings{end}" for end in (".csv", ".csv.gz", ".jsonl", ".arrow", ".arrows", ".parquet")]
@@ -113,13 +118,112 @@ def test_nothing_is_replaced_without_leave_and_no_half_is_sent(cli: Cli, store: 
     assert rows(store.cat("/out/fixes.parquet")).num_rows == 40
 
 
+def in_parts(folder: Path) -> Path:
+    """Write the good bearings and their scene in three parts, the second within folders, cut within snapshots."""
+    table = pa.parquet.read_table(FIXTURES / "good_bearings.parquet")
+    for name, first, rows_ in (("a", 0, 61), ("key=1/b", 61, 80), ("z", 141, 99)):
+        path = folder / f"{name}.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pa.parquet.write_table(table.slice(first, rows_), path)
+    (folder / "scene.toml").write_bytes((FIXTURES / SCENE).read_bytes())
+    return folder
+
+
+@pytest.fixture(params=["fsspec", "with folders"])
+def place(request: pytest.FixtureRequest, store: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The URL of a store without folders, and of one of pyarrow's that has them and shows files while they grow."""
+    if request.param == "fsspec":
+        return "memory://bucket"
+    (tmp_path / "disk" / "bucket").mkdir(parents=True)
+    found = pa.fs.SubTreeFileSystem(str(tmp_path / "disk"), pa.fs.LocalFileSystem())
+    monkeypatch.setattr("nlosctl.io.remote_path.filesystem_of", lambda _, __, authority, query: (found, authority))
+    return "hdfs://bucket"
+
+
+def content(url: str) -> dict[str, bytes]:
+    """Return the bytes of every file below a URL."""
+    return {"/".join(steps): path.open().read() for path, steps, _ in location(url).files(recursive=True)}
+
+
+def on_disk(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of every file below a folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_path: Path) -> None:
+    """Parts, flags and manifests are the bytes of a local run, for any number of jobs; nothing else is left there."""
+    in_parts(tmp_path / "in")
+    assert cli("localize", "in", "-o", "local/", "--flags-out", "local_flags/").code == 0
+    for number, jobs in enumerate((1, 2)):
+        told = cli("localize", "in", "-o", f"{place}/o{number}/", "--flags-out", f"{place}/f{number}/", "--jobs", jobs)
+        assert told.code == 0, told.err
+        assert content(f"{place}/o{number}") == on_disk(tmp_path / "local")
+        assert content(f"{place}/f{number}") == on_disk(tmp_path / "local_flags")
+    assert not (location(place) / "o0" / "_unfinished").exists()
+
+
+def test_a_run_into_a_store_is_gone_on_with(
+    cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that ends at its second part keeps the first; ``--resume`` makes the others, and a part that was spoilt."""
+    in_parts(tmp_path / "in")
+    assert cli("localize", "in", "-o", "local/").code == 0
+    words = ("localize", "in", "-o", f"{place}/out/")
+    make, made, failing = PartWork.make, [], [1]
+
+    def making(work: PartWork, number: int, jobs: int = 1) -> dict[str, Any]:
+        if number in failing:
+            raise DataError("the store is gone")
+        made.append(number)
+        return make(work, number, jobs)
+
+    monkeypatch.setattr(PartWork, "make", making)
+    assert "the store is gone" in cli(*words).err
+    failing.clear()
+    assert "unfinished run" in cli(*words).err
+    for spoilt, more, expected in (
+        (None, "--resume", [0, 1, 2]),
+        (None, "--resume", [0, 1, 2]),
+        ("key=1/b.parquet", "--resume", [0, 1, 2, 1]),
+        (None, "--overwrite", [0, 1, 2, 1, 0, 1, 2]),
+    ):
+        if spoilt:
+            (tmp_path / "spoilt").write_bytes(b"half")
+            (location(f"{place}/out") / spoilt).take(tmp_path / "spoilt")
+        told = cli(*words, more)
+        assert (told.code, made) == (0, expected), told.err
+        assert content(f"{place}/out") == on_disk(tmp_path / "local")
+    assert "holds results already" in cli(*words).err
+    assert "method" in cli(*words, "-m", "ls", "--resume").err
+
+
+def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Path) -> None:
+    """A folder that holds other files is refused, and ``--overwrite`` leaves alone what came beside the parts."""
+    in_parts(tmp_path / "in")
+    words = ("localize", "in", "-o", f"{place}/out/", "--overwrite")
+    (tmp_path / "mine").write_bytes(b"mine")
+    (location(f"{place}/out") / "deep").mkdir()
+    (location(f"{place}/out") / "deep" / "mine").take(tmp_path / "mine")
+    assert "holds other files already ('deep')" in cli(*words).err
+    assert content(f"{place}/out") == {"deep/mine": b"mine"}
+    assert cli("localize", "in", "-o", f"{place}/free/").code == 0
+    (location(f"{place}/free") / "key=1" / "mine").take(tmp_path / "mine")
+    assert "holds other files already" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
+    assert content(f"{place}/free") == {"key=1/mine": b"mine"}
+
+
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
         (["memory://in/nothing.csv"], 1, "memory://in/nothing.csv: there is no such file or folder"),
         (["memry://in/a.csv"], 2, "unknown scheme 'memry' (did you mean 'memory'?)"),
         (["s3://key:secret@bucket/a.csv"], 2, "a password in a name"),
-        (["memory://in/good_bearings.csv", "-o", "memory://out/"], 1, "a folder output lies on a disk"),
+        (["memory://in/good_bearings.csv", "-o", "memory://in/"], 1, "lie in each other"),
+        (
+            ["memory://in/good_bearings.csv", "-o", "memory://in/good_bearings.jsonl/"],
+            1,
+            "is a file, expected a folder",
+        ),
         (
             ["memory://in/good_bearings.csv", "--scene", "memory://in/no.toml"],
             1,

@@ -1,0 +1,76 @@
+"""The stores that URLs name: pyarrow's own filesystems first (s3, gs, hdfs, abfs), then those of fsspec if installed.
+
+What a store has to say against what is asked of it is an OSError of one line.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib import import_module
+from typing import Any
+
+from nlosctl.errors import MissingExtraError, NlosctlError, UsageError, did_you_mean
+
+__all__ = ["SHOWING_AT_CLOSE", "answering", "filesystem_of"]
+
+SHOWING_AT_CLOSE = ("s3", "gcs", "abfs")
+"""pyarrow's names of the stores in which a file is there when it is closed, whole, and folders are parts of names."""
+
+_OF_PYARROW = ("s3", "gs", "gcs", "hdfs", "viewfs", "abfs", "abfss")
+
+
+@lru_cache(maxsize=64)
+def filesystem_of(process: int, scheme: str, authority: str, query: str) -> tuple[Any, str]:
+    """Return the filesystem of a bucket or host, and the path of its top; connections are not shared by processes."""
+    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
+
+    root = f"{scheme}://{authority}"
+    if scheme in _OF_PYARROW:
+        region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
+        if scheme == "s3" and region and "region=" not in query:  # else AWS is asked where the bucket is
+            query = f"{query}&region={region}" if query else f"?region={region}"
+        filesystem, base = FileSystem.from_uri(root + query)
+        return filesystem, str(base)
+    try:
+        fsspec: Any = import_module("fsspec")
+    except ImportError:
+        raise MissingExtraError(f"reading {scheme}:// URLs", "fsspec", "dask") from None
+    known = {*_OF_PYARROW, "file", *fsspec.available_protocols()}
+    if scheme not in known:
+        raise UsageError(
+            f"{root}: unknown scheme {scheme!r}{did_you_mean(scheme, sorted(known))}; there are s3, gs, hdfs, abfs, "
+            f"file and those of fsspec"
+        )
+    filesystem, base = fsspec.core.url_to_fs(root)
+    return PyFileSystem(FSSpecHandler(filesystem)), str(base)
+
+
+@contextmanager
+def answering(name: str) -> Iterator[None]:
+    """Turn whatever a store or its library raises into an OSError of one line."""
+    try:
+        yield
+    except (NlosctlError, FileExistsError):
+        raise
+    except FileNotFoundError as error:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name) from error
+    except Exception as error:
+        if isinstance(error, OSError) and error.filename == name:
+            raise
+        said = " ".join((str(error).strip().splitlines() or [type(error).__name__])[0].split())
+        raise OSError(errno.EIO, f"{said}{_cure(said)}", name) from error
+
+
+def _cure(said: str) -> str:
+    if re.search(r"ACCESS_DENIED|credential|anonymous|forbidden|\b40[13]\b", said, re.IGNORECASE):
+        return "; are there credentials in the environment or the store's configuration file?"
+    if "libjvm" in said or "libhdfs" in said:
+        return "; hdfs:// needs Java and Hadoop's client: set JAVA_HOME, HADOOP_HOME and CLASSPATH"
+    if "resolving region" in said or "NETWORK_CONNECTION" in said:
+        return "; is the name right, and the network there? AWS_REGION and AWS_ENDPOINT_URL name a store of one's own"
+    return ""
