@@ -214,6 +214,10 @@ class RemotePath:
         """Remove the folder; raise OSError where something is in it."""
         if self.iterdir():
             raise OSError(errno.ENOTEMPTY, os.strerror(errno.ENOTEMPTY), str(self))
+        self.remove_all()
+
+    def remove_all(self) -> None:
+        """Remove the folder and all that is in it."""
         filesystem, place = self._place()
         if self.is_dir():
             with answering(str(self)):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Input
+from nlosctl.io.locations import location
 from nlosctl.io.part_files import read_part
 from nlosctl.io.slices import sliced
 from nlosctl.pipeline.folder_run import Engine
@@ -42,7 +42,7 @@ def gathered_tables(
         options=reader.options,
         found=reader.found(),
         start=run.again(),
-        roots={table: str(Path(scratch) / table) for table in tables},
+        roots={table: str(location(scratch) / table) for table in tables},
         names=tuple(f"{number}.arrow" for number in range(len(places))),
         places=tuple(places),
         format=FileFormat.ARROW,
@@ -59,7 +59,7 @@ def gathered_tables(
             order.add(places[awaited][0], record["span"])
             run.report.take(record["counts"])
             rows[record["input"]] = rows.get(record["input"], 0) + record["rows"]
-            named = {table: read_part(str(Path(root) / work.names[awaited])) for table, root in work.roots.items()}
+            named = {table: read_part(str(location(root) / work.names[awaited])) for table, root in work.roots.items()}
             yield ChunkTables(named=named, rows=record["rows"])
             awaited += 1
     for given in inputs:

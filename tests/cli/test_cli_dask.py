@@ -27,10 +27,19 @@ WORDS = ["localize", "in", "-m", "mixture-ml", "-q"]
 
 
 class Cluster:
-    """A scheduler and two workers, processes of their own, started from Dask's command line."""
+    """A scheduler and two workers, processes of their own, started from Dask's command line in ``folder``."""
 
-    def __init__(self, address: str, workers: list[subprocess.Popen[bytes]]) -> None:
-        self.address, self.workers = address, workers
+    def __init__(self, address: str, folder: Path, stack: ExitStack) -> None:
+        self.address, self.workers = address, []
+        self._folder, self._stack = folder, stack
+        for _ in range(2):
+            self.start_worker()
+
+    def start_worker(self) -> None:
+        """Let one more worker join."""
+        local = str(self._folder / f"worker{len(self.workers)}")
+        words = ("worker", self.address, "--nthreads", "1", "--no-nanny", "--local-directory", local)
+        self.workers.append(self._stack.enter_context(started(*words, cwd=self._folder)))
 
     @property
     def words(self) -> list[str]:
@@ -53,9 +62,9 @@ def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
             running.kill()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """A cluster whose processes are gone at the end of the test; its current folder is not the test's."""
+    """A cluster whose processes are gone at the end of the tests; its current folder is not a test's."""
     folder = tmp_path_factory.mktemp("cluster")
     told = folder / "scheduler.json"
     with ExitStack() as stack:
@@ -65,12 +74,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         while not (told.exists() and told.read_text().rstrip().endswith("}")) and time.monotonic() < deadline:
             time.sleep(0.05)
         address = str(json.loads(told.read_text())["address"])
-        workers = []
-        for number in range(2):
-            local = str(folder / f"worker{number}")
-            words = ("worker", address, "--nthreads", "1", "--no-nanny", "--local-directory", local)
-            workers.append(stack.enter_context(started(*words, cwd=folder)))
-        yield Cluster(address, workers)
+        yield Cluster(address, folder, stack)
 
 
 @pytest.fixture
@@ -123,6 +127,7 @@ def test_a_cluster_writes_the_bytes_of_a_local_run_though_a_worker_is_killed(clu
     with subprocess.Popen(command, cwd=folder, env=plain_environment()) as running:
         when_half_way(running, folder / "out", cluster.workers[0].kill)
         assert running.wait(timeout=90) == 0
+    cluster.start_worker()
     assert content(folder / "out") == content(folder / "local")
     assert content(folder / "out_flags") == content(folder / "local_flags")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +195,28 @@ def test_a_run_into_a_store_is_gone_on_with(
         assert content(f"{place}/out") == on_disk(tmp_path / "local")
     assert "holds results already" in cli(*words).err
     assert "method" in cli(*words, "-m", "ls", "--resume").err
+
+
+def test_parts_of_an_engine_go_by_way_of_the_store_of_the_output(
+    cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A single file of a store is put together from part files beside it, which go; the current folder has none."""
+    in_parts(tmp_path / "in")
+    assert cli("localize", "in", "-o", "local.parquet").code == 0
+    made = []
+
+    def engine(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+        made.extend(work.roots.values())
+        yield from ((number, work.make(number)) for number in reversed(numbers))
+
+    monkeypatch.setattr("nlosctl.pipeline.dask_engine.dask_engine", lambda scheduler, jobs: engine)
+    before = sorted(tmp_path.iterdir())
+    told = cli("localize", "in", "-o", f"{place}/out/fixes.parquet", "--engine", "dask")
+    assert told.code == 0, told.err
+    assert made[0].startswith(f"{place}/out/.nlosctl.")
+    assert content(f"{place}/out") == {"fixes.parquet": (tmp_path / "local.parquet").read_bytes()}
+    assert [path.name for path in location(f"{place}/out").iterdir()] == ["fixes.parquet"]
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Path) -> None:
