@@ -78,6 +78,31 @@ def test_the_flat_plane_is_wrong_by_what_geodesics_say() -> None:
     assert np.isnan(flat_errors(PLANES["utm"], np.array([np.nan]), *([np.zeros(1)] * 3))[0]).all()
 
 
+@pytest.mark.parametrize("name", PLANES)
+def test_the_error_of_a_direction_is_plane_minus_earth(name: str) -> None:
+    """Its sign is that of the line's direction minus the geodesic's, azimuth taken from true north, in any quadrant."""
+    plane = PLANES[name]
+    lat, lon = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
+    for azimuth in (10.0, 100.0, 190.0, 280.0):
+        to_lon, to_lat, _ = GEOD.fwd(lon + 2.0, lat + 1.0, azimuth, 1e5)
+        x, y = plane.to_plane(np.array([lat + 1.0, to_lat]), np.array([lon + 2.0, to_lon]))
+        turned, stretched = flat_errors(plane, x[:1], y[:1], x[1:], y[1:])
+        along = plane.north_rad(x[:1], y[:1])[0] - math.radians(azimuth)
+        expected = math.remainder(math.atan2(y[1] - y[0], x[1] - x[0]) - along, 2.0 * math.pi)
+        assert turned[0] == pytest.approx(expected, abs=1e-9)
+        assert abs(expected) > 1e-6
+        assert stretched[0] == pytest.approx(math.hypot(x[1] - x[0], y[1] - y[0]) - 1e5, abs=1e-3)
+
+
+def test_a_place_of_which_half_is_known_is_nowhere() -> None:
+    """With x or y unknown, latitude, longitude, north and the errors of lines are all NaN, the others are not."""
+    plane, nan = PLANES["tangent"], np.nan
+    x, y = np.array([1e3, nan, 1e3]), np.array([nan, 1e3, 1e3])
+    for found in (*plane.to_earth(x, y), plane.north_rad(x, y), *flat_errors(plane, x, y, x + 9.0, y + 9.0)):
+        assert np.isnan(found).tolist() == [True, True, False]
+    assert np.isnan(plane.north_rad(x[:2], y[:2])).all()
+
+
 @pytest.mark.parametrize(
     ("crs", "says"),
     [("EPSG:4326", "expected a projected one in metres"), ("EPSG:2263", "foot"), ("nonsense:1", "EPSG:32632")],
