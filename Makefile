@@ -10,8 +10,8 @@ LOCK := requirements/dev.lock
 .PHONY: demo test format schemas reference figures fixtures benchmark papers clean \
 	coverage reliability mutants lock audit test-minimum test-newest test-package
 
-# The oldest runtime dependencies that pyproject.toml allows; this typer imports what today's click deprecates.
-MINIMUM := numpy==2.0.* scipy==1.13.* pyarrow==17.* typer==0.19.* rich==13.7.* msgspec==0.19.*
+# The oldest runtime dependencies that pyproject.toml allows.
+MINIMUM := numpy==2.0.* scipy==1.13.* pyarrow==18.* typer==0.26.* rich==13.8.* msgspec==0.19.*
 
 $(RUNTIME): pyproject.toml $(LOCK)
 	$(PYTHON) -m venv --clear .venv
@@ -84,7 +84,7 @@ mutants: $(DEV) ## which small changes of geometry/ and methods/ no test notices
 
 lock: $(DEV) ## resolve the development dependencies again
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --universal --upgrade --quiet --python-version 3.11 --all-extras \
+	$(BIN)/uv pip compile --universal --fork-strategy fewest --upgrade --quiet --python-version 3.11 --all-extras \
 		--no-header --no-annotate --output-file requirements/dev.lock pyproject.toml
 
 audit: $(DEV) ## known vulnerabilities of what is locked; asks a service in the net
@@ -94,7 +94,7 @@ audit: $(DEV) ## known vulnerabilities of what is locked; asks a service in the 
 test-minimum: ## the tests with the oldest runtime dependencies that pyproject.toml allows
 	$(PYTHON) -m venv --clear out/minimum
 	out/minimum/bin/python -m pip install --quiet --disable-pip-version-check $(MINIMUM) -e '.[dev]'
-	out/minimum/bin/python -m pytest -n $(JOBS) -W "ignore:'click.utils:DeprecationWarning"
+	out/minimum/bin/python -m pytest -n $(JOBS)
 
 test-newest: ## the tests with the newest dependencies there are
 	$(PYTHON) -m venv --clear out/newest

@@ -85,7 +85,7 @@ def provenance(path: Path) -> dict[str, Any]:
 
 def read_parquet(path: Path) -> Any:
     """Return a Parquet file as a table without metadata."""
-    return pyarrow.parquet.read_table(path).replace_schema_metadata(None)
+    return pyarrow.parquet.read_table(path, partitioning=None).replace_schema_metadata(None)
 
 
 def plain_csv(rows: Iterable[Sequence[Any]], header: str = HEADER) -> str:

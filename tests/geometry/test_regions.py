@@ -84,6 +84,26 @@ def test_the_edge_of_boxes_and_circles_is_inside() -> None:
     assert not circle.contains(np.array([3.0 + 1e-12, 0.3]), np.array([2.0, -0.4 - 1e-12])).any()
 
 
+@pytest.mark.parametrize("kind", range(3), ids=["box", "circle", "polygon"])
+def test_a_region_has_no_size_of_its_own(kind: int) -> None:
+    """A region a million times smaller has edges a million times nearer: to the bit, for a power of two."""
+    region = _regions()[kind]
+    scale = 2.0**-20
+    small = type(region)(*(scale * values for values in vars(region).values()))
+    x, y = np.random.default_rng(6).uniform(-3.0, 6.0, (2, 2, 200))
+    assert np.array_equal(small.edge_distance_m(scale * x, scale * y), scale * region.edge_distance_m(x, y))
+    assert np.array_equal(small.area_m2, scale**2 * region.area_m2)
+
+
+def test_a_polygon_that_is_closed_twice_is_the_same() -> None:
+    """A ring whose last vertex is its first again (as GeoJSON writes it) has the edges and the area of the open one."""
+    ring = _regions()[2]
+    closed = PolygonRegion(*(np.concatenate([part, part[:, :1]], axis=1) for part in vars(ring).values()))
+    x, y = np.random.default_rng(7).uniform(-3.0, 6.0, (2, 2, 200))
+    assert np.array_equal(closed.edge_distance_m(x, y), ring.edge_distance_m(x, y))
+    assert np.array_equal(closed.area_m2, ring.area_m2)
+
+
 def test_each_region_has_its_own_tolerance() -> None:
     """A tolerance for each snapshot holds for all points of that snapshot; at the tolerance is within it."""
     _, circle, _ = _regions()

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import LineReflector, Scene
-from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
+from nlosctl.errors import UsageError
+from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield
 
 METHODS = [bearings_ls.METHOD, bearings_stansfield.METHOD, bearings_ml.METHOD]
 
@@ -85,3 +86,13 @@ def test_residuals_and_cost_agree(method: MethodSpec) -> None:
     residual = np.asarray(flags_of(method, world.batch).columns["residual_rad"], dtype=float)
     expected = 0.5 * ((residual / world.batch.bearing_std_rad) ** 2).sum(axis=1)
     np.testing.assert_allclose(estimate(method, world.batch).cost, expected, rtol=1e-6)
+
+
+def test_a_grid_of_too_many_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid has a vertex at each end of both sides; as many as the limit are searched, more are a usage error."""
+    monkeypatch.setattr(bearings_ml_grid, "_MOST_VERTICES", 12)
+    batch = make_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]])
+    found = estimate(bearings_ml_grid.METHOD, batch, width_m=3.0, height_m=2.0, step_m=1.0)
+    assert np.abs(found.position_m - 5.0).max() <= 0.5
+    with pytest.raises(UsageError, match="make 16 vertices, more than 12"):
+        estimate(bearings_ml_grid.METHOD, batch, width_m=3.0, height_m=3.0, step_m=1.0)

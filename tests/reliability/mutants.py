@@ -52,6 +52,7 @@ TESTS = {
         "tests/methods/test_bearings_near_sensors.py",
     ],
     "methods/bearings_ml.py": [
+        "tests/methods/test_bearings_with_ranges.py",
         "tests/methods/test_bearings_exact.py",
         "tests/methods/test_bearings_statuses.py",
         "tests/methods/test_bearings_near_sensors.py",
@@ -61,7 +62,7 @@ TESTS = {
         "tests/methods/test_bearings_statuses.py",
         "tests/methods/test_bearings_near_sensors.py",
     ],
-    "methods/bearings_ml_grid.py": ["tests/methods/test_bearings_circle.py"],
+    "methods/bearings_ml_grid.py": ["tests/methods/test_bearings_circle.py", "tests/methods/test_bearings_exact.py"],
     "methods/bearings_stansfield_focused.py": ["tests/methods/test_bearings_circle.py"],
     "methods/bearings_mixture_ml.py": ["tests/methods/test_bearings_robust.py"],
     "methods/bearings_sequential.py": ["tests/methods/test_bearings_robust.py"],
