@@ -56,3 +56,11 @@ def test_a_step_out_of_the_bracket_is_replaced_by_its_half():
     places, root = visited(lambda at: (at + 0.5, np.full(1, 0.1)), 0.25)
     assert places[:2] == [0.25, -0.375]
     assert abs(root + 0.5) < 1e-12
+
+
+def test_steps_that_shrink_slowly_are_not_taken():
+    """At a root of high order, to which Newton's steps creep, halving the bracket leads before the search gives up."""
+    for order in (3, 9):
+        places, root = visited(lambda at, order=order: ((at - 0.7) ** order, order * (at - 0.7) ** (order - 1)), -0.6)
+        assert abs(root - 0.7) < 1e-11
+        assert len(places) < 100

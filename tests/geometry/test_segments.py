@@ -22,6 +22,14 @@ def test_crossing_is_that_of_the_two_parametrized_lines() -> None:
     assert 50 < finite.sum() < endless.sum() < 500
 
 
+def test_a_way_through_an_end_of_the_wall_crosses_it() -> None:
+    """Either end belongs to the wall; a way that ends on the wall's line, or passes beside it, does not cross."""
+    ways = np.array([[0.0, -1.0, 0.0, 1.0], [2.0, -1.0, 2.0, 1.0], [1.0, -1.0, 1.0, 0.0], [3.0, -1.0, 3.0, 1.0]]).T
+    wall = (np.zeros(4), np.zeros(4), np.full(4, 2.0), np.zeros(4))
+    assert crosses_segment(*ways, *wall).tolist() == [True, True, False, False]
+    assert crosses_segment(*ways, *wall, endless=True).tolist() == [True, True, False, True]
+
+
 def test_reflection_is_the_shortest_way_by_the_wall() -> None:
     """Fermat: no other point of the wall makes a shorter way; points beyond an end, or across the wall, have none."""
     generator = np.random.default_rng(2)

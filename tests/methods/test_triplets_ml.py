@@ -50,6 +50,21 @@ def test_joint_estimate_uses_all_paths():
     assert nees.mean() == pytest.approx(2.0, abs=0.7)
 
 
+@pytest.mark.parametrize("joint", [False, True])
+def test_the_origin_does_not_matter(joint):
+    """Snapshots a hundred kilometres away have the same fixes there, to a micrometre, and the same statuses."""
+    columns = draw("room", 40, seed=5, receivers=3, paths=1, blocked_fraction=0.0)
+    moved = dict(columns)
+    for name in ("tx_x_m", "rx_x_m"):
+        moved[name] = columns[name] + 1e5
+    for name in ("tx_y_m", "rx_y_m"):
+        moved[name] = columns[name] - 2e5
+    here, there = (solve(_block(world, 40, 3), joint=joint).estimates for world in (columns, moved))
+    np.testing.assert_array_equal(here.status, there.status)
+    assert np.isfinite(here.position_m).all(axis=1).mean() > 0.9
+    np.testing.assert_allclose(there.position_m - [1e5, -2e5], here.position_m, atol=1e-6)
+
+
 def test_residuals_are_measured_minus_predicted():
     """The flags' residuals are those of the estimate in the coordinates of the file."""
     columns = draw("room", 20, seed=4, receivers=3, paths=1, blocked_fraction=0.0)
