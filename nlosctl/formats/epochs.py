@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from nlosctl.contract.formats import BadLine, Row
-from nlosctl.errors import UsageError
+from nlosctl.errors import DataError, UsageError
 
 __all__ = ["WINDOW_MEANING", "in_epochs", "in_rounds", "parse_window"]
 
@@ -39,6 +39,7 @@ def in_epochs(rows: Iterable[Row | BadLine], window_s: float) -> Iterator[Row | 
 
     Windows begin at the first time of the file and follow each other; those without rows are not counted. A snapshot is
     named by its number, with the group where the file has several. All rows are held in memory, in any order of time.
+    Raises DataError for times so far apart that their windows can't be counted.
     """
     good: list[Row] = []
     for row in rows:
@@ -49,7 +50,11 @@ def in_epochs(rows: Iterable[Row | BadLine], window_s: float) -> Iterator[Row | 
     if not good:
         return
     times = [0.0 if row.epoch_s is None else row.epoch_s for row in good]
-    first = min(times)
+    first, last = min(times), max(times)
+    if not math.isfinite((last - first) / window_s):
+        raise DataError(
+            f"times from {first:g} s to {last:g} s can't be cut into windows of {window_s:g} s; look for odd ones"
+        )
     number = [0 if math.isinf(window_s) else math.floor((time - first) / window_s + 1e-9) for time in times]
     keys = [(window, row.group) for window, row in zip(number, good, strict=True)]
     groups = {group: place for place, group in enumerate(dict.fromkeys(row.group for row in good))}

@@ -53,20 +53,24 @@ def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
 def _columns(file: ForeignFile) -> dict[str, Any]:
     try:
         table = pyarrow.parquet.read_table(file.stream)
-    except (pa.ArrowException, OSError) as error:
+        names = table.column_names
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise DataError(f"{file.name}: not a whole Parquet file: {str(error).splitlines()[0]}") from error
     if not table.num_rows:
         raise DataError(f"{file.name}: no rows")
     found = {}
     for name in ("rx", "tx", *_NUMBERS, *_OPTIONAL):
-        if name not in table.column_names:
+        if name not in names:
             if name in _OPTIONAL:
                 continue
-            near = did_you_mean(name, table.column_names)
+            near = did_you_mean(name, names)
             raise DataError(f"{file.name}: no column {name!r}{near}; a row of paths has rx, tx, {', '.join(_NUMBERS)}")
         cells = table.column(name)
         number = pa.types.is_floating(cells.type) or pa.types.is_integer(cells.type)
         if cells.null_count or (name in (*_NUMBERS, *_OPTIONAL) and not number):
             raise DataError(f"{file.name}, column {name!r}: holds {cells.type}, expected numbers in every row")
-        found[name] = cells.combine_chunks().to_numpy(zero_copy_only=False)
+        try:
+            found[name] = cells.combine_chunks().to_numpy(zero_copy_only=False)
+        except (pa.ArrowException, ValueError) as error:
+            raise DataError(f"{file.name}, column {name!r}: can't be read: {error}") from error
     return found

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.tables import KINDS, Table
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.inputs import Input, Part
@@ -51,7 +53,9 @@ class PlainReader:
             try:
                 for batch in source.batches():
                     self._take_faults(part, batch)
-                    yield pa.table(batch.table.columns, names=schema.names).cast(_plain(schema))
+                    table = pa.table(batch.table.columns, names=schema.names).cast(_plain(schema))
+                    _refuse_endless(part, table)
+                    yield table
             finally:
                 source.close()
         self._log.raise_if_stopping()
@@ -81,6 +85,18 @@ class PlainReader:
             for fault in batch.line_faults
         ]
         self._log.add([BadRow(problem=problem, values={}) for problem in found])
+
+
+def _refuse_endless(part: Part, table: Any) -> None:
+    """Raise DataError for a number that is infinite, or whose square would be."""
+    for field in table.schema:
+        if pa.types.is_floating(field.type):
+            largest = pc.max(pc.abs(pc.drop_null(table.column(field.name)))).as_py()
+            if largest is not None and largest > LARGEST_NUMBER**2:
+                raise DataError(
+                    f"{part.name}, column {field.name!r}: got {largest:g}, expected finite numbers within "
+                    f"{LARGEST_NUMBER**2:g}"
+                )
 
 
 def _table_of(part: Part, source: RawSource, tables: Sequence[Table]) -> Table:

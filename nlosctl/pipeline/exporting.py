@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from nlosctl import registry
 from nlosctl.contract.formats import ExporterSpec, Places, PlacesWriter
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, parse_frame
 from nlosctl.errors import DataError, MethodError, NlosctlError
@@ -154,11 +155,14 @@ class MapWriter:
 
     def _numbers(self, values: Sequence[Any], name: str) -> FloatArray:
         try:
-            return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+            numbers = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise DataError(
                 f"{self._spec.name} takes estimates, expected numbers in the column {name!r}: {error}"
             ) from None
+        if (np.abs(numbers) > LARGEST_NUMBER**2).any():
+            raise DataError(f"the column {name!r} holds numbers beyond {LARGEST_NUMBER**2:g}: these are no estimates")
+        return numbers
 
     def _on_earth(
         self, columns: Mapping[str, Sequence[Any]], x: FloatArray, y: FloatArray, ring_x: FloatArray, ring_y: FloatArray

@@ -99,7 +99,7 @@ ROW = {"alternative": "0", "truth": "1,1", "id": "7"}
     ("changed", "said"),
     [
         ({"alternative": ""}, ["'alternative'", "empty"]),
-        ({"truth": "1e200,1"}, ["'truth_x_m'", "got 1e+200", "within 1e+15"]),
+        ({"truth": "1e20,1"}, ["'truth_x_m'", "got 1e+20", "within 1e+15"]),
         ({"truth": "x,1"}, ["row 1", "'truth_x_m'"]),
     ],
 )
@@ -116,6 +116,28 @@ def test_a_map_of_words(folder: Path) -> None:
     table = ESTIMATES.replace("cost,", "") + "\n7,ml,0,0,1,1&2,1,0,1,3,3,ok\n"
     (folder / "e.csv").write_text(table)
     told(folder, ["convert", "e.csv", "-o", "e.geojson", "--param", "metres=true"], "'y_m'", "numbers")
+
+
+@pytest.mark.parametrize("command", ["plot", "evaluate", "convert"])
+def test_estimates_without_end(command: str, folder: Path) -> None:
+    """An infinite position is told by what draws, evaluates or exports it; it was a warning."""
+    (folder / "e.csv").write_text(f"{ESTIMATES},truth_x_m,truth_y_m\n7,ml,0,0,1e308,1,1,0,1,3,3,0.5,ok,1,1\n")
+    output = {"plot": ["-o", "p.svg"], "convert": ["-o", "p.geojson", "--param", "metres=true"]}.get(command, [])
+    told(folder, [command, "e.csv", *output], "'x_m'")
+
+
+def test_times_that_no_window_reaches(folder: Path) -> None:
+    """Times of a log so far apart that windows can't be counted are told; the importer failed."""
+    (folder / "u.csv").write_text("time,anchor,range\n0,a,5\n1e308,a,5\n")
+    told(folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "can't be cut into windows")
+
+
+def test_paths_named_by_no_text(folder: Path) -> None:
+    """A table of traced paths whose names are no UTF-8 is told; the importer failed."""
+    numbers = {name: [1.0] for name in ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
+    spoilt = pa.StringArray.from_buffers(1, pa.py_buffer(bytes([0, 0, 0, 0, 1, 0, 0, 0])), pa.py_buffer(b"\x80"))
+    pa.parquet.write_table(pa.table({"rx": spoilt, "tx": [1], **numbers}), folder / "p.parquet")
+    told(folder, ["convert", "p.parquet", "--from", "sionna", "-o", "o.csv"], "p.parquet, column 'rx'")
 
 
 def test_flags_with_a_truth_that_is_no_boolean(folder: Path) -> None:
