@@ -230,9 +230,14 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
         format=None if outputs.format is None else format_named(outputs.format),
         with_hash=outputs.with_hash,
     )
+    engine = _engine(outputs)
+    if outputs.engine != "local":
+        from nlosctl.pipeline.shared_parts import sharing_long_parts
+
+        engine = sharing_long_parts(engine)
     with terminal.progress(command) as progress:
         writer.write(
-            _engine(outputs),
+            engine,
             resume=outputs.resume,
             overwrite=outputs.overwrite,
             progress=lambda rows: progress(rows, None),

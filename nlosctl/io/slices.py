@@ -9,7 +9,10 @@ from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Input, Part
 from nlosctl.io.typed_files import parquet_metadata
 
-__all__ = ["sliced"]
+__all__ = ["SLICE_ROWS", "sliced"]
+
+SLICE_ROWS = 1_048_576
+"""How many rows a machine of a cluster takes at a time, at least."""
 
 
 def sliced(inputs: Sequence[Input], rows: int) -> tuple[Input, ...]:

@@ -65,7 +65,7 @@ def _client(distributed: Any, scheduler: str | None, jobs: int) -> Iterator[Any]
         cluster = distributed.LocalCluster(
             n_workers=jobs,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address=":0",
             host="127.0.0.1",
             silence_logs=_SILENT,
         )

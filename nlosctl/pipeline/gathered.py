@@ -10,7 +10,7 @@ from nlosctl.io.file_format import FileFormat
 from nlosctl.io.inputs import Input
 from nlosctl.io.locations import location
 from nlosctl.io.part_files import read_part
-from nlosctl.io.slices import sliced
+from nlosctl.io.slices import SLICE_ROWS, sliced
 from nlosctl.pipeline.folder_run import Engine
 from nlosctl.pipeline.id_order import IdOrder
 from nlosctl.pipeline.parts import PartWork
@@ -18,8 +18,6 @@ from nlosctl.pipeline.run import ChunkTables
 from nlosctl.pipeline.writing import Run
 
 __all__ = ["gathered_tables"]
-
-_SLICE_ROWS = 1_048_576
 
 
 def gathered_tables(
@@ -34,7 +32,7 @@ def gathered_tables(
         raise UsageError("standard input can't be shared out: save it as a file, or leave --engine out")
     if reader.sets_bad_rows_aside:
         raise UsageError("--engine with --bad-rows FILE: give -o and --bad-rows a folder each")
-    pieces = sliced(inputs, _SLICE_ROWS)
+    pieces = sliced(inputs, SLICE_ROWS)
     places = [(group, place) for group, given in enumerate(pieces) for place in range(len(given.parts))]
     work = PartWork(
         command="",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from nlosctl.io.look_ahead import LookAhead
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
 from nlosctl.io.run_folder import RunFolder, describe_file
 from nlosctl.io.write import BadRowWriter, TableWriter
+from nlosctl.pipeline.run import ChunkTables
 from nlosctl.pipeline.writing import Run, write_tables
 
 __all__ = ["BAD_ROWS", "PartWork"]
@@ -46,11 +47,30 @@ class PartWork:
 
         The files are whole under their names before the record is; made twice they are the same to the byte.
         """
+        reader = self.reader(number)
+        run = self.start(reader)
+        return self.write(number, reader, run, run.tables(jobs), lambda: asdict(reader.spans[0]))
+
+    def reader(self, number: int) -> MeasurementReader:
+        """Return a reader of what one part answers."""
+        return MeasurementReader(self.inputs, self.options, found=self.found, only=self.places[number])
+
+    def write(
+        self,
+        number: int,
+        reader: MeasurementReader,
+        run: Run,
+        tables: Iterable[ChunkTables],
+        span: Callable[[], dict[str, Any]],
+    ) -> dict[str, Any]:
+        """Write the files of one part from its tables; see `make`.
+
+        Bad rows come from ``reader``. At the end ``reader`` and ``run`` have counted all
+        rows, and ``span`` gives that of the ids.
+        """
         group, place = self.places[number]
         given = self.inputs[group]
         own = Input(name=given.name, parts=(given.parts[place],))
-        reader = MeasurementReader(self.inputs, self.options, found=self.found, only=(group, place))
-        run = self.start(reader)
 
         def metadata() -> dict[str, str]:
             return run.metadata(self.command, [own], with_hash=self.with_hash)
@@ -60,7 +80,7 @@ class PartWork:
             if BAD_ROWS in writers:
                 reader.set_bad_rows_aside(BadRowWriter(writers[BAD_ROWS]))
             sinks = {table: writer for table, writer in writers.items() if table != BAD_ROWS}
-            write_tables(run.tables(jobs), sinks, metadata, lambda rows: None)
+            write_tables(tables, sinks, metadata, lambda rows: None)
         files = {
             table: describe_file(self.roots[table], self.names[number], writer.rows)
             for table, writer in writers.items()
@@ -71,7 +91,7 @@ class PartWork:
             "rows": reader.report.rows_by_file.get(name, 0),
             "files": files,
             "counts": run.report.counts(),
-            "span": asdict(reader.spans[0]),
+            "span": span(),
         }
         RunFolder(self.roots).keep(number, record)
         return record

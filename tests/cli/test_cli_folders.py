@@ -6,11 +6,12 @@ import json
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
@@ -25,6 +26,8 @@ from cli_support import (
     plain_environment,
     read_parquet,
 )
+
+from nlosctl.pipeline.parts import PartWork
 
 Cli = Callable[..., Outcome]
 CUTS = (0, 101, 150, 152, 153, 200, 240)  # of the 240 good rows: snapshots of 6 rows are cut, one over three parts
@@ -441,3 +444,34 @@ def test_keys_can_be_columns_of_the_contract(cli: Cli, tmp_path: Path) -> None:
     refused = cli("localize", "in", "-m", "ls", "-q")
     assert (refused.code, refused.err.count("\n")) == (1, 1)
     assert "bearing_std_deg=two" in refused.err
+
+
+@pytest.mark.parametrize("ids", ["rising", "in no order", "coming back"])
+def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ids: str) -> None:
+    """What an engine makes of row groups is joined to the bytes of a local run: results, manifest, errors."""
+    table = read_parquet(GOOD)
+    numbers = np.unique(table["snapshot"].to_numpy(), return_inverse=True)[1]
+    shown = {"rising": numbers, "in no order": (numbers * 7) % 41, "coming back": np.where(numbers == 30, 3, numbers)}
+    table = table.set_column(table.column_names.index("snapshot"), "snapshot", pa.array(shown[ids]))
+    parts_of(table, tmp_path / "in", (0, 227, 240), row_group_size=8)
+    made = []
+
+    def engine(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+        for number in reversed(numbers):
+            made.append(work.names[number])
+            yield number, work.make(number)
+
+    monkeypatch.setattr("nlosctl.pipeline.dask_engine.dask_engine", lambda scheduler, jobs: engine)
+    monkeypatch.setattr("nlosctl.pipeline.shared_parts.SLICE_ROWS", 8)
+    told = {}
+    for name, more in (("here", ()), ("there", ("--engine", "dask"))):
+        outputs = ("-o", f"{name}/", "--flags-out", f"{name}_flags/")
+        told[name] = cli("localize", "in", "--scene", SCENE, "-m", "ls", *outputs, *more)
+    assert (told["there"].code, told["there"].err) == (told["here"].code, told["here"].err)
+    assert told["here"].code == (1 if ids == "coming back" else 0)
+    assert sum(name.endswith(".arrow") for name in made) == 29
+    if ids != "coming back":
+        for end in ("", "_flags"):
+            assert content(tmp_path / f"there{end}") == content(tmp_path / f"here{end}")
+        assert made[0] == "p1.parquet"
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
