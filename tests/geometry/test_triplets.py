@@ -192,3 +192,11 @@ def test_lines_that_meet_behind():
     d, length = np.full(3, 2.0), np.full(3, 6.0)
     mu1, mu2 = np.array([2.0, 1.0, 1.0]), np.array([1.0, 2.0, -0.5])
     assert _rays(d, mu1, mu2, length).meets_behind.tolist() == [False, True, True]
+
+
+def test_a_baseline_without_length_has_the_axes_of_the_plane():
+    """With transmitter and receiver in one place the frame is the plane's, moved there; its neighbours are as ever."""
+    frames = baseline_frames(*np.array([[3.0, 0.0], [4.0, 0.0]]), *np.array([[3.0, 0.0], [4.0, 2.0]]))
+    x, y = frames.to_global(np.array([1.0, 1.0]), np.array([2.0, 0.0]))
+    np.testing.assert_allclose(np.stack([x, y], axis=1), [[4.0, 6.0], [0.0, 2.0]], atol=1e-15)
+    assert frames.length_m.tolist() == [0.0, 2.0]

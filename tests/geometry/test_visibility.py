@@ -115,3 +115,24 @@ def test_elevation_and_horizon():
     np.testing.assert_allclose(elevation(x, y, bearing), [np.pi / 2, 0.0, -0.1], atol=1e-15)
     horizon = horizon_elevation(np.array([2.0, 1.0, 0.999]), np.ones(3))
     np.testing.assert_allclose(horizon, [-np.pi / 3, 0.0, 0.0], atol=1e-15)
+
+
+def test_what_is_on_the_ground_is_not_under_it():
+    """Lengths are good to 1e-10 of the blocker: sources that much under it are seen, those twice as deep are not."""
+    depth = np.array([0.0, 0.5, 2.0]) * 1e-10
+    for height, angle in ((80e3, 0.001), (0.0, 0.2)):
+        sensor = np.full(3, EARTH_M + height + 0j)
+        source = EARTH_M * (1.0 - depth) * np.exp(1j * angle)
+        blocker, none = np.full(3, EARTH_M), np.full(3, -np.inf)
+        if height:
+            assert sees_directly(*parts(sensor), *parts(source), blocker, none).tolist() == [True, True, False]
+        else:
+            assert by_path(sensor, source).tolist() == in_closed_form(sensor, source).tolist() == [True, True, False]
+
+
+def test_the_edge_of_a2_is_as_wide_as_the_tolerance():
+    """Half of 1e-10 of the blocker beyond the edge, along the ground, a source is seen, twice as much it is not."""
+    radius = np.full(2, EARTH_M + 100e3)
+    edge = reach_by_reflection(radius, *(np.full(2, value) for value in (IONOSPHERE_M, EARTH_M, 0.0)))
+    beyond = np.array([0.5, 2.0]) * 1e-10 * EARTH_M / radius
+    assert in_closed_form(np.full(2, EARTH_M + 0j), radius * np.exp(1j * (edge + beyond))).tolist() == [True, False]

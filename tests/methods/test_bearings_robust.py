@@ -244,6 +244,32 @@ def test_prior_replaces_the_bootstrap_pair() -> None:
         bearings_sequential.solve(batch, options(prior_x_m=1.0))
 
 
+@pytest.mark.parametrize(("x", "y", "std"), [(np.nan, 80.0, 5.0), (1.0, np.nan, 5.0), (1.0, 80.0, np.nan)])
+def test_a_prior_of_which_a_part_is_unknown_is_none(x: float, y: float, std: float) -> None:
+    """A file's prior without x, y or std gives way to that of the parameters; without one, one bearing is too few."""
+    options = bearings_sequential.SequentialOptions
+    batch = _bearings([(0.0, 0.0)], [90.0])
+    own = dataclasses.replace(batch, prior_xy_m=np.array([[[x, y]]]), prior_std_m=np.array([[std]]))
+    prior = options(prior_x_m=1.0, prior_y_m=50.0, prior_std_m=5.0)
+    expected, found = (bearings_sequential.solve(part, prior).estimates for part in (batch, own))
+    np.testing.assert_array_equal(found.position_m, expected.position_m)
+    assert found.status.tolist() == [Status.OK]
+    assert bearings_sequential.solve(own, options()).estimates.status.tolist() == [Status.TOO_FEW]
+
+
+def test_a_prior_is_in_the_coordinates_of_the_file() -> None:
+    """Sensors, prior and fix may lie anywhere: moved by 100 km, the fix moves along."""
+    move = np.array([1e5, -3e5])
+    here = _bearings([(0.0, 0.0), (10.0, 0.0)], [90.0, 92.0])
+    here = dataclasses.replace(here, prior_xy_m=np.full((1, 2, 2), 40.0), prior_std_m=np.full((1, 2), 20.0))
+    there = dataclasses.replace(here, sensor_xy_m=here.sensor_xy_m + move, prior_xy_m=here.prior_xy_m + move)
+    fixes = [
+        bearings_sequential.solve(part, bearings_sequential.SequentialOptions()).estimates for part in (here, there)
+    ]
+    np.testing.assert_allclose(fixes[1].position_m - move, fixes[0].position_m, atol=1e-6)
+    assert fixes[0].status.tolist() == fixes[1].status.tolist() == [Status.OK]
+
+
 def test_trace_tells_every_step_and_ends_at_the_estimate() -> None:
     """The trace counts the rows used, names each once, shrinks, and ends where the estimate is."""
     _, batch, _ = ring_batch(9, 20, sources="disc")
