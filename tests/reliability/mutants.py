@@ -64,8 +64,14 @@ TESTS = {
     ],
     "methods/bearings_ml_grid.py": ["tests/methods/test_bearings_circle.py", "tests/methods/test_bearings_exact.py"],
     "methods/bearings_stansfield_focused.py": ["tests/methods/test_bearings_circle.py"],
-    "methods/bearings_mixture_ml.py": ["tests/methods/test_bearings_robust.py"],
-    "methods/bearings_sequential.py": ["tests/methods/test_bearings_robust.py"],
+    "methods/bearings_mixture_ml.py": [
+        "tests/methods/test_bearings_robust.py",
+        "tests/methods/test_bearings_with_ranges.py",
+    ],
+    "methods/bearings_sequential.py": [
+        "tests/methods/test_bearings_robust.py",
+        "tests/methods/test_bearings_with_ranges.py",
+    ],
     "methods/bearings_suppress.py": ["tests/methods/test_bearings_robust.py"],
     "methods/ranges_r_ls.py": ["tests/methods/test_ranges_localize.py"],
     "methods/ranges_sr_ls.py": ["tests/methods/test_ranges_localize.py"],
