@@ -68,7 +68,7 @@ def fit_squared_ranges(
     """Return the points with the least sum of ``weight * (squared_range - |p - a|^2)^2``, equation (9).
 
     All arguments (B, K): sensors in metres, squared ranges in square metres (any sign), weights positive. Sensors
-    on one line have two minima, p and its mirror image. Not finite where all sensors of a snapshot coincide.
+    on one line have two minima, p and its mirror image. NaN where all sensors of a snapshot coincide.
     """
     weight = weight / sum_measurements(weight)[:, None]
     mean_x, mean_y = sum_measurements(weight * sensor_x), sum_measurements(weight * sensor_y)
@@ -86,8 +86,8 @@ def fit_squared_ranges(
     pull_x, pull_y = -2.0 * sum_measurements(right * dx), -2.0 * sum_measurements(right * dy)
     c1, c2 = cosine * pull_x + sine * pull_y, cosine * pull_y - sine * pull_x
     along, across = _solve(c1, c2, 4.0 * (larger - smaller), right_mean - 2.0 * smaller)
-    lost = ~(larger > 0.0)
-    along[lost] = np.nan
+    lost = ~(larger > 0.0) | ~np.isfinite(along) | ~np.isfinite(across)  # sensors that but for rounding coincide
+    along[lost] = across[lost] = np.nan
     return SquaredRangeFit(
         x=mean_x + cosine * along - sine * across,
         y=mean_y + sine * along + cosine * across,

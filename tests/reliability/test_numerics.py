@@ -97,6 +97,12 @@ def test_a_thousand_geometries_keep_the_contract(entry: registry.MethodEntry) ->
     any_geometry(entry, trials(entry, 1000))
 
 
+def test_echoes_of_sensors_that_coincide_but_for_rounding() -> None:
+    """A hundred echoes of sensors 1e-16 of their spread apart: found by the long form, as a number times infinity."""
+    entry = next(entry for entry in ENTRIES if entry.full_name == "ranges.assignment")
+    keeps_the_contract(entry, 121947022, 0.0, 0.0, 100, "one place", -16.0)
+
+
 def frame_and_scale(entry: registry.MethodEntry, examples: int) -> None:
     """Try whether a method's answer moves, turns and grows with the scene."""
     spec = registry.load(entry)
