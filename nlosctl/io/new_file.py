@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import secrets
 import tempfile
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,16 +20,16 @@ __all__ = ["NewFile", "writing"]
 class NewFile:
     """The file ``target`` to be; ``sink`` takes its bytes. Nothing is under its name before `keep`.
 
-    The temporary file lies beside it, for a URL in the system's folder for such. Raises OSError where it can't be made.
+    The temporary file lies beside it, for a URL in the system's folder for such. It goes with this object at the
+    latest, wherever a run is interrupted. Raises OSError where it can't be made.
     """
 
     def __init__(self, target: str) -> None:
         self._place = location(target).resolve()
-        folder = None if isinstance(self._place, RemotePath) else self._place.parent
-        handle, name = tempfile.mkstemp(prefix=f".{self._place.name[:100]}.", suffix=".part", dir=folder)
-        self._temporary = Path(name)
-        self._temporary.chmod(0o666 & ~_umask())
-        self.sink: IO[bytes] = os.fdopen(handle, "wb")
+        folder = Path(tempfile.gettempdir()) if isinstance(self._place, RemotePath) else self._place.parent
+        self._temporary: Path = folder / f".{self._place.name[:100]}.{secrets.token_hex(4)}.part"
+        self._clear_away = weakref.finalize(self, _remove, self._temporary, os.getpid())
+        self.sink: IO[bytes] = self._temporary.open("xb")
 
     def complete(self) -> None:
         """Take no more bytes, and see that the disk has them all: what is left is to take the name."""
@@ -41,7 +43,7 @@ class NewFile:
         self.complete()
         if isinstance(self._place, RemotePath):
             self._place.take(self._temporary)
-            self._temporary.unlink()
+            self._clear_away()
         else:
             self._temporary.replace(self._place)
 
@@ -49,7 +51,7 @@ class NewFile:
         """Leave nothing of it."""
         with suppress(OSError):  # what waits to be written can't be, on a full disk: the file is given up anyway
             self.sink.close()
-        self._temporary.unlink(missing_ok=True)
+        self._clear_away()
 
 
 @contextmanager
@@ -64,7 +66,7 @@ def writing(target: str) -> Iterator[None]:
         raise DataError(f"{name}: can't be written: {error.strerror or error}") from error
 
 
-def _umask() -> int:
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
+def _remove(path: Path, maker: int) -> None:
+    if os.getpid() == maker:  # a process forked meanwhile has nothing to clear away
+        with suppress(OSError):
+            path.unlink()
