@@ -15,6 +15,9 @@ __all__ = ["describe_options", "option", "parse_options"]
 
 OptionsT = TypeVar("OptionsT")
 
+_LARGEST_INTEGER = 2**53
+"""Up to here integers and floats are the same numbers, and all of them fit an array."""
+
 
 def option(
     default: Any = dataclasses.MISSING,
@@ -97,6 +100,8 @@ def _convert(value: Any, annotation: Any, field: dataclasses.Field[Any], owner: 
 def _within(number: Any, field: dataclasses.Field[Any]) -> bool:
     if isinstance(number, bool) or not isinstance(number, int | float):
         return True
+    if isinstance(number, int) and abs(number) > _LARGEST_INTEGER:
+        return False
     low, high = field.metadata["minimum"], field.metadata["maximum"]
     if field.metadata["exclusive"]:
         return bool(low < number < high)

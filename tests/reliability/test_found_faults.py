@@ -140,6 +140,14 @@ def test_paths_named_by_no_text(folder: Path) -> None:
     told(folder, ["convert", "p.parquet", "--from", "sionna", "-o", "o.csv"], "p.parquet, column 'rx'")
 
 
+def test_an_option_that_no_integer_holds(folder: Path) -> None:
+    """A parameter of thirty digits is a fault of the words; the method failed."""
+    words = ["localize", FIXTURES / "good_bearings.csv", "-o", "e.csv", "-q", "--param"]
+    ending = run_guarded([*words, "max_iterations=" + "9" * 30])
+    assert ending.code == 2
+    assert list(complaints(ending, folder, [], [])) == []
+
+
 def test_flags_with_a_truth_that_is_no_boolean(folder: Path) -> None:
     """A truth of flags that is neither true nor false is a fault of its row; it was an internal error."""
     flags = "snapshot,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,truth_los,los,used\n"
