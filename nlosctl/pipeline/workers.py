@@ -91,7 +91,7 @@ def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor
     """Give a pool whose processes are stopped at once where the block does not end well."""
     context = multiprocessing.get_context("fork")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_work, initargs=(function,))
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _signals_put_off():
         warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads, from Python 3.12 on
         pool.submit(os.getpid).result()
     processes = list((pool._processes or {}).values())
@@ -105,12 +105,33 @@ def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+@contextmanager
+def _signals_put_off() -> Iterator[None]:
+    """Let Ctrl-C and its like take effect at the end of the block: an exception raised while forking would be lost."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no handler runs in this thread
+        return
+    came: list[int] = []
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in handlers:
+        signal.signal(number, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for caught in came:
+            signal.raise_signal(caught)
+
+
 def _begin_work(function: Callable[[Any], Any]) -> None:
     """Keep what is to be done, leave Ctrl-C to the parent, and end when it is gone."""
     global _inherited
     _inherited = function
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

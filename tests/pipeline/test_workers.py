@@ -221,3 +221,23 @@ def is_running(process: int) -> bool:
         return ") Z" not in Path(f"/proc/{process}/stat").read_text()
     except OSError:
         return False
+
+
+_INTERRUPTED_WHILE_FORKING = """
+import os, signal
+from nlosctl.pipeline.workers import map_in_processes
+
+os.register_at_fork(after_in_parent=lambda: os.kill(os.getpid(), signal.SIGINT))
+try:
+    print(list(map_in_processes(abs, [1, 2, 3], 2)))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+@pytest.mark.skipif(not workers.CAN_FORK, reason="nothing is forked here")
+def test_an_interrupt_while_forking_is_not_lost() -> None:
+    """An exception in what runs at a fork is ignored by Python, so Ctrl-C waits until the processes are there."""
+    command = [sys.executable, "-W", "ignore", "-c", _INTERRUPTED_WHILE_FORKING]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert (ended.stdout, ended.stderr) == ("interrupted\n", "")
