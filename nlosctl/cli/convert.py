@@ -181,7 +181,7 @@ class _Conversion:
     ) -> tuple[int, int]:
         """Write all rows; return how many, and how many were bad."""
         from nlosctl.io.file_format import FileFormat, format_named, format_of_path
-        from nlosctl.io.write import TableWriter
+        from nlosctl.io.write import MEASUREMENT_GROUP_ROWS, TableWriter
         from nlosctl.pipeline.exporting import MapWriter, exporter_of
 
         name = exporter or exporter_of(output, format)
@@ -195,7 +195,9 @@ class _Conversion:
             chosen = None if format is None else format_named(format)
             kind = chosen or (FileFormat.CSV if output == "-" else format_of_path(output))
             self.loses_scene = self._scene_text is not None and preview is None and not kind.carries_metadata
-            writer = preview or TableWriter(output, self.schema, format=chosen, **common)
+            writer = preview or TableWriter(
+                output, self.schema, format=chosen, group_rows=MEASUREMENT_GROUP_ROWS, **common
+            )
         rows = 0
         with ExitStack() as stack:
             sink = writer if preview is not None else stack.enter_context(writer)

@@ -151,13 +151,14 @@ def open_output(
     overwrite: bool,
     inputs: Sequence[Location],
     metadata: Mapping[str, str],
+    of_measurements: bool = False,
 ) -> Iterator[TableWriter | MapWriter]:
     """Open an output table, ``-`` for stdout; it appears whole when the block ends well.
 
     Where extension or format name an exporter of maps, it takes estimates; any other table is told as its fault.
     """
     from nlosctl.io.file_format import format_named
-    from nlosctl.io.write import TableWriter
+    from nlosctl.io.write import MEASUREMENT_GROUP_ROWS, TableWriter
     from nlosctl.pipeline.exporting import MapWriter, exporter_of
 
     exporter = exporter_of(target, format_name)
@@ -166,5 +167,8 @@ def open_output(
             yield maps
         return
     chosen = None if format_name is None else format_named(format_name)
-    with TableWriter(target, schema, format=chosen, overwrite=overwrite, inputs=inputs, metadata=metadata) as writer:
+    size: dict[str, Any] = {"group_rows": MEASUREMENT_GROUP_ROWS} if of_measurements else {}
+    with TableWriter(
+        target, schema, format=chosen, overwrite=overwrite, inputs=inputs, metadata=metadata, **size
+    ) as writer:
         yield writer

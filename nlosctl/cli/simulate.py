@@ -92,6 +92,7 @@ def _write(simulation: Any, output: str, format: str | None, overwrite: bool, te
             overwrite=overwrite,
             inputs=[],
             metadata=simulation.metadata,
+            of_measurements=True,
         ) as writer:
             for table in simulation.tables():
                 writer.write(table)

@@ -31,7 +31,12 @@ __all__ = [
     "write_text",
 ]
 
-GROUP_ROWS = 131_072
+GROUP_ROWS = 65_536
+"""Rows of a row group (of a record batch, in Arrow) of results: while one is encoded it is in memory twice."""
+
+MEASUREMENT_GROUP_ROWS = 131_072
+"""The same of measurements: what reads them holds what the end of a Parquet file tells of each row group."""
+
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
 
 
@@ -88,10 +93,14 @@ class TableWriter:
         self._waiting_rows += table.num_rows
         self.rows += table.num_rows
         while self._waiting_rows >= self._group_rows:
-            waiting = pa.concat_tables(self._waiting)
-            self._encode(waiting.slice(0, self._group_rows))
-            self._waiting = [waiting.slice(self._group_rows)]
-            self._waiting_rows -= self._group_rows
+            self._encode(self._take_waiting(self._group_rows))
+
+    def _take_waiting(self, rows: int) -> Any:
+        """Return the first rows that wait, in one piece; the tables that they came in are let go."""
+        waiting = pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table()
+        self._waiting = [waiting.slice(rows)]
+        self._waiting_rows -= rows
+        return waiting.slice(0, rows).combine_chunks()
 
     def complete(self) -> None:
         """Write all that waits, so that nothing is left but to take the name; stdout waits for the end of the block.
@@ -119,7 +128,7 @@ class TableWriter:
         with writing(self.target):
             if self._encoder is None:
                 self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
-            self._encoder.write(table.combine_chunks())
+            self._encoder.write(table)
         pa.default_memory_pool().release_unused()  # what encoding a group took is not kept for the rest of the run
 
     def _finish(self) -> None:
@@ -130,7 +139,7 @@ class TableWriter:
         if self._closed:
             return
         if self._waiting_rows or self._encoder is None:
-            self._encode(pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table())
+            self._encode(self._take_waiting(self._waiting_rows))
         assert self._encoder is not None  # noqa: S101 - made by _encode
         self._encoder.close(self._metadata)
         self._closed = True

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from nlosctl.cli.main import run
 from nlosctl.io import measurements
-from nlosctl.io.write import GROUP_ROWS, TableWriter
+from nlosctl.io.write import GROUP_ROWS, MEASUREMENT_GROUP_ROWS, TableWriter
 from nlosctl.pipeline import sliced, workers
 
 EXTENSIONS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]
@@ -133,12 +133,10 @@ def test_a_long_file_has_row_groups_of_a_fixed_size(tmp_path: Path) -> None:
     assert run(["simulate", "ring", "-n", "45000", "-p", "sensors=3", "-q", "-o", str(drawn)]) == 0
     words = ["localize", str(drawn), "-m", "ls", "--block-size", "999", "-q", "-o", str(tmp_path / "e.parquet")]
     assert run([*words, "--flags-out", str(flags)]) == 0
-    for path in (drawn, flags):
+    for path, size in ((drawn, MEASUREMENT_GROUP_ROWS), (flags, GROUP_ROWS)):
         told = pyarrow.parquet.read_metadata(path)
-        assert [told.row_group(place).num_rows for place in range(told.num_row_groups)] == [
-            GROUP_ROWS,
-            135_000 - GROUP_ROWS,
-        ]
+        groups = [told.row_group(place).num_rows for place in range(told.num_row_groups)]
+        assert groups == [size] * (135_000 // size) + [135_000 % size]
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
