@@ -28,7 +28,8 @@ def find_duplicates(offsets: IntArray, columns: Sequence[npt.NDArray[Any]]) -> t
     if not columns or _rises_within_snapshots(offsets, columns[0]):
         return none, none
     snapshot = np.repeat(np.arange(offsets.shape[0] - 1, dtype=np.uint64), np.diff(offsets))
-    if _differ(snapshot * np.uint64(columns[0].max() + 1) + columns[0].astype(np.uint64)):
+    values = np.uint64(columns[0].max()) + np.uint64(1)
+    if _differ(snapshot * values + columns[0].astype(np.uint64)):
         return none, none
     words = [_words(column) for column in columns]
     mixed = _mix(snapshot, words)

@@ -36,6 +36,8 @@ _EXPECTED_ALL = {"number": "numbers", "integer": "integers", "boolean": "true/fa
 _FEWEST_WRONG = 5
 _TRIED = 100
 
+_BLANKS = " \t\r\n\u00a0\u2007\u2009\u202f\u3000"
+
 _ARROW_TYPES = {
     "number": pa.float64(),
     "integer": pa.int64(),
@@ -71,7 +73,7 @@ def infer_type(cells: Any) -> ColumnType | None:
     if len(filled) == 0:
         return None
     found = _infer(filled)
-    return found if found != "text" else _infer(pc.utf8_trim_whitespace(filled))
+    return found if found != "text" else _infer(_trimmed(filled))
 
 
 def _infer(filled: Any) -> ColumnType:
@@ -118,7 +120,7 @@ def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") ->
         whole = _cast(cells, target)
         if whole is not None:
             return whole, []
-        cells = pc.utf8_trim_whitespace(cells)
+        cells = _trimmed(cells)
         whole = _cast(cells, target)
         if whole is not None:
             return whole, []
@@ -179,8 +181,13 @@ def _one(value: str | None, target: Any) -> Any:
     return None if converted is None else converted[0].as_py()
 
 
+def _trimmed(cells: Any) -> Any:
+    """Return text without the blanks around it; control characters, which Unicode counts as blanks too, stay."""
+    return pc.utf8_trim(cells, _BLANKS)
+
+
 def _booleans(cells: Any) -> Any:
-    lower = pc.utf8_lower(pc.utf8_trim_whitespace(cells))
+    lower = pc.utf8_lower(_trimmed(cells))
     yes = pc.is_in(lower, value_set=pa.array(["true", "1"]))
     known = pc.or_(yes, pc.is_in(lower, value_set=pa.array(["false", "0"])))
     return pc.if_else(known, yes, pa.scalar(None, pa.bool_()))

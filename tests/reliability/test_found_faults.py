@@ -44,6 +44,33 @@ def test_hexadecimal_digits_are_no_integer(folder: Path) -> None:
     told(folder, ["identify-los", "m.csv", "-o", "f.csv"], "'truth_target'", "'0x10'", "integer")
 
 
+def test_a_control_character_after_a_number(folder: Path) -> None:
+    """A group separator is no blank that spreadsheets leave around numbers, as others are; it was taken for one."""
+    (folder / "m.csv").write_text(f"{BEARINGS}1,a,0,0,0.5\x1d,0.1\n1,b,\u00a01 ,0,1.5,0.1\n")
+    ending = told(folder, ["localize", "m.csv", "-o", "e.csv"], "row 1", "'bearing_rad'", "0.5\\x1d")
+    assert "row 2" not in ending.err
+
+
+def test_half_precision_in_a_column_of_no_meaning(folder: Path) -> None:
+    """Estimates with a column of half-precision numbers are evaluated; they were an internal error."""
+    run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.parquet", "-q"])
+    table = pyarrow.parquet.read_table(folder / "e.parquet")
+    more = pa.array([0.5] * table.num_rows, pa.float16())
+    with pa.ipc.new_file(folder / "e.arrow", table.append_column("quality", more).schema) as sink:
+        sink.write_table(table.append_column("quality", more))
+    ending = run_guarded(["evaluate", "e.arrow", "-q"])
+    assert (ending.code, ending.err) == (0, "")
+
+
+def test_the_largest_path_number(folder: Path) -> None:
+    """Paths up to the largest integer are told apart; one more than it was a warning."""
+    rows = [f"1,{path},0,0,9,0,1,2,12,0.1,0.1,1\n" for path in (2**63 - 1, 5, 3)]
+    header = TRIPLETS.replace("toa_s", "path_length_m")
+    (folder / "m.csv").write_text(header + "".join(rows))
+    ending = run_guarded(["validate", "m.csv", "-q"])
+    assert (ending.code, ending.err) == (0, "")
+
+
 def test_a_number_that_overflows_in_its_unit(folder: Path) -> None:
     """A time that is finite in seconds and not in metres is a fault of its row; it was a warning."""
     (folder / "m.csv").write_text(f"{TRIPLETS}1,0,0,0,9,0,1,2,1e302,0.1,0.1,1\n")
