@@ -70,7 +70,7 @@ class _UntoldFailures(io.TextIOBase):
 
     def flush(self) -> None:
         """Show what waits."""
-        with suppress(OSError):
+        with suppress(OSError, ValueError):  # the latter where it is closed, as when this object goes last
             self._terminal.flush()
 
 

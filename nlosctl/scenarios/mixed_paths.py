@@ -65,7 +65,7 @@ def generate(options: MixedPathsOptions, generator: np.random.Generator, snapsho
     shape = (snapshots, options.sensors)
     x = generator.uniform(-0.5, 0.5, snapshots)
     y = generator.uniform(0.2, 0.8, snapshots)
-    shares = np.cumsum(options.shares) / max(sum(options.shares), np.finfo(float).tiny)
+    shares = np.cumsum(options.shares) / max(np.sum(options.shares), np.finfo(float).tiny)
     path = np.minimum(np.searchsorted(shares, generator.random(shape), side="right"), 2) - 1
     return bearing_columns(
         scene=world,
