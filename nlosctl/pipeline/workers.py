@@ -20,7 +20,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from nlosctl.errors import MethodError
 
@@ -95,6 +95,8 @@ def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor
         warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads, from Python 3.12 on
         pool.submit(os.getpid).result()
     processes = list((pool._processes or {}).values())
+    # With our end for writing closed, a result that a kill cuts off ends; else the rest of it would be waited for.
+    cast(Any, pool._result_queue)._writer.close()
     try:
         yield pool
     except BaseException:

@@ -241,3 +241,26 @@ def test_an_interrupt_while_forking_is_not_lost() -> None:
     command = [sys.executable, "-W", "ignore", "-c", _INTERRUPTED_WHILE_FORKING]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert (ended.stdout, ended.stderr) == ("interrupted\n", "")
+
+
+_STOPPED_WHILE_RESULTS_ARE_SENT = """
+import time
+from nlosctl.pipeline.workers import map_in_processes
+
+for tenths in range(1, 9):
+    stream = map_in_processes(bytes, [1] + [100_000_000] * 3, 2)
+    next(stream)
+    time.sleep(0.02 * tenths)
+    try:
+        stream.throw(KeyboardInterrupt)
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.skipif(not workers.CAN_FORK, reason="nothing is forked here")
+def test_a_result_cut_off_by_the_end_is_not_waited_for() -> None:
+    """Processes that are killed while they send long results leave nothing that hangs, at whatever moment."""
+    command = [sys.executable, "-W", "ignore", "-c", _STOPPED_WHILE_RESULTS_ARE_SENT]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert (ended.stdout, ended.stderr) == ("interrupted\n" * 8, "")
