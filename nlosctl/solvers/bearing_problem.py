@@ -51,7 +51,7 @@ class BearingProblem:
         """Return cost, gradient (from (23) of Song et al.) and the exact second derivatives.
 
         Where those are not positive definite, far from the minimum, the Gauss-Newton matrix stands in for them.
-        Large blocks go one measurement after the other, so that all temporaries stay in the first cache; small ones
+        Large blocks go one measurement after the other, so that all temporaries stay in the near caches; small ones
         at once. Both add the same terms in the same order, so that the bits do not depend on the block.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -19,9 +19,6 @@ __all__ = ["PathSums", "TripletProblem"]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-_LEAST_SHARE = 0.1
-"""The exact second derivatives are trusted when their determinant is at least this share of Gauss-Newton's."""
-
 
 @dataclass(frozen=True)
 class TripletProblem:
