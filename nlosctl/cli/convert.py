@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -28,6 +29,9 @@ from nlosctl.cli.reading import ReadWords
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
 from nlosctl.errors import UsageError
 from nlosctl.io.locations import Location, location
+
+if TYPE_CHECKING:
+    from nlosctl.io.output_set import OutputSet
 
 __all__ = ["convert"]
 
@@ -95,13 +99,16 @@ def convert(
         return
     if len(inputs) > 1:
         raise UsageError(f"convert takes one input, got {len(inputs)}: convert them one by one, or name their folder")
+    from nlosctl.io.output_set import OutputSet
+
     words = ReadWords(inputs=inputs, scene=scene, crs=crs, origin=origin)
     terminal = Terminal(quiet=quiet)
     given = key_values([*param, *([] if window is None else [f"window={window}"])], "--param")
-    with ExitStack() as stack:
+    with ExitStack() as stack, OutputSet() as outputs:
         conversion = _Conversion(
-            stack, words, bad_rows, overwrite, [location(name) for name in (scene, config) if name]
+            stack, outputs, words, bad_rows, overwrite, [location(name) for name in (scene, config) if name]
         )
+        conversion.check([output, scene_out, bad_rows])
         if source is not None:
             conversion.read_foreign(source, given if target is None else {}, input_format)
         else:
@@ -118,11 +125,18 @@ class _Conversion:
     """One input on its way to one output."""
 
     def __init__(
-        self, stack: ExitStack, words: ReadWords, bad_rows: str | None, overwrite: bool, others: list[Location]
+        self,
+        stack: ExitStack,
+        outputs: OutputSet,
+        words: ReadWords,
+        bad_rows: str | None,
+        overwrite: bool,
+        others: list[Location],
     ) -> None:
         from nlosctl.io.frames import plane_of
 
-        self._stack, self._words, self._bad_rows, self._overwrite = stack, words, bad_rows, overwrite
+        self._stack, self._outputs, self._words = stack, outputs, words
+        self._bad_rows, self._overwrite = bad_rows, overwrite
         if words.frame is not None:
             plane_of(words.frame)  # a CRS of no use is told at once
         word = words.inputs[0]
@@ -132,6 +146,12 @@ class _Conversion:
         self.schema: Any = None
         self.metadata: dict[str, str] = {}
         self.loses_scene = False
+
+    def check(self, targets: Sequence[str | None]) -> None:
+        """Refuse outputs that can't be written, before any work is done."""
+        from nlosctl.io.targets import check_targets
+
+        check_targets(targets, overwrite=self._overwrite, inputs=self._paths)
 
     def read_foreign(self, importer: str, parameters: dict[str, str], input_format: str | None) -> None:
         """Read another program's file."""
@@ -199,23 +219,18 @@ class _Conversion:
                 output, self.schema, format=chosen, group_rows=MEASUREMENT_GROUP_ROWS, **common
             )
         rows = 0
-        with ExitStack() as stack:
-            sink = writer if preview is not None else stack.enter_context(writer)
-            for table in self._tables:
-                sink.write(table)
-                rows += table.num_rows
+        sink = writer if preview is not None else self._outputs.take(writer)
+        for table in self._tables:
+            sink.write(table)
+            rows += table.num_rows
         if preview is not None:
             preview.show()
         return rows, self._log.total
 
     def write_scene(self, target: str | None) -> None:
         """Write the scene, if that is wanted."""
-        from nlosctl.io.targets import check_targets
-        from nlosctl.io.write import write_text
-
         if target is not None:
-            check_targets([target], overwrite=self._overwrite, inputs=self._paths)
-            write_text(target, self._scene_text or "")
+            self._outputs.write_text(target, self._scene_text or "")
 
     @property
     def _scene_text(self) -> str | None:
@@ -228,7 +243,7 @@ class _Conversion:
             return None
         schema = BadRowWriter.schema(names)
         writer = TableWriter(self._bad_rows, schema, overwrite=self._overwrite, inputs=self._paths)
-        return BadRowWriter(self._stack.enter_context(writer))
+        return BadRowWriter(self._outputs.take(writer))
 
 
 def _list(json: bool) -> None:

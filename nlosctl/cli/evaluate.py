@@ -10,11 +10,12 @@ import typer
 
 from nlosctl.cli.options import ConfigFile, Debug, Format, InputFormat, Inputs, Json, Output, Overwrite, Quiet, Report
 from nlosctl.cli.reading import open_output
-from nlosctl.cli.terminal import Preview, print_json, print_table, tell, write_report
+from nlosctl.cli.terminal import Preview, print_json, print_table, tell, tell_report, write_report
 from nlosctl.errors import UsageError
 from nlosctl.io.locations import Location
 
 if TYPE_CHECKING:
+    from nlosctl.io.output_set import OutputSet
     from nlosctl.pipeline.evaluating import Evaluation
 
 __all__ = ["evaluate"]
@@ -70,6 +71,7 @@ def evaluate(
     from nlosctl.io.evaluation_rows import TruthTable
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
+    from nlosctl.io.output_set import OutputSet
     from nlosctl.io.targets import check_targets
     from nlosctl.pipeline.conditions import parse_condition
     from nlosctl.pipeline.evaluating import evaluate_inputs
@@ -92,17 +94,23 @@ def evaluate(
     content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": reasons}
     if json:
         print_json(content)
-    if output != "-" or not json:
-        _write(evaluation, output, format, overwrite, paths)
-    if report is not None:
-        write_report(report, content)
+    with OutputSet() as outputs:
+        if output != "-" or not json:
+            _write(evaluation, output, format, overwrite, paths, outputs)
+        write_report(report, content, outputs)
+    tell_report(report, content)
     for reason in reasons:
         tell(f"nlosctl: {reason}")
     return _CONDITION_MET if reasons else 0
 
 
 def _write(
-    evaluation: Evaluation, output: str, format: str | None, overwrite: bool, inputs: Sequence[Location]
+    evaluation: Evaluation,
+    output: str,
+    format: str | None,
+    overwrite: bool,
+    inputs: Sequence[Location],
+    outputs: OutputSet,
 ) -> None:
     from nlosctl.io.score_tables import score_table
 
@@ -112,10 +120,8 @@ def _write(
         _render(evaluation)
         return
     table = score_table(evaluation.of, evaluation.groups)
-    with open_output(
-        output, table.schema, format_name=format, overwrite=overwrite, inputs=inputs, metadata={}
-    ) as writer:
-        writer.write(table)
+    writer = open_output(output, table.schema, format_name=format, overwrite=overwrite, inputs=inputs, metadata={})
+    outputs.take(writer).write(table)
 
 
 def _render(evaluation: Evaluation) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from nlosctl.contract.scene import EarthFrame
     from nlosctl.io.inputs import Input
     from nlosctl.io.measurements import MeasurementReader
+    from nlosctl.io.output_set import OutputSet
     from nlosctl.io.write import TableWriter
     from nlosctl.pipeline.exporting import MapWriter
 
@@ -96,6 +97,14 @@ class Opened:
         parts = [part.path for given in self.inputs for part in given.parts if part.path is not None]
         return [*parts, *(given.path for given in self.inputs if given.path is not None), *self.others]
 
+    def set_bad_rows_aside(self, target: str, outputs: OutputSet, *, overwrite: bool) -> None:
+        """Hand bad rows to a file, one of ``outputs``, and go on with the rest; before the first row is read."""
+        from nlosctl.io.write import BadRowWriter, TableWriter
+
+        schema = BadRowWriter.schema(self.reader.schema.names)
+        writer = outputs.take(TableWriter(target, schema, overwrite=overwrite, inputs=self.paths))
+        self.reader.set_bad_rows_aside(BadRowWriter(writer))
+
 
 def added_columns(words: str) -> tuple[str, ...]:
     """Return the words of ``--add``."""
@@ -104,15 +113,11 @@ def added_columns(words: str) -> tuple[str, ...]:
 
 @contextmanager
 def open_measurements(words: ReadWords) -> Iterator[Opened]:
-    """Open the inputs; with ``bad_rows`` the rows set aside are written when the block ends well.
-
-    All ``outputs`` are checked before anything is written.
-    """
+    """Open the inputs; all outputs are checked before anything is written."""
     from nlosctl.io.file_format import format_named
     from nlosctl.io.inputs import expand_inputs
     from nlosctl.io.measurements import MeasurementReader, ReadOptions
-    from nlosctl.io.targets import check_targets, is_folder_target
-    from nlosctl.io.write import BadRowWriter, TableWriter
+    from nlosctl.io.targets import check_targets
 
     input_format = None if words.input_format is None else format_named(words.input_format)
     inputs = expand_inputs(words.inputs, input_format)
@@ -127,22 +132,15 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
         use_threads=not words.one_thread,
         extra_columns=None if words.bad_rows is not None else words.extra_columns,
     )
-    with ExitStack() as stack:
-        reader = MeasurementReader(inputs, options)
-        stack.callback(reader.close)
+    with closing(MeasurementReader(inputs, options)) as reader:
         others = [location(name) for name in (words.scene, words.config) if name is not None]
         opened = Opened(reader=reader, inputs=inputs, others=others)
         check_targets(
             words.outputs, tables=[*words.tables, words.bad_rows], overwrite=words.overwrite, inputs=opened.paths
         )
-        if words.bad_rows is not None and not is_folder_target(words.bad_rows):
-            schema = BadRowWriter.schema(reader.schema.names)
-            writer = TableWriter(words.bad_rows, schema, overwrite=words.overwrite, inputs=opened.paths)
-            reader.set_bad_rows_aside(BadRowWriter(stack.enter_context(writer)))
         yield opened
 
 
-@contextmanager
 def open_output(
     target: str,
     schema: Any,
@@ -152,8 +150,8 @@ def open_output(
     inputs: Sequence[Location],
     metadata: Mapping[str, str],
     of_measurements: bool = False,
-) -> Iterator[TableWriter | MapWriter]:
-    """Open an output table, ``-`` for stdout; it appears whole when the block ends well.
+) -> TableWriter | MapWriter:
+    """Return the context manager of an output table, ``-`` for stdout; it appears whole when its block ends well.
 
     Where extension or format name an exporter of maps, it takes estimates; any other table is told as its fault.
     """
@@ -163,12 +161,7 @@ def open_output(
 
     exporter = exporter_of(target, format_name)
     if exporter is not None:
-        with MapWriter(target, exporter, {}, overwrite=overwrite, inputs=inputs, metadata=metadata) as maps:
-            yield maps
-        return
+        return MapWriter(target, exporter, {}, overwrite=overwrite, inputs=inputs, metadata=metadata)
     chosen = None if format_name is None else format_named(format_name)
     size: dict[str, Any] = {"group_rows": MEASUREMENT_GROUP_ROWS} if of_measurements else {}
-    with TableWriter(
-        target, schema, format=chosen, overwrite=overwrite, inputs=inputs, metadata=metadata, **size
-    ) as writer:
-        yield writer
+    return TableWriter(target, schema, format=chosen, overwrite=overwrite, inputs=inputs, metadata=metadata, **size)

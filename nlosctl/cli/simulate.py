@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,6 +23,9 @@ from nlosctl.cli.options import (
 from nlosctl.cli.reading import open_output
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_table
 from nlosctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from nlosctl.io.output_set import OutputSet
 
 __all__ = ["simulate"]
 
@@ -59,9 +62,9 @@ def simulate(
     if show:
         _show(scenario, json)
         return
+    from nlosctl.io.output_set import OutputSet
     from nlosctl.io.scenes import scene_to_toml
     from nlosctl.io.targets import check_targets
-    from nlosctl.io.write import write_text
     from nlosctl.pipeline.simulation import Simulation
 
     terminal = Terminal(quiet=quiet)
@@ -69,13 +72,16 @@ def simulate(
         scenario, key_values(param, "--param"), seed=seed, trials=trials, sweep=key_values(sweep, "--sweep")
     )
     check_targets([output, scene_out], overwrite=overwrite, inputs=[])
-    rows = _write(simulation, output, format, overwrite, terminal)
-    if scene_out is not None:
-        write_text(scene_out, scene_to_toml(simulation.scene))
+    with OutputSet() as outputs:
+        rows = _write(simulation, output, format, overwrite, terminal, outputs)
+        if scene_out is not None:
+            outputs.write_text(scene_out, scene_to_toml(simulation.scene))
     terminal.note(f"{scenario}: {simulation.snapshots} snapshots of {simulation.kind}, {rows} rows, seed {seed}")
 
 
-def _write(simulation: Any, output: str, format: str | None, overwrite: bool, terminal: Terminal) -> int:
+def _write(
+    simulation: Any, output: str, format: str | None, overwrite: bool, terminal: Terminal, outputs: OutputSet
+) -> int:
     rows = 0
     preview = Preview.wanted(output, format)
     with terminal.progress("simulate") as progress:
@@ -85,19 +91,21 @@ def _write(simulation: Any, output: str, format: str | None, overwrite: bool, te
                 rows += table.num_rows
             preview.show()
             return rows
-        with open_output(
-            output,
-            simulation.schema,
-            format_name=format,
-            overwrite=overwrite,
-            inputs=[],
-            metadata=simulation.metadata,
-            of_measurements=True,
-        ) as writer:
-            for table in simulation.tables():
-                writer.write(table)
-                rows += table.num_rows
-                progress(rows, None)
+        writer = outputs.take(
+            open_output(
+                output,
+                simulation.schema,
+                format_name=format,
+                overwrite=overwrite,
+                inputs=[],
+                metadata=simulation.metadata,
+                of_measurements=True,
+            )
+        )
+        for table in simulation.tables():
+            writer.write(table)
+            rows += table.num_rows
+            progress(rows, None)
     return rows
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from nlosctl.cli.option_groups import SolvingOptions
 from nlosctl.cli.options import key_values
 from nlosctl.cli.reading import Opened, ReadWords, added_columns, open_measurements, open_output
-from nlosctl.cli.terminal import Preview, Terminal, tell, write_report
+from nlosctl.cli.terminal import Preview, Terminal, tell, tell_report, write_report
 from nlosctl.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
@@ -136,11 +136,11 @@ def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, te
         _write_files(run, opened, outputs, command, terminal)
     for line in run.report.lines():
         terminal.note(line)
-    if outputs.report is not None:
-        write_report(outputs.report, run.report.as_dict())
+    tell_report(outputs.report, run.report.as_dict())
 
 
 def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
+    from nlosctl.io.output_set import OutputSet
     from nlosctl.pipeline.writing import write_tables
 
     main, *_ = outputs.wanted
@@ -149,10 +149,10 @@ def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, termi
     def metadata() -> dict[str, str]:
         return run.metadata(command, opened.inputs, with_hash=outputs.with_hash)
 
-    with ExitStack() as stack:
+    with OutputSet() as whole, ExitStack() as stack:
 
         def open_sink(name: str, target: str) -> Any:
-            return stack.enter_context(
+            return whole.take(
                 open_output(
                     target,
                     run.schemas[name],
@@ -168,9 +168,12 @@ def _write_files(run: Run, opened: Opened, outputs: Outputs, command: str, termi
             name: preview if preview is not None and name == main else open_sink(name, target)
             for name, target in outputs.wanted.items()
         }
+        if outputs.bad_rows is not None:
+            opened.set_bad_rows_aside(outputs.bad_rows, whole, overwrite=outputs.overwrite)
         progress = stack.enter_context(terminal.progress(command))
         tables = stack.enter_context(_tables(run, opened, outputs))
         write_tables(tables, sinks, metadata, lambda rows: progress(rows, None))
+        write_report(outputs.report, run.report.as_dict(), whole)
     if preview is not None:
         preview.show()
 
@@ -212,6 +215,7 @@ def _check_engine(outputs: Outputs) -> None:
 
 def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     from nlosctl.io.file_format import format_named
+    from nlosctl.io.output_set import OutputSet
     from nlosctl.io.targets import is_folder_target
     from nlosctl.pipeline.folder_run import FolderRun
     from nlosctl.pipeline.parts import BAD_ROWS
@@ -242,6 +246,8 @@ def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, ter
             overwrite=outputs.overwrite,
             progress=lambda rows: progress(rows, None),
         )
+    with OutputSet() as whole:
+        write_report(outputs.report, run.report.as_dict(), whole)
 
 
 def _exit_code(run: MeasurementRun, *, strict: bool = False) -> int:

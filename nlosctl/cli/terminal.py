@@ -9,9 +9,12 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, NoReturn, Protocol, TextIO, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TextIO, cast
 
 from nlosctl.errors import DataError, printable
+
+if TYPE_CHECKING:
+    from nlosctl.io.output_set import OutputSet
 
 __all__ = [
     "ClosedOutput",
@@ -22,6 +25,7 @@ __all__ = [
     "print_json",
     "print_table",
     "tell",
+    "tell_report",
     "write_report",
 ]
 
@@ -154,9 +158,6 @@ class Preview:
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
         """Take metadata, as a writer does; a preview shows none."""
 
-    def complete(self) -> None:
-        """Do nothing: a preview is shown at the end."""
-
     def show(self) -> None:
         """Print the rows, and how many there are in all."""
         print_table(self._rows, self._columns)
@@ -164,15 +165,16 @@ class Preview:
             tell(f"... {len(self._rows)} of {self._total} rows; -o FILE writes all")
 
 
-def write_report(target: str, report: Mapping[str, Any]) -> None:
-    """Write a report as JSON to a file, or to standard error for ``-``."""
-    text = _json_text(report)
-    if target == "-":
-        sys.stderr.write(text)
-        return
-    from nlosctl.io.write import write_text
+def write_report(target: str | None, report: Mapping[str, Any], outputs: OutputSet) -> None:
+    """Write a report as JSON to a file, one of ``outputs``, where it goes to one."""
+    if target not in (None, "-"):
+        outputs.write_text(target, _json_text(report))
 
-    write_text(target, text)
+
+def tell_report(target: str | None, report: Mapping[str, Any]) -> None:
+    """Tell a report as JSON on standard error, where it goes there (``-``)."""
+    if target == "-":
+        tell(_json_text(report).rstrip("\n"))
 
 
 def print_json(value: object) -> None:

@@ -72,8 +72,12 @@ def validate(
         config=config,
         extra_columns=(),
     )
-    with open_measurements(words) as opened, terminal.progress("validate") as progress:
+    from nlosctl.io.output_set import OutputSet
+
+    with open_measurements(words) as opened, OutputSet() as outputs, terminal.progress("validate") as progress:
         reader = opened.reader
+        if bad_rows is not None:
+            opened.set_bad_rows_aside(bad_rows, outputs, overwrite=overwrite)
         for _ in reader.chunks():
             progress(reader.report.rows_in_all, None)
         found = {

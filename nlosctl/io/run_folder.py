@@ -10,10 +10,10 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from nlosctl.errors import DataError, in_one_line
+from nlosctl.io.byte_output import write_text
 from nlosctl.io.locations import Location, RemotePath, location
 from nlosctl.io.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest, sealed_record
 from nlosctl.io.new_file import writing
-from nlosctl.io.write import write_text
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
 

@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import IO, Any
 
 import pyarrow as pa
 
-from nlosctl.errors import DataError
+from nlosctl.io.byte_output import ByteOutput
 from nlosctl.io.encode import Encoder, make_encoder
 from nlosctl.io.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.locations import Location, location
-from nlosctl.io.new_file import NewFile, writing
+from nlosctl.io.new_file import writing
 from nlosctl.io.open_tables import plain_type
 from nlosctl.io.problems import BadRow
-from nlosctl.io.targets import check_targets, takes_bytes_as_they_come
+from nlosctl.io.targets import check_targets
 
 __all__ = [
     "BadRowWriter",
     "TableWriter",
-    "open_bytes_out",
     "provenance_text",
-    "write_bytes",
-    "write_text",
 ]
 
 GROUP_ROWS = 65_536
@@ -68,20 +63,26 @@ class TableWriter:
         self.rows = 0
         self.schema = pa.schema([column.with_type(plain_type(column.type)) for column in schema])
         self._metadata = dict(metadata or {})
-        self._stdout = stdout
+        self._output = ByteOutput(target, stdout)
         self._group_rows = group_rows
         self._format = _format_for(target, format)
         self._waiting: list[Any] = []
         self._waiting_rows = 0
-        self._new: NewFile | None = None
         self._sink: Any = None
         self._encoder: Encoder | None = None
         self._closed = False
         check_targets([target], overwrite=overwrite, inputs=inputs)
 
     def __enter__(self) -> TableWriter:
-        self._sink = self._open_sink()
+        self._sink = self._output.__enter__().sink
+        if self.target == "-" and self._format is FileFormat.PARQUET:
+            self._sink = tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)
         return self
+
+    @property
+    def passes_on(self) -> bool:
+        """Whether the rows go where they can't be taken back from: standard output, a pipe, a device."""
+        return self._output.passes_on
 
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
         """Add metadata; for Arrow this must come before the first full group of rows is written."""
@@ -103,26 +104,19 @@ class TableWriter:
         return waiting.slice(0, rows).combine_chunks()
 
     def complete(self) -> None:
-        """Write all that waits, so that nothing is left but to take the name; stdout waits for the end of the block.
-
-        With several outputs all are completed before any takes its name: a full disk leaves none of them.
-        """
-        if self._new is not None:
-            with writing(self.target):
-                self._close_encoder()
-                self._new.complete()
+        """Write all that waits, so that nothing is left but to take the name; see `nlosctl.io.output_set`."""
+        with writing(self.target):
+            self._close_encoder()
+        self._output.complete()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None:
-            self._discard()
-            return
         try:
-            self._finish()
-        except BaseException:
-            self._discard()
-            raise
+            self._output.end(kind, self.complete)
+        finally:
+            if self._sink is not self._output.sink:
+                self._sink.close()
 
     def _encode(self, table: Any) -> None:
         with writing(self.target):
@@ -130,10 +124,6 @@ class TableWriter:
                 self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
             self._encoder.write(table)
         pa.default_memory_pool().release_unused()  # what encoding a group took is not kept for the rest of the run
-
-    def _finish(self) -> None:
-        with writing(self.target):
-            self._put_in_place()
 
     def _close_encoder(self) -> None:
         if self._closed:
@@ -143,45 +133,9 @@ class TableWriter:
         assert self._encoder is not None  # noqa: S101 - made by _encode
         self._encoder.close(self._metadata)
         self._closed = True
-
-    def _put_in_place(self) -> None:
-        self._close_encoder()
-        if self._new is None:
-            self._pass_on() if self.target == "-" else self._sink.close()
-            return
-        self._new.keep()
-        self._new = None
-
-    def _open_sink(self) -> Any:
-        if self.target == "-":
-            if self._format is FileFormat.PARQUET:
-                return tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)
-            return self._output()
-        with writing(self.target):
-            if takes_bytes_as_they_come(self.target):
-                return location(self.target).open("wb")
-            self._new = NewFile(self.target)
-            return self._new.sink
-
-    def _output(self) -> IO[bytes]:
-        if self._stdout is None and sys.stdout is None:
-            raise DataError("standard output is closed; name a file with -o")
-        return self._stdout if self._stdout is not None else sys.stdout.buffer
-
-    def _pass_on(self) -> None:
-        output = self._output()
-        if self._sink is not output:
+        if self._sink is not self._output.sink:
             self._sink.seek(0)
-            shutil.copyfileobj(self._sink, output)
-            self._sink.close()
-        output.flush()
-
-    def _discard(self) -> None:
-        if self._new is not None:
-            self._new.discard()
-            self._new = None
-        elif self._format is FileFormat.PARQUET:
-            self._sink.close()
+            shutil.copyfileobj(self._sink, self._output.sink)
 
 
 class BadRowWriter:
@@ -230,50 +184,6 @@ def _format_for(target: str, format: FileFormat | None) -> FileFormat:
     if target != "-":
         return known_format_of_path(location(target).name) or format or format_of_path(target)
     return FileFormat.ARROW_STREAM if format is FileFormat.ARROW else format or FileFormat.CSV
-
-
-def write_text(target: str, text: str) -> None:
-    """Write a small text file, whole or not at all; check the target first with `check_targets`."""
-    write_bytes(target, text.encode("utf-8"))
-
-
-def write_bytes(target: str, content: bytes) -> None:
-    """Write a small file, whole or not at all; check the target first with `check_targets`."""
-    with writing(target), _bytes_out(target) as sink:
-        sink.write(content)
-
-
-@contextmanager
-def open_bytes_out(target: str, *, overwrite: bool = False, inputs: Sequence[Location] = ()) -> Iterator[IO[bytes]]:
-    """Open a file (``-``: stdout) for bytes: it appears whole under its name when the block ends well, or not at all.
-
-    Raises as `TableWriter` does.
-    """
-    check_targets([target], overwrite=overwrite, inputs=inputs)
-    with writing(target):
-        if target == "-":
-            if sys.stdout is None:
-                raise DataError("standard output is closed; name a file with -o")
-            yield sys.stdout.buffer
-            sys.stdout.buffer.flush()
-            return
-        with _bytes_out(target) as sink:
-            yield sink
-
-
-@contextmanager
-def _bytes_out(target: str) -> Iterator[IO[bytes]]:
-    if takes_bytes_as_they_come(target):
-        with location(target).open("wb") as file:
-            yield file
-        return
-    new = NewFile(target)
-    try:
-        yield new.sink
-        new.keep()
-    except BaseException:
-        new.discard()
-        raise
 
 
 def _plain(table: Any, schema: Any) -> Any:

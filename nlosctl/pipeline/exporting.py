@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import PurePosixPath
 from types import TracebackType
 from typing import Any
@@ -20,11 +20,12 @@ from nlosctl.errors import DataError, MethodError, NlosctlError
 from nlosctl.geometry.earth import EarthPlane
 from nlosctl.geometry.error_ellipses import error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.io.byte_output import ByteOutput
 from nlosctl.io.frames import plane_of
 from nlosctl.io.locations import Location, location
+from nlosctl.io.new_file import writing
 from nlosctl.io.scenes import SCENE_KEY, scene_from_toml
 from nlosctl.io.targets import check_targets
-from nlosctl.io.write import open_bytes_out
 
 __all__ = ["MapWriter", "exporter_of"]
 
@@ -64,17 +65,20 @@ class MapWriter:
         assert isinstance(spec, ExporterSpec)  # noqa: S101 - what the registry says
         self._spec, self.rows = spec, 0
         self._options = parse_options(spec.options, parameters, f"exporter {spec.name!r}")
-        self._target, self._overwrite, self._inputs = target, overwrite, tuple(inputs)
+        self._output = ByteOutput(target)
         self._frame = frame or _frame_of(metadata or {})
-        self._stack = ExitStack()
         self._writer: PlacesWriter | None = None
         self._completed = False
-        check_targets([target], overwrite=overwrite, inputs=self._inputs)
+        check_targets([target], overwrite=overwrite, inputs=inputs)
 
     def __enter__(self) -> MapWriter:
-        opened = open_bytes_out(self._target, overwrite=self._overwrite, inputs=self._inputs)
-        self._sink = self._stack.enter_context(opened)
+        self._output.__enter__()
         return self
+
+    @property
+    def passes_on(self) -> bool:
+        """Whether the map goes where it can't be taken back from, as of a `TableWriter`."""
+        return self._output.passes_on
 
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
         """Take metadata, as a `TableWriter` does; maps have no room for it."""
@@ -89,30 +93,28 @@ class MapWriter:
 
     def complete(self) -> None:
         """Write all that waits, as a `TableWriter` does."""
-        with self._blamed():
-            self._started().close()
+        if not self._completed:
+            with self._blamed():
+                self._started().close()
         self._completed = True
-        self._sink.flush()
+        self._output.complete()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with self._stack:  # what goes wrong here leaves no file either
-            if kind is not None:
-                self._stack.__exit__(kind, error, trace)
-            elif not self._completed:
-                self.complete()
+        self._output.end(kind, self.complete)
 
     def _started(self) -> PlacesWriter:
         if self._writer is None:
-            self._writer = self._spec.start(self._sink, self._options)
+            self._writer = self._spec.start(self._output.sink, self._options)
         return self._writer
 
     @contextmanager
     def _blamed(self) -> Iterator[None]:
         """Tell an exporter's own fault as its own."""
         try:
-            yield
+            with writing(self._output.target):
+                yield
         except (NlosctlError, OSError):
             raise
         except Exception as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from nlosctl.io.inputs import Input
 from nlosctl.io.locations import location
 from nlosctl.io.look_ahead import LookAhead
 from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.output_set import OutputSet
 from nlosctl.io.run_folder import RunFolder, describe_file
 from nlosctl.io.write import BadRowWriter, TableWriter
 from nlosctl.pipeline.run import ChunkTables
@@ -75,8 +75,8 @@ class PartWork:
         def metadata() -> dict[str, str]:
             return run.metadata(self.command, [own], with_hash=self.with_hash)
 
-        with ExitStack() as stack:
-            writers = {table: stack.enter_context(self._writer(table, number, run, metadata())) for table in self.roots}
+        with OutputSet() as outputs:
+            writers = {table: outputs.take(self._writer(table, number, run, metadata())) for table in self.roots}
             if BAD_ROWS in writers:
                 reader.set_bad_rows_aside(BadRowWriter(writers[BAD_ROWS]))
             sinks = {table: writer for table, writer in writers.items() if table != BAD_ROWS}

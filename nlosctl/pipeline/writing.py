@@ -21,9 +21,6 @@ class Sink(Protocol):
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
         """Take what there is to say of the whole table."""
 
-    def complete(self) -> None:
-        """Write all that waits: what is left is to take the output's name."""
-
 
 class Report(Protocol):
     """What a run did, as counts that can be added up and as words."""
@@ -87,7 +84,7 @@ def write_tables(
     metadata: Callable[[], Mapping[str, str]],
     progress: Callable[[int], None],
 ) -> None:
-    """Hand each table to the sink of its name, the metadata when all is known, and complete them all.
+    """Hand each table to the sink of its name, and the metadata when all is known.
 
     ``progress`` is told how many rows of the input have been done.
     """
@@ -100,5 +97,3 @@ def write_tables(
     closing = metadata()
     for sink in sinks.values():
         sink.set_metadata(closing)
-    for sink in sinks.values():
-        sink.complete()
