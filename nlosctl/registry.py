@@ -14,7 +14,16 @@ if TYPE_CHECKING:
     from nlosctl.contract.formats import ExporterSpec, ImporterSpec
     from nlosctl.contract.methods import MethodSpec
 
-__all__ = ["MethodEntry", "entries", "format_entries", "load", "load_format", "resolve", "resolve_format"]
+__all__ = [
+    "MethodEntry",
+    "entries",
+    "format_entries",
+    "is_built_in",
+    "load",
+    "load_format",
+    "resolve",
+    "resolve_format",
+]
 
 GROUP = "nlosctl.methods"
 FORMATS_GROUP = "nlosctl.formats"
@@ -89,6 +98,12 @@ def load(entry: MethodEntry) -> MethodSpec:
 
     spec: MethodSpec = _load(entry, "method", MethodSpec, CONTRACT_VERSION, contract_fault)
     return spec
+
+
+def is_built_in(spec: MethodSpec) -> bool:
+    """Whether a method comes with nlosctl, and so needs to state no version of the contract."""
+    own = [entry for entry in entries() if entry.distribution == DISTRIBUTION and entry.full_name == spec.full_name]
+    return any(load(entry) is spec for entry in own)
 
 
 def load_format(entry: MethodEntry) -> ImporterSpec | ExporterSpec:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from nlosctl import registry
 from nlosctl.contract.methods import contract_fault
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.results import Estimates
@@ -44,7 +45,7 @@ def specification(bench: Bench) -> Iterator[str]:
     if not (spec.summary and spec.reference and spec.cost):
         yield "its summary, reference or cost is empty"
     fault = contract_fault(spec.contract_version)
-    if fault and spec.contract_version is not None:
+    if fault and not registry.is_built_in(spec):
         yield f"it {fault}"
     if spec.minimum_measurements < 1:
         yield f"minimum_measurements is {spec.minimum_measurements}"

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import toys
 
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
 from nlosctl.testing import LAWS, LawBroken, check_law, check_method
 
 BROKEN: list[tuple[str, MethodSpec]] = [
@@ -17,6 +17,9 @@ BROKEN: list[tuple[str, MethodSpec]] = [
         "specification",
         toys.toy(lambda batch, _: toys.SOUND.solve(batch, toys.SOUND.options()), options=toys.ThawedOptions),
     ),
+    ("specification", toys.toy(contract_version=None)),
+    ("specification", dataclasses.replace(toys.SOUND, contract_version=None, summary="Another of this name")),
+    ("specification", toys.toy(contract_version=CONTRACT_VERSION + 1)),
     ("shapes", toys.toy(toys.narrow_counts)),
     ("shapes", toys.toy(covariance_kinds=("inliers",))),
     ("sorted", toys.toy(toys.backwards)),
@@ -71,6 +74,13 @@ def test_the_complaint_names_method_law_and_fault() -> None:
     """The message of LawBroken names the method, the law with its rule, and what is wrong."""
     with pytest.raises(LawBroken, match=r"bearings\.toy breaks the law 'quiet' \(It neither .*\): it prints 'solving"):
         check_method(toys.toy(toys.prints))
+
+
+def test_a_plugin_that_states_no_contract_version_is_told_the_cure() -> None:
+    """What would be refused where it is used is told where it is tested; built-in methods need not state one."""
+    with pytest.raises(LawBroken, match=r"breaks the law 'specification' .*: it doesn't say .*contract_version=1$"):
+        check_method(toys.toy(contract_version=None))
+    check_method(toys.SOUND)
 
 
 @pytest.mark.parametrize(("law", "solve"), [("order", toys.trusts_the_first), ("frame", toys.knows_north)])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_stansfield
@@ -161,4 +161,4 @@ def toy(solve: Solve | None = None, **changes: Any) -> MethodSpec:
     """Return the sound method with another ``solve``, or with another field."""
     if solve is not None:
         changes["solve"] = solve
-    return dataclasses.replace(SOUND, name="toy", **changes)
+    return dataclasses.replace(SOUND, name="toy", **{"contract_version": CONTRACT_VERSION, **changes})
