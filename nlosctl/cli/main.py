@@ -181,12 +181,13 @@ def _keep_to_memory() -> None:
 
 
 def _unwind_on_signals(came: list[int]) -> None:
-    """Let SIGTERM and SIGHUP unwind the run; their numbers are put into ``came``."""
+    """Let SIGTERM and SIGHUP unwind the run, but under ``nohup``; their numbers are put into ``came``."""
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         came.append(number)
         raise _Terminated(number)
 
     for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), stop)
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, stop)

@@ -66,18 +66,18 @@ def suppress_outliers(
     lognormal: bool,
     max_pairs: int,
 ) -> SuppressedFixes:
-    """Return the ranked estimates of a block; in each round ``bootstraps`` further pairs, where none was inside yet."""
+    """Return the ranked estimates of a block; where none was inside yet, as many further pairs as there were before."""
     count = model.mixture.count
     found = SuppressedFixes.nothing(seed.shape[0], count)
     pairs = min(count * (count - 1) // 2, max_pairs)
     open_rows = np.arange(seed.shape[0])
-    for first in range(0, pairs, bootstraps):
-        block = max(1, _STATES // bootstraps)
+    some = slice(0, bootstraps)
+    while open_rows.size and some.start < pairs:
+        block = max(1, _STATES // (some.stop - some.start))
         for start in range(0, open_rows.shape[0], block):
             rows = open_rows[start : start + block]
             part = model if rows.shape[0] == seed.shape[0] else model.take(rows)
             one, other = _possible_first(part, *shuffled_pairs(seed[rows], count, max_pairs))
-            some = slice(first, first + bootstraps)
             grown = grow_hypotheses(
                 part,
                 np.asfortranarray(one[:, some]),
@@ -89,8 +89,7 @@ def suppress_outliers(
             )
             found.put(rows, _rank(part, grown))
         open_rows = open_rows[~found.candidates[open_rows]]
-        if not open_rows.size:
-            break
+        some = slice(some.stop, 2 * some.stop)
     return found
 
 

@@ -82,7 +82,8 @@ def grow_hypotheses(
         range_m = range_threshold_m(model.range_std_m, alpha, model.extent_m[:, None])
     limits = Thresholds(bearing_threshold_rad(model.lines.std_rad, alpha, field_of_view_deg), range_m)
     for _ in range(model.mixture.count - 2):
-        growth.step(limits, by_likelihood)
+        if not growth.step(limits, by_likelihood):
+            break
     return Hypotheses(growth.state, growth.used)
 
 
@@ -132,9 +133,11 @@ class _Growth:
                     ranges.append(np.abs(measured[:, k, None] - np.sqrt(dx * dx + dy * dy)))
         return bearing, ranges
 
-    def step(self, limits: Thresholds, by_likelihood: bool) -> None:
-        """Combine the best of the rows left (steps 2-4), and take it from those left (step 5)."""
+    def step(self, limits: Thresholds, by_likelihood: bool) -> bool:
+        """Combine the best of the rows left (steps 2-4), and take it from those left (step 5); False: none was left."""
         chosen, any_left = self._best_left()
+        if not any_left.any():
+            return False
         rows = pick_rows(self.model.lines, chosen, self.model.measured_m, self.model.range_std_m)
         trial = update_ranges(update_bearings(self.state, rows), rows, lognormal=self.lognormal)
         bearing, ranges = self.residuals(trial)
@@ -152,6 +155,7 @@ class _Growth:
             if ranges:
                 self.range[k] = np.where(accepted, ranges[k], self.range[k])
         self.state = trial.where(accepted, self.state)
+        return True
 
     def _best_left(self) -> tuple[IntArray, BoolArray]:
         shape = self.state.x.shape

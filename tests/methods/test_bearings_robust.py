@@ -18,6 +18,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
+from nlosctl.solvers import suppressed_fixes
+from nlosctl.solvers.suppression import grow_hypotheses
 from nlosctl.testing import check_method
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
@@ -190,6 +192,24 @@ def test_hundred_bearings_in_one_snapshot() -> None:
     )
     assert np.all(_errors(exact, truth) < 0.1)
     np.testing.assert_allclose(_errors(sampled, truth), _errors(exact, truth), atol=1e-6)
+
+
+def test_all_pairs_are_tried_once_where_none_leads_into_the_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forty bearings that meet nowhere: rounds that double until every pair was tried, and no candidate."""
+    rounds = []
+
+    def watched(model: object, first: np.ndarray, second: np.ndarray, **options: object) -> object:
+        rounds.append(100 * np.minimum(first[0], second[0]) + np.maximum(first[0], second[0]))
+        return grow_hypotheses(model, first, second, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(suppressed_fixes, "grow_hypotheses", watched)
+    batch = _bearings([(float(x), 0.0) for x in range(40)], np.linspace(130.0, 50.0, 40).tolist())
+    batch = dataclasses.replace(batch, field=BoxField(xmin_m=-1e4, xmax_m=-9e3, ymin_m=-1e4, ymax_m=-9e3))
+    estimates = bearings_suppress.solve(batch, bearings_suppress.SuppressOptions()).estimates
+    assert estimates.status.tolist() == [Status.NO_CANDIDATE]
+    assert len(rounds) <= 9
+    tried = np.concatenate(rounds)
+    assert tried.size == np.unique(tried).size == 780
 
 
 def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:

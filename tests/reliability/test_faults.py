@@ -179,19 +179,40 @@ def test_signals_end_in_one_line(command: str, number: int, code: int, folder: P
     running = subprocess.Popen([PROGRAM, *words], stdin=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder)
     assert running.stdin is not None
     deadline = time.monotonic() + 60
-    while command == "simulate" and not names(folder) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    if command == "localize":
-        running.stdin.write(b"snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n")
-        running.stdin.flush()
-        while unread(running.stdin) and time.monotonic() < deadline:
-            time.sleep(0.02)
-    running.send_signal(number)
-    _, err = running.communicate(timeout=60)
+    try:
+        while command == "simulate" and not names(folder) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        if command == "localize":
+            running.stdin.write(b"snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n")
+            running.stdin.flush()
+            while unread(running.stdin) and time.monotonic() < deadline:
+                time.sleep(0.02)
+        running.send_signal(number)
+        _, err = running.communicate(timeout=60)
+    finally:
+        running.kill()
     assert running.returncode == code
     assert [line for line in err.decode().splitlines() if line] == [err.decode().strip()], "more than a line was said"
     assert b"interrupted" in err
     assert names(folder) == []
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_hang_up_under_nohup_is_ignored(jobs: int, folder: Path) -> None:
+    """What was told to outlive its terminal, `nohup`, goes on, the processes of `--jobs` too, to the same bytes."""
+    shell("nlosctl simulate ring -n 40000 -o m.parquet -q", folder)
+    words = ["nohup", str(PROGRAM), "localize", "-m", "mixture-ml", "m.parquet", "--jobs", str(jobs), "-q", "-o"]
+    running = subprocess.Popen([*words, "a.parquet"], cwd=folder, start_new_session=True, stderr=subprocess.DEVNULL)
+    try:
+        while running.poll() is None:
+            if len(names(folder)) > 1:
+                os.killpg(running.pid, signal.SIGHUP)
+            time.sleep(0.02)
+    finally:
+        running.kill()
+    assert running.returncode == 0
+    assert shell(f"nlosctl localize -m mixture-ml m.parquet --jobs {jobs} -q -o b.parquet", folder)[0] == 0
+    assert (folder / "a.parquet").read_bytes() == (folder / "b.parquet").read_bytes()
 
 
 BIG = "nlosctl simulate ring -n 20000 -q"
