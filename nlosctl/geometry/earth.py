@@ -51,21 +51,17 @@ class EarthPlane:
     def to_earth(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return latitude and longitude (N,) in degrees; NaN where a position is NaN or off the earth."""
         cos, sin = np.cos(self._turn_rad), np.sin(self._turn_rad)
-        known = np.isfinite(x_m) & np.isfinite(y_m)
-        x, y = np.where(known, x_m, 0.0), np.where(known, y_m, 0.0)
-        lon, lat = _finite(self._back.transform(_single(cos * x - sin * y), _single(sin * x + cos * y)), x.shape)
-        return np.where(known, lat, np.nan), np.where(known, lon, np.nan)
+        east, north = cos * x_m - sin * y_m, sin * x_m + cos * y_m
+        lon, lat = _finite(self._back.transform(_single(east), _single(north)), x_m.shape)
+        return lat, lon
 
     def north_rad(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """Return the direction of true north (N,) in the plane, counter-clockwise from +x; NaN as in `to_earth`."""
         lat, lon = self.to_earth(x_m, y_m)
-        known = np.isfinite(lat) & np.isfinite(lon)
-        if not known.any():
-            return np.full(x_m.shape, np.nan)
-        lon, lat = np.where(known, lon, lon[known][0]), np.where(known, lat, lat[known][0])
-        factors = self._factors.get_factors(_single(lon), _single(lat))
-        convergence = np.radians(np.asarray(factors.meridian_convergence, dtype=np.float64))
-        return np.where(known, 0.5 * np.pi + convergence - self._turn_rad, np.nan)
+        if lat.size == 0:
+            return lat  # get_factors refuses it
+        convergence = np.radians(self._factors.get_factors(lon, lat).meridian_convergence)
+        return np.where(np.isfinite(convergence), 0.5 * np.pi + convergence - self._turn_rad, np.nan)
 
 
 def flat_errors(
@@ -78,13 +74,11 @@ def flat_errors(
     """
     lat, lon = plane.to_earth(x_m, y_m)
     to_lat, to_lon = plane.to_earth(to_x_m, to_y_m)
-    known = np.isfinite(lat + lon + to_lat + to_lon)
-    ends = [_single(np.where(known, degrees, 0.0)) for degrees in (lon, lat, to_lon, to_lat)]
-    azimuth_deg, _, length = _pyproj().Geod(ellps="WGS84").inv(*ends)
+    azimuth_deg, _, length = _pyproj().Geod(ellps="WGS84").inv(*map(_single, (lon, lat, to_lon, to_lat)))
     dx, dy = to_x_m - x_m, to_y_m - y_m
     along = plane.north_rad(x_m, y_m) - np.radians(azimuth_deg)
     turned = np.pi - (np.pi - (np.arctan2(dy, dx) - along)) % (2.0 * np.pi)
-    return np.where(known, turned, np.nan), np.where(known, np.hypot(dx, dy) - length, np.nan)
+    return turned, np.hypot(dx, dy) - length
 
 
 def _single(places: FloatArray) -> Any:
@@ -94,9 +88,8 @@ def _single(places: FloatArray) -> Any:
 
 def _finite(pair: tuple[Any, Any], shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
     """Return what pyproj gives, in the shape that was asked, with NaN for its infinities."""
-    one, other = (np.asarray(part, dtype=np.float64).reshape(shape) for part in pair)
-    there = np.isfinite(one) & np.isfinite(other)
-    return np.where(there, one, np.nan), np.where(there, other, np.nan)
+    one, other = (np.asarray(part).reshape(shape) for part in pair)
+    return np.where(np.isfinite(one), one, np.nan), np.where(np.isfinite(other), other, np.nan)
 
 
 def _pyproj() -> Any:
@@ -114,6 +107,6 @@ def _checked_crs(pyproj: Any, words: str) -> Any:
         raise UsageError(f"no coordinate reference system {words!r}; give one such as EPSG:32632") from None
     axes = crs.axis_info
     if not crs.is_projected or any(axis.unit_conversion_factor != 1.0 for axis in axes[:2]):
-        unit = axes[0].unit_name if axes else "no unit"
-        raise UsageError(f"{words!r} is {crs.type_name} in {unit}, expected a projected one in metres, as EPSG:32632")
+        units = " and ".join(dict.fromkeys(axis.unit_name for axis in axes))
+        raise UsageError(f"{words!r} is {crs.type_name} in {units}, expected a projected one in metres, as EPSG:32632")
     return crs

@@ -14,19 +14,24 @@ from nlosctl.geometry.earth import EarthPlane, flat_errors
 GEOD = pyproj.Geod(ellps="WGS84")
 ZURICH = {"origin_lat_deg": 47.37, "origin_lon_deg": 8.54}
 PLANES = {
-    "tangent": EarthPlane(**ZURICH),
-    "turned": EarthPlane(**ZURICH, rotation_deg=30.0),
-    "utm": EarthPlane(crs="EPSG:32632"),
-    "swiss": EarthPlane(crs="EPSG:2056"),
-    "south": EarthPlane(origin_lat_deg=-33.9, origin_lon_deg=151.2),
+    "tangent": ZURICH,
+    "turned": {**ZURICH, "rotation_deg": 30.0},
+    "utm": {"crs": "EPSG:32632"},
+    "swiss": {"crs": "EPSG:2056"},
+    "south": {"origin_lat_deg": -33.9, "origin_lon_deg": 151.2},
 }
+
+
+def plane_of(name: str) -> EarthPlane:
+    """Return a plane by its name in `PLANES`."""
+    return EarthPlane(**PLANES[name])
 
 
 def test_distances_and_directions_from_the_origin_are_those_of_geodesics() -> None:
     """The tangent plane is azimuthal equidistant: from the origin, lengths and azimuths are exact."""
     for azimuth, length in ((0.0, 1e3), (37.0, 5e4), (90.0, 3e5), (205.0, 1e6)):
         lon, lat, _ = GEOD.fwd(ZURICH["origin_lon_deg"], ZURICH["origin_lat_deg"], azimuth, length)
-        x, y = PLANES["tangent"].to_plane(np.array([lat]), np.array([lon]))
+        x, y = plane_of("tangent").to_plane(np.array([lat]), np.array([lon]))
         assert x[0] == pytest.approx(length * math.sin(math.radians(azimuth)), abs=1e-3)
         assert y[0] == pytest.approx(length * math.cos(math.radians(azimuth)), abs=1e-3)
 
@@ -34,7 +39,7 @@ def test_distances_and_directions_from_the_origin_are_those_of_geodesics() -> No
 @pytest.mark.parametrize("name", PLANES)
 def test_there_and_back(name: str) -> None:
     """To the plane and back to the earth gives the same place; what is unknown stays unknown."""
-    plane = PLANES[name]
+    plane = plane_of(name)
     lat0, lon0 = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     lat = np.array([lat0 + 0.2, lat0 - 0.1, np.nan])
     lon = np.array([lon0 - 0.3, lon0 + 0.2, lon0])
@@ -47,7 +52,7 @@ def test_there_and_back(name: str) -> None:
 @pytest.mark.parametrize(("east", "north"), [(0.0, 0.0), (0.6, 0.3), (-0.8, -0.4)])
 def test_north_is_where_a_step_north_leads(name: str, east: float, north: float) -> None:
     """The direction of true north is that of a small geodesic step north, meridian convergence and rotation and all."""
-    plane = PLANES[name]
+    plane = plane_of(name)
     lat, lon = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     lat, lon = lat + north, lon + east
     step_lon, step_lat, _ = GEOD.fwd(lon, lat, 0.0, 10.0)
@@ -58,7 +63,7 @@ def test_north_is_where_a_step_north_leads(name: str, east: float, north: float)
 
 def test_the_convergence_of_utm_is_that_of_the_textbook() -> None:
     """East of the central meridian grid north lies east of true north by about longitude times sine of latitude."""
-    plane = PLANES["utm"]
+    plane = plane_of("utm")
     x, y = plane.to_plane(np.array([60.0]), np.array([11.0]))
     gamma = math.atan(math.tan(math.radians(2.0)) * math.sin(math.radians(60.0)))
     assert plane.north_rad(x, y)[0] - math.pi / 2 == pytest.approx(gamma, abs=1e-5)
@@ -67,21 +72,21 @@ def test_the_convergence_of_utm_is_that_of_the_textbook() -> None:
 def test_the_flat_plane_is_wrong_by_what_geodesics_say() -> None:
     """Errors vanish on lines from the origin; far off it, directions turn and UTM's scale shortens lengths."""
     far = np.array([2e5]), np.array([1e5])
-    turned, stretched = flat_errors(PLANES["tangent"], np.zeros(1), np.zeros(1), *far)
+    turned, stretched = flat_errors(plane_of("tangent"), np.zeros(1), np.zeros(1), *far)
     assert abs(turned[0]) < 1e-7
     assert abs(stretched[0]) < 1e-3
-    turned, stretched = flat_errors(PLANES["tangent"], *far, far[0] + 1e5, far[1] - 1e5)
+    turned, stretched = flat_errors(plane_of("tangent"), *far, far[0] + 1e5, far[1] - 1e5)
     assert 1e-5 < abs(turned[0]) < 1e-2
     assert 1.0 < abs(stretched[0]) < 1e3
-    utm = flat_errors(PLANES["utm"], np.array([5e5]), np.array([5.2e6]), np.array([5e5]), np.array([5.21e6]))
+    utm = flat_errors(plane_of("utm"), np.array([5e5]), np.array([5.2e6]), np.array([5e5]), np.array([5.21e6]))
     assert utm[1][0] == pytest.approx(-4e-4 * 1e4, rel=1e-2)
-    assert np.isnan(flat_errors(PLANES["utm"], np.array([np.nan]), *([np.zeros(1)] * 3))[0]).all()
+    assert np.isnan(flat_errors(plane_of("utm"), np.array([np.nan]), *([np.zeros(1)] * 3))[0]).all()
 
 
 @pytest.mark.parametrize("name", PLANES)
 def test_the_error_of_a_direction_is_plane_minus_earth(name: str) -> None:
     """Its sign is that of the line's direction minus the geodesic's, azimuth taken from true north, in any quadrant."""
-    plane = PLANES[name]
+    plane = plane_of(name)
     lat, lon = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     for azimuth in (10.0, 100.0, 190.0, 280.0):
         to_lon, to_lat, _ = GEOD.fwd(lon + 2.0, lat + 1.0, azimuth, 1e5)
@@ -96,18 +101,55 @@ def test_the_error_of_a_direction_is_plane_minus_earth(name: str) -> None:
 
 def test_a_place_of_which_half_is_known_is_nowhere() -> None:
     """With x or y unknown, latitude, longitude, north and the errors of lines are all NaN, the others are not."""
-    plane, nan = PLANES["tangent"], np.nan
+    plane, nan = plane_of("tangent"), np.nan
     x, y = np.array([1e3, nan, 1e3]), np.array([nan, 1e3, 1e3])
     for found in (*plane.to_earth(x, y), plane.north_rad(x, y), *flat_errors(plane, x, y, x + 9.0, y + 9.0)):
         assert np.isnan(found).tolist() == [True, True, False]
     assert np.isnan(plane.north_rad(x[:2], y[:2])).all()
 
 
+@pytest.mark.parametrize("name", PLANES)
+def test_places_do_not_depend_on_their_neighbours(name: str) -> None:
+    """Several places, known and unknown, have the north and the errors that each has alone, as arrays of one."""
+    plane = plane_of(name)
+    lat0, lon0 = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
+    lat, lon = np.array([lat0, np.nan, lat0 + 0.5, lat0 - 0.5]), np.array([lon0, lon0, lon0 + 0.9, lon0 - 0.7])
+    x, y = plane.to_plane(lat, lon)
+    together = np.array([*plane.to_earth(x, y), plane.north_rad(x, y), *flat_errors(plane, x, y, x + 3e5, y - 2e5)])
+    for row in range(4):
+        here = slice(row, row + 1)
+        alone = plane.to_plane(lat[here], lon[here])
+        ends = (*alone, alone[0] + 3e5, alone[1] - 2e5)
+        found = [*plane.to_earth(*alone), plane.north_rad(*alone), *flat_errors(plane, *ends)]
+        np.testing.assert_array_equal(np.array(found), together[:, here])
+    assert np.isnan(together).all(axis=0).tolist() == [False, True, False, False]
+
+
 @pytest.mark.parametrize(
     ("crs", "says"),
-    [("EPSG:4326", "expected a projected one in metres"), ("EPSG:2263", "foot"), ("nonsense:1", "EPSG:32632")],
+    [
+        ("EPSG:4326", "Geographic 2D CRS in degree, expected a projected one in metres"),
+        ("EPSG:4978", "Geocentric CRS in metre, expected a projected one"),
+        ("EPSG:2263", "US survey foot"),
+        ("nonsense:1", "EPSG:32632"),
+    ],
 )
 def test_a_crs_that_is_no_plane_in_metres_is_refused(crs: str, says: str) -> None:
-    """Degrees, feet and codes that don't exist are told, with one that does."""
+    """Degrees, space, feet and codes that don't exist are told, with one that does."""
     with pytest.raises(UsageError, match=says):
         EarthPlane(crs=crs)
+
+
+def test_of_no_places_there_is_nothing() -> None:
+    """Empty arrays give empty arrays."""
+    plane, none = plane_of("utm"), np.zeros(0)
+    pairs = (plane.to_plane(none, none), plane.to_earth(none, none), flat_errors(plane, none, none, none, none))
+    assert [part.shape for pair in pairs for part in pair] == [(0,)] * 6
+    assert plane.north_rad(none, none).shape == (0,)
+
+
+def test_heights_of_a_crs_may_be_in_feet() -> None:
+    """Of a compound CRS the plane counts alone: with heights in feet it is the plane that it is without."""
+    plain, with_heights = (EarthPlane(crs=crs) for crs in ("EPSG:26910", "EPSG:26910+6360"))
+    x, y = np.array([5.1e5]), np.array([5.2e6])
+    np.testing.assert_array_equal(with_heights.to_earth(x, y), plain.to_earth(x, y))
