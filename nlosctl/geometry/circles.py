@@ -30,8 +30,7 @@ def leave_circle(x: FloatArray, y: FloatArray, cosine: FloatArray, sine: FloatAr
     """
     along = x * cosine + y * sine
     depth = radius * radius - (x * x + y * y)
-    with np.errstate(invalid="ignore"):
-        normal = np.sqrt(np.where(depth > 0.0, along * along + depth, np.nan))
+    normal = np.sqrt(np.where(depth > 0.0, along * along + depth, np.nan))
     # The form that does not cancel: k = depth / (s.u + normal) where the ray looks outwards.
     distance = np.where(along > 0.0, depth / np.where(along > 0.0, along + normal, 1.0), normal - along)
     return CircleExit(x + distance * cosine, y + distance * sine, distance, normal)

@@ -161,10 +161,10 @@ def separatrix(sensor_x: float, sensor_y: float, radius: float, parameter: Float
     x_parts = (1.0 - c, 1.0 - 3.0 * c, 1.0 + 3.0 * c, 1.0 + c)
     h = sum(part * power for part, power in zip(h_parts, powers, strict=True))
     top = sum(part * power for part, power in zip(x_parts, powers, strict=True))
+    toward_x, toward_y = (sensor_x / distance, sensor_y / distance) if distance > 0.0 else (1.0, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         along, across = -radius * c * top / h, radius * 16.0 * c * c * cubes / h
-    toward_x, toward_y = (sensor_x / distance, sensor_y / distance) if distance > 0.0 else (1.0, 0.0)
-    return along * toward_x - across * toward_y, along * toward_y + across * toward_x
+        return along * toward_x - across * toward_y, along * toward_y + across * toward_x
 
 
 def reflect_at(

@@ -24,7 +24,7 @@ def nearest_on_ellipse(
     """
     a2, b2 = semi_major_m * semi_major_m, semi_minor_m * semi_minor_m
     far_x, far_y = semi_major_m * np.abs(x), semi_minor_m * np.abs(y)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with np.errstate(invalid="ignore"):
         t = np.maximum(far_x - a2, far_y - b2)
         for _ in range(_ITERATIONS):
             over_x, over_y = far_x / (t + a2), far_y / (t + b2)
@@ -39,7 +39,6 @@ def nearest_on_ellipse(
         foot_y = b2 * np.abs(y) / (t + b2)
         # On the major axis inside the evolute the root is t = -b^2 itself, and the foot lies above or below.
         inside = (y == 0.0) & (t <= -b2)
-        axis_x = a2 * np.abs(x) / (a2 - b2)
-        axis_y = semi_minor_m * np.sqrt(np.maximum(1.0 - (axis_x / semi_major_m) ** 2, 0.0))
-        foot_x, foot_y = np.where(inside, axis_x, foot_x), np.where(inside, axis_y, foot_y)
+        beside = semi_minor_m * np.sqrt(np.maximum(1.0 - (foot_x / semi_major_m) ** 2, 0.0))
+        foot_y = np.where(inside, beside, foot_y)
     return np.copysign(foot_x, x), np.where(y == 0.0, foot_y, np.copysign(foot_y, y))

@@ -32,14 +32,13 @@ class ErrorEllipse:
 def error_ellipse(covariance: Symmetric2x2) -> ErrorEllipse:
     """Return the one-sigma ellipses of covariances; NaN where a covariance is NaN or not positive."""
     smaller, larger = covariance.eigenvalues()
-    with np.errstate(invalid="ignore"):
-        valid = (smaller >= 0.0) & np.isfinite(larger)
-        orientation = 0.5 * np.arctan2(2.0 * covariance.xy, covariance.xx - covariance.yy)
-        return ErrorEllipse(
-            np.where(valid, np.sqrt(np.where(valid, larger, 0.0)), np.nan),
-            np.where(valid, np.sqrt(np.where(valid, smaller, 0.0)), np.nan),
-            np.where(valid, orientation, np.nan),
-        )
+    valid = (smaller >= 0.0) & np.isfinite(larger)
+    orientation = 0.5 * np.arctan2(2.0 * covariance.xy, covariance.xx - covariance.yy)
+    return ErrorEllipse(
+        np.sqrt(np.where(valid, larger, np.nan)),
+        np.sqrt(np.where(valid, smaller, np.nan)),
+        np.where(valid, orientation, np.nan),
+    )
 
 
 def circular_error_probable(semi_major_m: FloatArray, semi_minor_m: FloatArray) -> FloatArray:
@@ -47,7 +46,7 @@ def circular_error_probable(semi_major_m: FloatArray, semi_minor_m: FloatArray) 
 
     Exact to rounding: Newton's method on the distribution of the radius. NaN where an axis is NaN, 0 where both are.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(invalid="ignore"):
         ratio = np.where(semi_major_m > 0.0, semi_minor_m / semi_major_m, 0.0)
     ratio = np.where(np.isnan(semi_minor_m + semi_major_m), np.nan, ratio)
     radius = _LINE_CEP + (_CIRCLE_CEP - _LINE_CEP) * ratio

@@ -188,7 +188,7 @@ def _beside(values: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _near(distance: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
-    tolerance = np.asarray(tolerance_m, dtype=np.float64)
+    tolerance = np.asarray(tolerance_m)
     if tolerance.ndim == 1:
         tolerance = _beside(tolerance, distance)
     near: BoolArray = np.abs(distance) <= tolerance

@@ -41,6 +41,7 @@ def short_arc_point(
     """
     scale = 1.0 / radius
     sensor_r, source_r = (np.sqrt(x * x + y * y) * scale for x, y in ((sensor_x, sensor_y), (source_x, source_y)))
+    inside = (sensor_r < 1.0) & (source_r < 1.0) & (sensor_r > 0.0) & (source_r > 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         toward = scale / sensor_r
         up_x, up_y = sensor_x * toward, sensor_y * toward
@@ -51,17 +52,15 @@ def short_arc_point(
         for _ in range(_NEWTON_STEPS):
             cosine, sine, step = arc.newton_step(cosine, sine)
         settled = (np.abs(step) <= _SETTLED) & (sine >= 0.0) & (beside * cosine >= along * sine)
-    open_rows = np.flatnonzero(~settled)
+    open_rows = np.flatnonzero(inside & ~settled)
     if open_rows.size:
-        inside = (sensor_r < 1.0) & (source_r < 1.0) & (sensor_r > 0.0) & (source_r > 0.0)
-        delta = np.where(inside, np.arctan2(beside, along), np.nan)[open_rows]
+        delta = np.arctan2(beside, along)[open_rows]
         rest = _ShortArc(sensor_r[open_rows], beside[open_rows], along[open_rows])
         angle = bracketed_roots(rest.condition, np.zeros_like(delta), delta, 0.5 * delta)
         cosine[open_rows], sine[open_rows] = np.cos(angle), np.sin(angle)
     cosine, sine = radius * cosine, np.copysign(radius, cross) * sine
-    outside = ~((sensor_r < 1.0) & (source_r < 1.0))
-    if outside.any():
-        cosine = np.where(outside, np.nan, cosine)
+    if not inside.all():
+        cosine = np.where(inside, cosine, np.nan)
     return up_x * cosine - up_y * sine, up_y * cosine + up_x * sine
 
 

@@ -50,8 +50,7 @@ def clears_blocker(
     first_r, second_r = np.hypot(first_x, first_y), np.hypot(second_x, second_y)
     reach = _dip(first_r, blocker_radius) + _dip(second_r, blocker_radius)
     apart = _angle_between(first_x, first_y, second_x, second_y)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.minimum(first_r, second_r) * (reach - apart) >= -TOLERANCE * blocker_radius)
+    return np.asarray(np.minimum(first_r, second_r) * (reach - apart) >= -TOLERANCE * blocker_radius)
 
 
 def sees_directly(
@@ -90,12 +89,11 @@ def sees_by_reflection(
     """
     source_r = np.hypot(source_x, source_y)
     slack = TOLERANCE * blocker_radius
-    with np.errstate(invalid="ignore"):
-        first = clears_blocker(sensor_x, sensor_y, path.hit_x, path.hit_y, blocker_radius)
-        second = clears_blocker(source_x, source_y, path.hit_x, path.hit_y, blocker_radius)
-        high = elevation(sensor_x, sensor_y, path.bearing_rad) >= min_elevation_rad - TOLERANCE
-        between = (source_r >= blocker_radius - slack) & (source_r <= radius)
-        return first & second & high & between
+    first = clears_blocker(sensor_x, sensor_y, path.hit_x, path.hit_y, blocker_radius)
+    second = clears_blocker(source_x, source_y, path.hit_x, path.hit_y, blocker_radius)
+    high = elevation(sensor_x, sensor_y, path.bearing_rad) >= min_elevation_rad - TOLERANCE
+    between = (source_r >= blocker_radius - slack) & (source_r <= radius)
+    return first & second & high & between
 
 
 def reach_by_reflection(
@@ -129,7 +127,7 @@ def sees_by_reflection_from_ground(
 
 def _dip(outer_radius: FloatArray, inner_radius: FloatArray) -> FloatArray:
     """Return acos(inner / outer): the angle at the centre from a point to where its tangent touches; 0 under it."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore"):
         return np.arccos(np.minimum(inner_radius / outer_radius, 1.0))
 
 

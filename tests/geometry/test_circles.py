@@ -41,6 +41,15 @@ def test_near_the_circle_no_digits_are_lost():
     assert abs(found.distance_m[0] - 1e-3) < 1e-8
 
 
+def test_a_ray_from_inside_has_some_way_to_go():
+    """From the last numbers before the circle, outwards, the exit is still ahead, not at the start."""
+    start = 6671e3 * np.exp(1j * np.linspace(-3.0, 3.0, 2000)) * (1.0 - 1e-15)
+    x, y = parts(start)
+    found = leave_circle(x, y, *parts(start / np.abs(start)), np.full(2000, 6671e3))
+    assert np.count_nonzero(~np.isnan(found.distance_m)) > 1000
+    assert np.nanmin(found.distance_m) > 0.0
+
+
 def test_a_ray_from_outside_leaves_nothing():
     """From outside or on the circle there is no exit: NaN."""
     found = leave_circle(np.array([1.0, 2.0]), np.zeros(2), -np.ones(2), np.zeros(2), np.ones(2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from circle_worlds import (
@@ -13,7 +15,7 @@ from circle_worlds import (
     unblocked_points,
 )
 
-from nlosctl.geometry.circular_reflection import all_points, all_reflections, count_reflections, separatrix
+from nlosctl.geometry.circular_reflection import all_points, all_reflections, count_reflections, reflect_at, separatrix
 from nlosctl.geometry.short_arc import short_arc_reflection
 
 
@@ -80,6 +82,7 @@ def test_every_path_obeys_the_law_of_reflection():
         (0.0 + 0.0j, 0.0 + 0.0j, 0),  # every point of the circle reflects
         (1.2 + 0.0j, 0.3 + 0.0j, 0),
         (0.3 + 0.0j, 0.0 + 1.0j, 0),
+        (-1.0 + 0.0j, 0.3 + 0.0j, 0),
     ],
 )
 def test_special_pairs(sensor, source, count):
@@ -87,6 +90,17 @@ def test_special_pairs(sensor, source, count):
     pair = (*parts(np.array([sensor])), *parts(np.array([source])), np.ones(1))
     assert count_reflections(*pair)[0] == count
     assert np.count_nonzero(np.isfinite(all_points(*pair)[0])) == count
+
+
+@pytest.mark.parametrize("place", [0.5, -0.7, 0.5j, 0.3 + 0.4j])
+def test_from_the_centre_two_paths_lie_on_one_diameter(place):
+    """The points seen from the centre are the two ends of the diameter through the other point."""
+    for pair in ((0.0, place), (place, 0.0)):
+        places = [part for point in pair for part in parts(np.array([point + 0j]))]
+        x, y = all_points(*places, np.ones(1))
+        ends = (x + 1j * y)[:2, 0] / (place / abs(place))
+        np.testing.assert_allclose(sorted(ends, key=np.real), [-1.0, 1.0], atol=1e-12)
+        assert count_reflections(*places, np.ones(1)).tolist() == [2]
 
 
 def test_four_paths_of_figure_4_are_on_the_axes():
@@ -143,6 +157,33 @@ def test_the_papers_parameter_is_a_cotangent():
     right = np.array(separatrix(sensor, 0.0, 1.0, theta))
     wrong = np.array(separatrix(sensor, 0.0, 1.0, np.pi - theta))  # tan(theta/2) = cot((pi - theta)/2)
     assert np.abs(right - wrong).max() > 0.1
+
+
+def test_the_separatrix_of_the_centre_is_the_centre():
+    """From the centre every other point has two paths: the curve has shrunk to it."""
+    x, y = separatrix(0.0, 0.0, 3.0, np.linspace(0.1, 6.2, 50))
+    assert not x.any()
+    assert not y.any()
+
+
+def test_the_separatrix_of_a_sensor_half_way_out_has_no_end():
+    """Half of the radius from the centre the cusp towards the sensor's side is infinitely far away."""
+    x, _ = separatrix(0.5, 0.0, 1.0, np.array([0.0, 1e-3, 1e-2]))
+    assert not np.isfinite(x[0])
+    assert x[1] < x[2] < -100.0
+
+
+def test_a_caustic_and_a_leg_without_length_have_no_bounds():
+    """On a caustic the bearing's gradient is infinite; at the reflection point there is no direction: no warnings."""
+    hit = (np.full(2, 0.6), np.full(2, 0.8))
+    there, elsewhere = (np.array([0.6, 0.1]), np.array([0.8, 0.2])), (np.zeros(2), np.full(2, 0.5))
+    assert np.isfinite(reflect_at(*hit, *there, *elsewhere).spread_m).tolist() == [False, True]
+    path = reflect_at(*hit, *elsewhere, *there)
+    assert np.isfinite(path.cosine).tolist() == [False, True]
+    caustic = dataclasses.replace(path, spread_m=np.zeros(2), cosine=np.array([0.6, 1.0]), sine=np.array([0.8, 0.0]))
+    by_x, by_y = caustic.bearing_gradient()
+    assert np.isposinf(by_x).tolist() == [True, False]
+    assert np.isneginf(by_y).all()
 
 
 def test_singular_points_of_the_separatrix():
@@ -243,11 +284,16 @@ def test_bits_do_not_depend_on_neighbours():
 
 
 def test_there_is_no_path_from_outside():
-    """Points that are not inside the circle get NaN, and spoil no other."""
-    sensor, source = draw_visible(3, 11)
-    sensor[1] *= 1.2
-    path = short_path(sensor, source)
-    assert np.isnan(path.bearing_rad).tolist() == [False, True, False]
+    """Points that are not inside the circle, or are its centre, get NaN, and spoil no other."""
+    for row, place in enumerate((1.2, 1.0, 0.0, np.nan)):
+        for which in range(2):
+            pair = [part / IONOSPHERE_M for part in draw_visible(5, 11)]
+            free = short_path(*pair, radius=1.0).bearing_rad
+            pair[which][row] = place
+            found = short_path(*pair, radius=1.0).bearing_rad
+            assert np.isfinite(free).all()
+            assert np.isnan(found).tolist() == [number == row for number in range(5)]
+            assert np.array_equal(np.delete(found, row), np.delete(free, row))
 
 
 def test_points_near_the_centre_keep_their_digits():

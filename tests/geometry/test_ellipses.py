@@ -24,12 +24,12 @@ def test_nearest_is_the_nearest_of_a_fine_polygon():
 
 
 def test_points_of_the_axes():
-    """Points of the axes, the centre, and far points have their foot in closed form."""
-    a, b = np.full(5, 2.0), np.full(5, 1.0)
-    x, y = np.array([0.0, 0.0, 3.0, 0.3, 1e9]), np.array([3.0, 0.0, 0.0, 0.0, 0.0])
+    """Points of the axes, the centre, and far points have their foot in closed form: of two the one above."""
+    a, b = np.full(8, 2.0), np.full(8, 1.0)
+    x, y = np.array([0.0, 0.0, 3.0, 0.3, 1e9, 1.6, 2.2, -0.3]), np.array([3.0, *np.zeros(6), -0.0])
     foot_x, foot_y = nearest_on_ellipse(x, y, a, b)
-    np.testing.assert_allclose(foot_x, [0.0, 0.0, 2.0, 0.4, 2.0], atol=1e-9)
-    np.testing.assert_allclose(foot_y, [1.0, 1.0, 0.0, np.sqrt(0.96), 0.0], atol=1e-9)
+    np.testing.assert_allclose(foot_x, [0.0, 0.0, 2.0, 0.4, 2.0, 2.0, 2.0, -0.4], atol=1e-9)
+    np.testing.assert_allclose(foot_y, [1.0, 1.0, 0.0, np.sqrt(0.96), 0.0, 0.0, 0.0, np.sqrt(0.96)], atol=1e-9)
 
 
 def test_a_row_keeps_its_bits_in_company():

@@ -104,6 +104,32 @@ def test_a_polygon_that_is_closed_twice_is_the_same() -> None:
     assert np.array_equal(closed.area_m2, ring.area_m2)
 
 
+def test_a_convex_polygon_is_where_half_planes_meet() -> None:
+    """A point is inside if it is to the left of every edge, and as far from the edge as from the nearest line."""
+    angle = np.array([0.3, 1.1, 2.5, 3.9, 5.2])
+    corner_x, corner_y = 3.0 * np.cos(angle) + 1.0, 2.0 * np.sin(angle) - 0.5
+    polygon = PolygonRegion(corner_x[None], corner_y[None])
+    x, y = np.random.default_rng(8).uniform(-4.0, 4.0, (2, 1, 3000))
+    along_x, along_y = np.roll(corner_x, -1) - corner_x, np.roll(corner_y, -1) - corner_y
+    left = along_x * (y[0, :, None] - corner_y) - along_y * (x[0, :, None] - corner_x)
+    inside = (left > 0.0).all(axis=1)
+    assert 0.1 < inside.mean() < 0.9
+    assert np.array_equal(polygon.contains(x, y)[0], inside)
+    height = (left / np.hypot(along_x, along_y)).min(axis=1)
+    np.testing.assert_allclose(polygon.edge_distance_m(x, y)[0][inside], height[inside], rtol=1e-12)
+    assert np.array_equal(polygon.on_edge(x, y, 0.2)[0][inside], height[inside] <= 0.2)
+
+
+def test_an_edge_of_all_but_no_length_is_none() -> None:
+    """Two corners that are one but for rounding are as one, for points however far away."""
+    corner_x, corner_y = np.array([[0.0, 1.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 1.0, 1.0]])
+    doubled = PolygonRegion(np.append(corner_x, [[0.0]], axis=1), np.append(corner_y, [[1e-160]], axis=1))
+    x, y = np.array([[0.5, 2.0, 1e200, 0.5, -1e200]]), np.array([[0.5, 0.5, 0.5, 1e200, -1e200]])
+    found, expected = (region.edge_distance_m(x, y) for region in (doubled, PolygonRegion(corner_x, corner_y)))
+    np.testing.assert_array_equal(found, expected)
+    assert expected[0, :3].tolist() == [0.5, -1.0, -1e200]
+
+
 def test_each_region_has_its_own_tolerance() -> None:
     """A tolerance for each snapshot holds for all points of that snapshot; at the tolerance is within it."""
     _, circle, _ = _regions()

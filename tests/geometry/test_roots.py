@@ -64,3 +64,35 @@ def test_steps_that_shrink_slowly_are_not_taken():
         places, root = visited(lambda at, order=order: ((at - 0.7) ** order, order * (at - 0.7) ** (order - 1)), -0.6)
         assert abs(root - 0.7) < 1e-11
         assert len(places) < 100
+
+
+def test_a_step_out_of_the_bracket_is_not_taken() -> None:
+    """Where Newton's step leads to another root beside the bracket, the one inside is found."""
+
+    def wave(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turn = np.pi / 0.8
+        return np.sin(turn * (x - 0.5)), turn * np.cos(turn * (x - 0.5))
+
+    found = bracketed_roots(wave, np.array([-0.2]), np.array([1.25]), np.array([1.15]))
+    np.testing.assert_allclose(found, [0.5], atol=1e-12)
+
+
+def test_where_the_function_is_flat_the_bracket_is_halved() -> None:
+    """A start without a slope, a root without a slope, and a step from -1e200 to 1e200 are no trouble."""
+
+    def cubic(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return x**3 - 3.0 * x - 1.0, 3.0 * x**2 - 3.0
+
+    def cube(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return x**3, 3.0 * x**2
+
+    def step(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.copysign(1e200, x - 0.3), np.full_like(x, 1e-200)
+
+    for function, low, high, guess, root in (
+        (cubic, 0.5, 3.0, 1.0, 2.0 * np.cos(np.pi / 9.0)),
+        (cube, -1.0, 2.0, 0.0, 0.0),
+        (step, -1.0, 2.0, 1.0, 0.3),
+    ):
+        found = bracketed_roots(function, np.array([low]), np.array([high]), np.array([guess]))
+        np.testing.assert_allclose(found, [root], atol=2e-12)

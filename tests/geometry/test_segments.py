@@ -46,3 +46,10 @@ def test_reflection_is_the_shortest_way_by_the_wall() -> None:
     inner = (lengths.argmin(axis=0) > 1) & (lengths.argmin(axis=0) < 1999)
     side = [(x2 - x1) * (py - y1) - (y2 - y1) * (px - x1) for px, py in ((ax, ay), (bx, by))]
     assert np.array_equal(found, inner & (side[0] * side[1] > 0.0))
+
+
+def test_there_is_no_reflection_where_image_and_point_are_alike_far_from_the_wall() -> None:
+    """Points as far from the wall on different sides, or both on its line, have none, without a warning."""
+    ends = np.array([[0.0, 1.0, 3.0, -1.0], [0.5, 0.0, 1.5, 0.0], [1.0, 2.0, 1.0, -2.0]]).T
+    x, y = reflect_in_segment(*ends, np.zeros(3), np.zeros(3), np.full(3, 2.0), np.zeros(3))
+    assert np.isnan([x, y]).all()

@@ -9,6 +9,7 @@ from circle_worlds import EARTH_M, IONOSPHERE_M, distance_from_center, parts, un
 from nlosctl.geometry.circular_reflection import all_reflections
 from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.geometry.visibility import (
+    clears_blocker,
     elevation,
     horizon_elevation,
     reach_by_reflection,
@@ -136,3 +137,53 @@ def test_the_edge_of_a2_is_as_wide_as_the_tolerance():
     edge = reach_by_reflection(radius, *(np.full(2, value) for value in (IONOSPHERE_M, EARTH_M, 0.0)))
     beyond = np.array([0.5, 2.0]) * 1e-10 * EARTH_M / radius
     assert in_closed_form(np.full(2, EARTH_M + 0j), radius * np.exp(1j * (edge + beyond))).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("height", [0.0, 80e3])
+def test_a_segment_may_dip_into_the_ground_by_the_tolerance(height):
+    """Half of 1e-10 of the blocker beyond both horizons, along the lower of two places, is clear, twice is not."""
+    first, second = EARTH_M + height, EARTH_M + 200e3
+    reach = np.arccos(EARTH_M / first) + np.arccos(EARTH_M / second)
+    beyond = np.array([0.5, 2.0]) * 1e-10 * EARTH_M / first
+    ends = (np.full(2, first + 0j), second * np.exp(1j * (reach + beyond)))
+    for start, end in (ends, ends[::-1]):
+        assert clears_blocker(*parts(start), *parts(end), np.full(2, EARTH_M)).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("height", [0.0, 200e3])
+def test_direct_sight_needs_the_least_elevation(height):
+    """A source is seen if it stands as high above the sensor's horizontal as is asked, good to 1e-10 rad."""
+    sensor, source = draw_annulus(2000, 16, height, span=0.05)
+    apart = source - sensor
+    angle = np.arcsin(np.real(apart * np.conj(sensor)) / np.abs(apart) / np.abs(sensor))
+    blocker = np.full(sensor.shape, EARTH_M)
+    free = sees_directly(*parts(sensor), *parts(source), blocker, np.full(sensor.shape, -np.inf))
+    for least in (-0.1, 0.02, 0.3):
+        limit = np.full(sensor.shape, least)
+        seen = sees_directly(*parts(sensor), *parts(source), blocker, limit)
+        assert np.array_equal(seen, free & (angle >= least))
+        assert 0.01 < seen.mean() < 1.0
+    clear = free & (np.abs(angle) < 1.0)
+    for share, expected in ((0.5, True), (2.0, False)):
+        seen = sees_directly(*parts(sensor), *parts(source), blocker, angle + share * 1e-10)
+        assert (seen[clear] == expected).all()
+
+
+def test_the_least_elevation_of_a_reflected_ray_has_the_tolerance_too():
+    """A ray half of 1e-10 rad below the least elevation is seen, one twice as much below it is not."""
+    sensor, source = draw_annulus(500, 17, 0.0, span=0.03)
+    radius, blocker = np.full(sensor.shape, IONOSPHERE_M), np.full(sensor.shape, EARTH_M)
+    path = short_arc_reflection(*parts(sensor), *parts(source), radius)
+    hit = path.hit_x + 1j * path.hit_y
+    angle = np.arcsin(np.real((hit - sensor) * np.conj(sensor)) / np.abs(hit - sensor) / EARTH_M)
+    clear = (angle < 1.0) & by_path(sensor, source)
+    assert clear.sum() > 100
+    for share, expected in ((0.5, True), (2.0, False)):
+        seen = sees_by_reflection(*parts(sensor), *parts(source), path, radius, blocker, angle + share * 1e-10)
+        assert (seen[clear] == expected).all()
+
+
+def test_the_centre_is_under_the_ground():
+    """A source at the centre is not seen, without a warning."""
+    source, limit = np.zeros(1, dtype=complex), np.full(1, -np.inf)
+    assert not sees_directly(np.full(1, EARTH_M), np.zeros(1), *parts(source), np.full(1, EARTH_M), limit).any()
