@@ -63,9 +63,6 @@ def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
     ranges = range_columns(batch, options.use_ranges)
     measured_m, range_std_m = ranges or (None, None)
     ranged = RangedLines(lines, measured_m, range_std_m, options.range_noise == "lognormal")
-    needs = 2 if prior is None else 1
-    if batch.measurements < needs:
-        return _too_few(batch)
     if batch.measurements < 2:
         first = second = np.zeros((batch.size, 1), dtype=np.int64)
     else:
@@ -150,26 +147,6 @@ def _solution(
             covariance_m2=np.stack(spread, axis=1),
         )
     return Solution(estimates=estimates, flags=flags, trace=trace)
-
-
-def _too_few(batch: BearingBatch) -> Solution:
-    nothing = np.full((batch.size, 3), np.nan)
-    return Solution(
-        estimates=single_estimates(
-            position_m=nothing[:, :2],
-            covariance_m2=nothing,
-            cost=nothing[:, 0],
-            n_used=np.zeros(batch.size, dtype=np.int64),
-            status=np.full(batch.size, Status.TOO_FEW, dtype=np.uint8),
-        ),
-        flags=_no_flags(batch) if batch.want_flags else None,
-    )
-
-
-def _no_flags(batch: BearingBatch) -> Flags:
-    shape = (batch.size, batch.measurements)
-    names = ("residual_rad",) if batch.range_m is None else ("residual_rad", "residual_m")
-    return Flags(used=np.zeros(shape, dtype=bool), columns={name: np.full(shape, np.nan) for name in names})
 
 
 METHOD = MethodSpec(

@@ -61,9 +61,8 @@ def solve(batch: TripletBatch, options: TdajOptions) -> Solution:
     monostatic = ~(rows.rays.baseline_m > 0.0)
     if monostatic.any():
         p_value = np.where(monostatic, np.nan, p_value)
-    with np.errstate(invalid="ignore"):
-        significant = p_value < options.false_alarm
-    behind = rows.rays.meets_behind & ~monostatic if options.behind_is_ip else np.zeros_like(significant)
+    significant = p_value < options.false_alarm
+    behind = rows.rays.meets_behind & ~monostatic & options.behind_is_ip
     words = reasons(
         significant.shape,
         ("inconsistent", significant),
@@ -74,7 +73,7 @@ def solve(batch: TripletBatch, options: TdajOptions) -> Solution:
     )
     columns: dict[str, Any] = {
         "ip": rows.dense(significant | behind),
-        "p_value": rows.dense(np.where(behind, 0.0, p_value) if options.behind_is_ip else p_value),
+        "p_value": rows.dense(np.where(behind, 0.0, p_value)),
         "reason": Words(code=rows.dense(words.code), words=words.words),
         "blind": rows.dense(blind),
     }
@@ -95,7 +94,7 @@ def _judge(rows: PathRows, law: ErrorLaw, options: TdajOptions) -> tuple[FloatAr
     if options.rule == "fusion":
         blind = np.stack([blind_rows(rows, rule) for rule in RULES])
         # Fewer than k + 1 rules that see can't outvote k; nearly parallel rays spoil the p-values of four of them.
-        too_few = np.sum(~blind, axis=0, dtype=np.int64) <= options.k
+        too_few = np.count_nonzero(~blind, axis=0) <= options.k
         p_values = [_decide(rows, rule, law, options).p_value for rule in RULES]
         return decide_fusion(p_values, options.k), too_few | blind_rows(rows, "ellipse")
     rule: int | str = options.rule if options.rule == "ellipse" else int(options.rule[-1])

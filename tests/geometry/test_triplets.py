@@ -137,6 +137,14 @@ def test_erratum_sign_of_c3():
     assert (np.abs(gradient / (2.0 * (first - second)) - 1.0) > 0.01)[heavy].all()
 
 
+def test_sums_of_quantities_undo_differences():
+    """Values and derivatives of a sum less one of its parts are those of the other."""
+    rays = _rays(*_random_triplets(50, 9, direct=False))
+    one, other = rays.coordinate(2, "x"), rays.coordinate(3, "y")
+    for part in ("value_m", "by_doa", "by_dod", "by_length"):
+        np.testing.assert_allclose(getattr(one + other - other, part), getattr(one, part), rtol=1e-9, atol=1e-9)
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     d=st.floats(0.5, 10.0),

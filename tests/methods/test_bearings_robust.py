@@ -139,6 +139,46 @@ def test_mirror_image_behind_a_wall_is_an_alternative_until_excluded() -> None:
 
 
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
+def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source(module: object) -> None:
+    """Of paths in no order, those over a mirror may be seen by more sensors than the source: ambiguous, if asked."""
+    places = [(0.0, 400.0), (170.0, 450.0), (330.0, 450.0), (500.0, 400.0), (90.0, 480.0)]
+    sensors = [place for place in places for _ in range(2)]
+    seen = [(250.0, 150.0), (250.0, -150.0)] * 4 + [(250.0, 150.0), (-400.0, 300.0)]
+    bearing = [np.degrees(np.arctan2(y - b, x - a)) for (a, b), (x, y) in zip(sensors, seen, strict=True)]
+    batch = _bearings(
+        sensors,
+        bearing,
+        sensor=np.repeat(np.arange(5), 2)[None, :],
+        path=np.tile([0, 1], 5)[None, :],
+        bearing_std_rad=np.full((1, 10), np.radians(0.1)),
+        field=BoxField(xmin_m=-500.0, xmax_m=1000.0, ymin_m=-500.0, ymax_m=1000.0),
+    )
+
+    def found(**options: object) -> Estimates:
+        estimates: Estimates = module.METHOD.solve(batch, module.METHOD.options(**options)).estimates  # type: ignore
+        return estimates
+
+    estimates = found()
+    np.testing.assert_allclose(estimates.position_m[0], seen[0], atol=1.0)
+    assert estimates.cost[1] > estimates.cost[0] + 2.0
+    assert estimates.status[0] == Status.AMBIGUOUS
+    assert found(ambiguous_rows=1).status[0] == Status.AMBIGUOUS
+    assert found(ambiguous_rows=0).status[0] == Status.OK
+    assert found(path_prior="falling").status[0] == Status.OK
+
+
+def test_acceptance_by_likelihood_finds_likelier_fixes() -> None:
+    """Growing sets by likelihood repairs masking: among many outliers the fixes are likelier than by thresholds."""
+    _, batch, _ = ring_batch(10, 300, bearing_std_deg=2.0, nlos_receivers=3, sources="disc")
+    costs = []
+    for acceptance in ("threshold", "likelihood"):
+        options = bearings_suppress.SuppressOptions(acceptance=acceptance, alpha=0.4)  # type: ignore[arg-type]
+        estimates = bearings_suppress.solve(without_flags(batch), options).estimates
+        costs.append(estimates.cost[estimates.alternative == 0])
+    assert np.nanmean(costs[1]) < np.nanmean(costs[0]) - 0.05
+
+
+@pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
 def test_no_crossing_in_the_field_is_no_candidate(module: object) -> None:
     """Where no two rays cross within the field there is no answer."""
     batch = _bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0], field=CircleField(x_m=50.0, y_m=0.0, radius_m=5.0))
@@ -182,6 +222,27 @@ def test_snapshots_of_outliers_alone_spoil_no_other(module: object) -> None:
     mixed = solve(dataclasses.replace(batch, bearing_rad=bearing), options).estimates
     for row in range(1, 12, 2):
         assert np.array_equal(clean.position_m[clean.row == row], mixed.position_m[mixed.row == row])
+
+
+def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
+    """``mode_gap`` is per row: the place where fewer rays meet is an alternative from that gap on, not below it."""
+    sensors = [(0.0, 0.0), (100.0, 0.0), (0.0, 100.0), (100.0, 100.0), (50.0, -20.0)]
+    meet = [(40.0, 55.0)] * 3 + [(75.0, 20.0)] * 2
+    bearing = [np.degrees(np.arctan2(y - b, x - a)) for (a, b), (x, y) in zip(sensors, meet, strict=True)]
+    batch = _bearings(sensors, bearing, bearing_std_rad=np.full((1, 5), 1e-4))
+
+    def found(**options: float) -> Estimates:
+        estimates: Estimates = bearings_mixture_ml.solve(batch, MixtureOptions(**options)).estimates  # type: ignore
+        return estimates
+
+    wide = found(mode_gap=100.0)
+    apart = np.hypot(*(wide.position_m - meet[-1]).T)
+    gap = (wide.cost[np.argmin(apart)] - wide.cost[0]) / 5
+    assert apart.min() < 0.1
+    assert gap > 0.1
+    for share, expected in ((0.8, False), (1.2, True)):
+        near = np.hypot(*(found(mode_gap=share * gap).position_m - meet[-1]).T) < 0.1
+        assert near.any() == expected
 
 
 def test_hundred_bearings_in_one_snapshot() -> None:
@@ -258,10 +319,36 @@ def test_prior_replaces_the_bootstrap_pair() -> None:
     estimates = bearings_sequential.solve(batch, prior).estimates
     assert estimates.status[0] == Status.OK
     assert abs(estimates.position_m[0, 0]) < 0.2
-    own = dataclasses.replace(batch, prior_xy_m=np.array([[[1.0, 80.0]]]), prior_std_m=np.array([[5.0]]))
-    assert bearings_sequential.solve(own, prior).estimates.position_m[0, 1] > 75.0
-    with pytest.raises(UsageError, match="prior"):
+    own = dataclasses.replace(batch, prior_xy_m=np.array([[[3.0, 80.0]]]), prior_std_m=np.array([[7.0]]))
+    same = options(prior_x_m=3.0, prior_y_m=80.0, prior_std_m=7.0)
+    for name in ("position_m", "covariance_m2"):
+        found, expected = (
+            getattr(bearings_sequential.solve(*pair).estimates, name) for pair in ((own, prior), (batch, same))
+        )
+        np.testing.assert_array_equal(found, expected)
+    half = dataclasses.replace(own, prior_std_m=None)
+    assert bearings_sequential.solve(half, options()).estimates.status[0] == Status.TOO_FEW
+    with pytest.raises(UsageError, match=r"^a prior needs all of prior_x_m, prior_y_m and prior_std_m$"):
         bearings_sequential.solve(batch, options(prior_x_m=1.0))
+
+
+def test_two_bearings_are_enough_for_sequential() -> None:
+    """Two rays without a prior give their crossing, one gives too_few, and no flags unless they are wanted."""
+    batch = _bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0])
+    options = bearings_sequential.SequentialOptions()
+    estimates = bearings_sequential.solve(batch, options).estimates
+    assert estimates.status.tolist() == [Status.OK]
+    np.testing.assert_allclose(estimates.position_m, [[5.0, 5.0]], atol=1e-9)
+    few = _bearings([(0.0, 0.0)], [45.0])
+    ranged = dataclasses.replace(few, range_m=np.full((1, 1), 9.0), range_std_m=np.ones((1, 1)))
+    for part, names in ((few, ["residual_rad"]), (ranged, ["residual_rad", "residual_m"])):
+        assert bearings_sequential.solve(dataclasses.replace(part, want_flags=False), options).flags is None
+        solution = bearings_sequential.solve(part, options)
+        assert solution.estimates.status.tolist() == [Status.TOO_FEW]
+        assert solution.flags is not None
+        assert list(solution.flags.columns) == names
+        assert solution.flags.used.tolist() == [[False]]
+        assert np.isnan([column[0, 0] for column in solution.flags.columns.values()]).all()
 
 
 @pytest.mark.parametrize(("x", "y", "std"), [(np.nan, 80.0, 5.0), (1.0, np.nan, 5.0), (1.0, 80.0, np.nan)])
@@ -297,6 +384,7 @@ def test_trace_tells_every_step_and_ends_at_the_estimate() -> None:
     solution = bearings_sequential.solve(wanted, bearings_sequential.SequentialOptions(bootstraps=3))
     trace = solution.trace
     assert trace is not None
+    assert trace.row.dtype == trace.step.dtype == np.int64
     for row in range(20):
         mine = trace.row == row
         assert trace.step[mine].tolist() == list(range(2, 9))

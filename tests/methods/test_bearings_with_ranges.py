@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import ModuleType
 
 import numpy as np
 import pytest
 from bearing_worlds import draw_world, estimate, make_batch
 from scipy.optimize import least_squares
+from scipy.stats import norm
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential
+from nlosctl.contract.fields import CircleField
+from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 
 SHARE = 0.3
 """Standard deviations of ranges, of what was measured: so coarse that the two laws of errors are far apart."""
@@ -74,3 +77,51 @@ def test_a_mixture_that_expects_no_outlier_is_maximum_likelihood(noise: str) -> 
     mixture = estimate(bearings_mixture_ml.METHOD, batch, range_noise=noise, alpha=1e-12)
     best = mixture.position_m[mixture.alternative == 0]
     np.testing.assert_allclose(best, estimate(bearings_ml.METHOD, batch, range_noise=noise).position_m, atol=1e-3)
+
+
+@pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
+@pytest.mark.parametrize("module", [bearings_mixture_ml, bearings_suppress], ids=lambda module: module.METHOD.name)
+def test_the_cost_of_robust_methods_is_the_likelihood_at_the_fix(module: ModuleType, noise: str) -> None:
+    """Equation (23) written out: a row is direct, Gaussian in bearing and range, or uniform over field and view."""
+    batch, _ = ranged_batch(20)
+    batch = dataclasses.replace(batch, field=CircleField(x_m=0.0, y_m=0.0, radius_m=3e3))
+    found = estimate(module.METHOD, batch, range_noise=noise, alpha=0.1, field_of_view_deg=120.0)
+    outlier = 1.0 / np.radians(120.0) / np.hypot(6e3, 6e3)
+    assert (found.status <= 1).sum() > 15
+    for row, at, cost in zip(found.row, found.position_m, found.cost, strict=True):
+        if np.isnan(cost):
+            continue
+        turned, off = residuals(at, batch, row, noise).reshape(2, 4)
+        std = batch.bearing_std_rad[row]
+        ahead = [math.erf(math.pi / 2.0 / math.sqrt(2.0) / spread) for spread in std]
+        direct = norm.pdf(turned) / std / ahead * norm.pdf(off) / batch.range_std_m[row]
+        direct[np.abs(turned) * std > math.pi / 2.0] = 0.0
+        assert cost == pytest.approx(-np.log(0.9 * direct + 0.1 * outlier).sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize(("noise", "other"), [("gaussian", "lognormal"), ("lognormal", "gaussian")])
+def test_updates_of_suppress_follow_the_law_of_ranges(noise: str, other: str) -> None:
+    """Its fixes are nearer to the most likely place under the law that is told than to that under the other."""
+    batch, _ = ranged_batch(200)
+    ours = estimate(bearings_suppress.METHOD, batch, range_noise=noise, alpha=0.01)
+    first = ours.position_m[ours.alternative == 0]
+    told, wrong = (
+        np.hypot(*(first - estimate(bearings_ml.METHOD, batch, range_noise=law).position_m).T) for law in (noise, other)
+    )
+    assert np.nanmedian(told) < 0.5 * np.nanmedian(wrong)
+
+
+@pytest.mark.parametrize("module", [bearings_ml, bearings_mixture_ml, bearings_sequential, bearings_suppress])
+def test_residuals_are_measured_minus_predicted(module: ModuleType) -> None:
+    """The flags' residuals are those of bearings and ranges at the best fix, in the coordinates of the file."""
+    batch, _ = ranged_batch(20)
+    solution = module.METHOD.solve(batch, module.METHOD.options())
+    first = solution.estimates.position_m[solution.estimates.alternative == 0]
+    away = first[:, None] - batch.sensor_xy_m
+    turned = np.angle(np.exp(1j * (batch.bearing_rad - np.arctan2(away[..., 1], away[..., 0]))))
+    answered = np.isfinite(first[:, 0])
+    assert answered.sum() > 10
+    columns = solution.flags.columns
+    np.testing.assert_allclose(columns["residual_rad"][answered], turned[answered], atol=1e-9)
+    expected = batch.range_m - np.hypot(away[..., 0], away[..., 1])
+    np.testing.assert_allclose(columns["residual_m"][answered], expected[answered], atol=1e-6)

@@ -116,6 +116,22 @@ def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
     assert words(solve(method, batch))[0] in {"degenerate", "not_converged"}
 
 
+@pytest.mark.parametrize("height", [0.0, 6.0])
+def test_the_covariance_carries_errors_of_ranges_through_the_fit(method: MethodSpec, height: float) -> None:
+    """At exact ranges it is J diag(std^2) J', J the central differences of the fix by each range, heights and all."""
+    source, std = np.array([3.0, 5.5]), np.array([[0.1, 0.2, 0.15, 0.3]])
+    exact, step = exact_ranges(SQUARE, source, height), 1e-3
+
+    def fix(ranges: np.ndarray) -> np.ndarray:
+        return solve(method, make_batch(SQUARE, ranges, std, height)).estimates.position_m[0]
+
+    slopes = [(fix(exact + step * row) - fix(exact - step * row)) / (2.0 * step) for row in np.eye(4)[:, None]]
+    jacobian = np.array(slopes).T * std
+    expected = jacobian @ jacobian.T
+    found = solve(method, make_batch(SQUARE, exact, std, height)).estimates.covariance_m2[0]
+    np.testing.assert_allclose(found, [expected[0, 0], expected[0, 1], expected[1, 1]], rtol=1e-3, atol=1e-6)
+
+
 @pytest.mark.parametrize(("name", "low", "high"), [("r-ls", 0.93, 0.97), ("sr-ls", 0.93, 0.97)])
 def test_covariances_are_the_size_of_the_error(name: str, low: float, high: float) -> None:
     """Of fixes with small errors, 95 in 100 lie within the 95 % ellipse; SR-LS by its sandwich."""

@@ -101,6 +101,75 @@ def test_numbered_paths_of_a_sensor_compete() -> None:
         np.testing.assert_allclose(solution.estimates.position_m[0], (11.0, 12.0), atol=1e-3)
 
 
+def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source() -> None:
+    """Of echoes in no order, those over a wall may reach more sensors than the direct ones: ambiguous, if asked."""
+    sensors = np.repeat(np.array(SENSORS[:5]), 2, axis=0)
+    ranges = exact_ranges(sensors, (11.0, 12.0))
+    ranges[0, 1::2] = exact_ranges(sensors[1::2], (30.0, 70.0))[0]
+    ranges[0, 9] += 25.0
+    field = BoxField(xmin_m=-100.0, xmax_m=100.0, ymin_m=-100.0, ymax_m=100.0)
+    batch = make_batch(sensors, ranges, sensor=np.repeat(np.arange(5), 2)[None], field=field)
+    numbered = type(batch)(**{**vars(batch), "path": np.asfortranarray([[0, 1] * 5])})
+    estimates = solve(ranges_mixture_ml.METHOD, numbered).estimates
+    np.testing.assert_allclose(estimates.position_m[0], (11.0, 12.0), atol=0.1)
+    assert estimates.cost[1] > estimates.cost[0] + 2.0
+    for options, status in (
+        ({}, "ambiguous"),
+        ({"ambiguous_rows": 1}, "ambiguous"),
+        ({"ambiguous_rows": 0}, "ok"),
+        ({"path_prior": "falling"}, "ok"),
+    ):
+        assert words(solve(ranges_mixture_ml.METHOD, numbered, **options))[0] == status
+
+
+def test_the_order_of_paths_moves_the_likelihood() -> None:
+    """Where the second of two paths fits, ``first`` holds its sensor to be an outlier, ``falling`` gives it a third."""
+    sensors = np.array([*SENSORS, SENSORS[0]])
+    ranges = exact_ranges(sensors, (11.0, 12.0))
+    ranges[0, 0] -= 8.0
+    batch = make_batch(sensors, ranges, sensor=np.array([[0, 1, 2, 3, 4, 5, 0]]))
+    numbered = type(batch)(**{**vars(batch), "path": np.asfortranarray([[0] * 6 + [1]])})
+    found = {p: solve(ranges_mixture_ml.METHOD, numbered, path_prior=p) for p in ("uniform", "first", "falling")}
+    used = {prior: int(solution.flags.used.sum()) for prior, solution in found.items() if solution.flags is not None}
+    assert used == {"uniform": 6, "first": 5, "falling": 6}
+    cost = {prior: solution.estimates.cost[0] for prior, solution in found.items()}
+    assert cost["falling"] - cost["uniform"] == pytest.approx(np.log((1.0 / 2.0) / (1.0 / 3.0)), abs=0.05)
+    assert cost["first"] > cost["falling"] + 1.0
+
+
+def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
+    """``mode_gap`` is per row: the place where fewer circles meet is an alternative from that gap on, not below it."""
+    ranges = exact_ranges(SENSORS, (11.0, 12.0))
+    ranges[0, 3:5] = exact_ranges(SENSORS[3:5], (33.0, 21.0))
+    field = BoxField(xmin_m=0.0, xmax_m=40.0, ymin_m=0.0, ymax_m=30.0)
+    batch = make_batch(SENSORS, ranges, 1e-3, field=field)
+
+    def away(**options: float) -> tuple[FloatArray, FloatArray]:
+        estimates = solve(ranges_mixture_ml.METHOD, batch, **options).estimates
+        return np.hypot(*(estimates.position_m - (33.0, 21.0)).T), estimates.cost
+
+    apart, cost = away(mode_gap=100.0)
+    gap = (cost[np.argmin(apart)] - cost[0]) / 6
+    assert apart.min() < 1e-3
+    assert gap > 0.1
+    for share, expected in ((0.8, False), (1.2, True)):
+        assert (away(mode_gap=share * gap)[0] < 1e-3).any() == expected
+
+
+def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
+    """Where every way downhill leaves the field the fix is on its edge, without a covariance."""
+    noise = np.random.default_rng(9).normal(size=(100, 6))
+    field = BoxField(xmin_m=5.0, xmax_m=11.0, ymin_m=5.0, ymax_m=20.0)
+    batch = make_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + noise, 1.0, field=field)
+    solution = solve(ranges_mixture_ml.METHOD, batch)
+    held = np.array(words(solution)) == "boundary"
+    assert held.sum() > 20
+    assert np.isnan(solution.estimates.covariance_m2[held]).all()
+    x, y = solution.estimates.position_m[held].T
+    assert ((x <= 11.0) & (np.abs(y - 12.0) < 3.0)).all()
+    assert np.median(x) > 10.9
+
+
 def test_one_place_is_too_few() -> None:
     """Any number of sensors at one place cannot tell a position."""
     batch = make_batch((0.0, 0.0), [[5.0, 5.1, 4.9]])
@@ -114,5 +183,9 @@ def test_the_posterior_covariance_is_the_size_of_the_error() -> None:
     best = estimates.alternative == 0
     dx, dy = (estimates.position_m[best] - sources).T
     xx, xy, yy = estimates.covariance_m2[best].T
+    inliers = solve(ranges_mixture_ml.METHOD, batch).estimates
+    assert np.nanmean(xx + yy) > 1.2 * np.nanmean(
+        inliers.covariance_m2[inliers.alternative == 0][:, [0, 2]].sum(axis=1)
+    )
     nees = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
     assert 0.90 < (nees < 5.991).mean() < 0.99

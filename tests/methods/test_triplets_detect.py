@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 from triplet_worlds import batch_of, draw, one_path
 
+from nlosctl.contract.batches import TripletBatch
 from nlosctl.errors import UsageError
 from nlosctl.evaluation.detection import kolmogorov_smirnov
 from nlosctl.methods import triplets_chi2, triplets_joint, triplets_tdaj
@@ -85,7 +86,8 @@ def test_monostatic():
 
 
 def test_lines_that_meet_behind():
-    """Diverging rays: the simulator's rule condemns them; chi2 tells them, and decides by them when asked to."""
+    """Diverging rays: the simulator's rule condemns them alone; chi2 tells them, and decides by them when asked to."""
+    assert not said(triplets_tdaj, direct_path(), behind_is_ip=True)["ip"]
     batch = one_path(dod=1.66, doa=1.57, length=30.0, std=(0.2, 0.2, 0.05))
     assert said(triplets_tdaj, batch)["reason"] == ""
     found = said(triplets_tdaj, batch, behind_is_ip=True)
@@ -112,11 +114,13 @@ def test_chi2_knows_gaussian_errors_alone():
         *(("lambda5", noise) for noise in ("uniform", "laplace", "student-t:4")),
     ],
 )
-def test_flags_agree_with_thresholds(rule, noise):
+@pytest.mark.parametrize("eta_m", [0.0, 0.7])
+def test_flags_agree_with_thresholds(rule, noise, eta_m):
     """A path is flagged exactly where its difference exceeds the threshold of the details."""
     batch = dataclasses.replace(batch_of(draw("shen", 30, seed=1)), want_details=True)
-    options = triplets_tdaj.TdajOptions(rule=rule, noise=noise, false_alarm=0.02)
+    options = triplets_tdaj.TdajOptions(rule=rule, noise=noise, false_alarm=0.02, eta_m=eta_m)
     columns = triplets_tdaj.solve(batch, options).flags.columns
+    assert 0.0 < columns["ip"].mean() < 1.0
     np.testing.assert_array_equal(columns["ip"], columns["p_value"] < 0.02)
     if rule == "ellipse":
         return
@@ -132,6 +136,52 @@ def test_fusion_counts_the_rules(k):
     columns = triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule="fusion", k=k)).flags.columns
     beyond = sum((np.abs(columns[f"lambda{n}_m"]) > columns[f"threshold{n}_m"]).astype(int) for n in range(1, 7))
     np.testing.assert_array_equal(columns["ip"], beyond > k)
+
+
+@pytest.mark.parametrize("k", [0, 1, 2, 4, 5])
+def test_fusion_is_blind_where_too_few_rules_see(k):
+    """It needs more than k of the six differences that see, and rays that are not nearly parallel."""
+    paths = [(1.0, 1.0, 9.0), (0.96, 1.86, 12.5), (0.0, np.pi, 8.0), (1.2, 1.2 + 1e-9, 9.0), (0.3, 2.9, 6.0)]
+    columns = [one_path(dod=dod, doa=doa, length=length) for dod, doa, length in paths]
+    seen = []
+    for batch in columns:
+        blind = [bool(said(triplets_tdaj, batch, rule=f"lambda{n}")["blind"]) for n in range(1, 7)]
+        parallel = bool(said(triplets_tdaj, batch, rule="ellipse")["blind"])
+        assert said(triplets_tdaj, batch, rule="fusion", k=k)["blind"] == (blind.count(False) <= k or parallel)
+        seen.append(blind.count(False))
+    assert len(set(seen)) > 1
+    fields = {name: np.concatenate([getattr(one, name) for one in columns]) for name in ("seed", *TripletBatch.SOURCES)}
+    together = dataclasses.replace(columns[0], **fields)
+    flags = triplets_tdaj.solve(together, triplets_tdaj.TdajOptions(rule="fusion", k=k)).flags.columns["blind"]
+    assert flags.ravel().tolist() == [bool(said(triplets_tdaj, one, rule="fusion", k=k)["blind"]) for one in columns]
+
+
+@pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
+@pytest.mark.parametrize("scale", [1e-3, 0.1, 1e3])
+def test_verdicts_have_no_scale(module, scale):
+    """A world a thousand times smaller or larger, errors and all, has the same p-values and reasons."""
+    for length in (11.0, 11.6):
+        large, small = (
+            said(
+                module,
+                one_path(
+                    (-2.5 * s, 0.0), (2.5 * s, 0.0), dod=0.96, doa=1.86, length=length * s, std=(0.01, 0.01, 0.05 * s)
+                ),
+            )
+            for s in (1.0, scale)
+        )
+        assert small["p_value"] == pytest.approx(large["p_value"], rel=1e-6)
+        assert small["reason"] == large["reason"]
+
+
+@pytest.mark.parametrize("eta_m", [0.0, 0.3, 2.0])
+def test_the_columns_of_tdaj_are_those_it_declares(eta_m):
+    """``outside_safe_region`` is declared and given where there is a safe region, and else neither."""
+    options = triplets_tdaj.TdajOptions(eta_m=eta_m)
+    columns = triplets_tdaj.solve(direct_path(), options).flags.columns
+    spec = triplets_tdaj.METHOD
+    assert set(columns) == {*spec.flags, *spec.flags_with(options)}
+    assert ("outside_safe_region" in columns) == (eta_m > 0.0)
 
 
 def test_details_are_points_in_global_coordinates():
@@ -204,7 +254,6 @@ def test_chi2_is_calibrated_where_the_differences_are_blind(target, power_dbm):
 def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
     """In rooms the joint method finds more indirect paths at the same false alarms, and its p-values stay uniform."""
     columns = draw("room", 400, seed=4, blocked_fraction=0.0)
-    from nlosctl.contract.batches import TripletBatch
 
     arrays = {}
     for name, parts in TripletBatch.SOURCES.items():
@@ -229,7 +278,6 @@ def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
 def test_joint_with_several_targets():
     """Paths over two targets are all direct with targets=2, and both targets are estimated."""
     generator = np.random.default_rng(5)
-    from nlosctl.contract.batches import TripletBatch
     from nlosctl.models.triplets import predict_triplets
 
     tx = np.tile(generator.uniform(-5.0, 5.0, (40, 1, 2)), (1, 8, 1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from triplet_worlds import batch_of, draw, one_path
@@ -95,6 +97,30 @@ def test_statuses(path, status):
     estimates = solve(one_path(**path)).estimates
     assert estimates.status[0] == status
     assert np.isnan(estimates.position_m).all() == (status == Status.DEGENERATE)
+
+
+def test_the_joint_cost_is_half_the_chi_square_of_the_residuals():
+    """The cost is half the sum of all squared residuals in standard deviations; without flags there are none."""
+    batch = _block(draw("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
+    solution = solve(batch, joint=True)
+    said = solution.flags.columns
+    parts = (
+        said["residual_dod_rad"] / batch.dod_std_rad,
+        said["residual_doa_rad"] / batch.doa_std_rad,
+        said["residual_m"] / batch.path_length_std_m,
+    )
+    expected = 0.5 * sum((part**2).sum(axis=1) for part in parts)
+    assert np.isfinite(expected).sum() > 15
+    np.testing.assert_allclose(solution.estimates.cost, expected, rtol=1e-9)
+    for joint in (False, True):
+        assert solve(dataclasses.replace(batch, want_flags=False), joint=joint).flags is None
+
+
+@pytest.mark.parametrize("joint", [False, True])
+def test_one_step_is_not_enough(joint):
+    """With ``max_iterations=1`` noisy paths are not_converged."""
+    batch = _block(draw("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
+    assert (solve(batch, joint=joint, max_iterations=1).estimates.status == Status.NOT_CONVERGED).mean() > 0.5
 
 
 def _block(columns, snapshots, paths):
