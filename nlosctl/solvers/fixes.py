@@ -30,10 +30,6 @@ _RELATIVE_MINIMUM_RANGE = 1e-5
 _ROUNDING = 1e-12
 """Relative size of what rounding leaves of a coordinate."""
 
-_TRAP_RANGE = 0.01
-"""An iteration that does not settle this close to an origin (in units of the farthest) is being drawn onto it: the
-likelihood has no smooth optimum there."""
-
 
 def nearly_singular(normal: Symmetric2x2) -> BoolArray:
     """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
@@ -134,15 +130,33 @@ def judge_ends(
     covariance = widen_near_sensors(covariance, survey.nearest_m, widened)
     status = judge_fixes(lines, x, y, survey, covariance, min_range_m, paths)
     if converged is not None:
-        drawn_to_sensor = survey.nearest_m < _TRAP_RANGE * survey.farthest_m
-        open_end = ~converged & (status <= Status.BOUNDARY)
-        status[open_end] = np.where(drawn_to_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)[open_end]
+        open_ends = np.flatnonzero(~converged & (status <= Status.BOUNDARY))
+        if open_ends.size:
+            on_sensor = _likelier_on_sensor(lines.take(open_ends), x[open_ends], y[open_ends])
+            status[open_ends] = np.where(on_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)
     if held is not None:
         status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), held, status)
     status[nearly_singular(normal)] = Status.DEGENERATE
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
     return Verdict(status, covariance, 0.5 * survey.chi_square)
+
+
+def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> BoolArray:
+    """Return whether points (B,) are less likely than those on their nearest origins, where there is no smooth optimum.
+
+    On an origin means as close as a fix would be degenerate, in the direction of its ray. The origins of circle rows,
+    which are unfolded at one point of the circle, are no sensors.
+    """
+    rows, range_m, here = np.arange(x.shape[0]), lines.range_m(x, y), lines.survey(x, y)
+    if lines.circles is not None:
+        lines.circles.place_in(range_m, np.full(lines.circles.snapshot.shape, np.inf))
+    nearest = np.argmin(range_m, axis=1)
+    away_m = _RELATIVE_MINIMUM_RANGE * here.farthest_m
+    on_x = lines.origin_x[rows, nearest] + away_m * lines.cosine[rows, nearest]
+    on_y = lines.origin_y[rows, nearest] + away_m * lines.sine[rows, nearest]
+    likelier: BoolArray = (lines.survey(on_x, on_y).chi_square < here.chi_square) & np.isfinite(range_m.min(axis=1))
+    return likelier
 
 
 def _widened_information(lines: SightLines, x: FloatArray, y: FloatArray) -> Widened:

@@ -206,13 +206,19 @@ def test_degenerate_bearings_have_no_answer(method: str, fault: str, words: set[
         assert found <= words
 
 
-def on_a_sensor(method: str, size_m: float) -> Any:
+def on_a_sensor(method: str, size_m: float, measurements: int = 6) -> Any:
     """Yield estimates of sources that are exactly on their first sensor, and those places (B, 2)."""
     entry = next(entry for entry in ENTRIES if entry.full_name == f"bearings.{method}")
     spec = registry.load(entry)
     for seed in range(20):
         trial, motion = drawn(
-            spec, seed=seed, snapshots=10, measurements=6, fault="on a sensor", size_m=size_m, offset_m=1e3 * size_m
+            spec,
+            seed=seed,
+            snapshots=10,
+            measurements=measurements,
+            fault="on a sensor",
+            size_m=size_m,
+            offset_m=1e3 * size_m,
         )
         batch = moved(spec, trial.batch, motion)
         yield solved(entry, batch).estimates, batch.sensor_xy_m[:, 0]
@@ -232,6 +238,17 @@ def test_a_fix_on_a_sensor_that_it_uses_is_no_answer(method: str, words: set[str
         assert {Status(int(word)).word for word in estimates.status} <= words
         assert np.isnan(estimates.position_m).all()
         assert np.isnan(estimates.covariance_m2).all()
+
+
+@pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
+@pytest.mark.parametrize("measurements", [2, 6, 12])
+def test_ml_says_why_there_is_no_fix_on_a_sensor(measurements: int, size_m: float) -> None:
+    """A likelihood that rises up to a sensor is degenerate, not a search that has not settled."""
+    words = [
+        Status(int(word)).word for estimates, _ in on_a_sensor("ml", size_m, measurements) for word in estimates.status
+    ]
+    assert words.count("not_converged") <= 0.02 * len(words)
+    assert words.count("degenerate") >= 0.95 * len(words)
 
 
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
