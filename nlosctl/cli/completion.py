@@ -19,11 +19,13 @@ __all__ = [
     "complete_parameter",
     "complete_scenario",
     "complete_table",
+    "complete_view",
 ]
 
 Offer = tuple[str, str]
 
 _WIDTH = 70
+"""Longer helps would be wrapped, and fish and zsh would offer the words of their second line."""
 
 
 def complete_method(ctx: typer.Context, incomplete: str) -> list[Offer]:
@@ -104,6 +106,13 @@ def complete_format(incomplete: str) -> list[Offer]:
     from nlosctl.io.file_format import FileFormat
 
     return list(_starting(incomplete, ((format.value, format.title) for format in FileFormat)))
+
+
+def complete_view(incomplete: str) -> list[Offer]:
+    """Offer the views of ``plot``."""
+    from nlosctl.plotting.catalogue import VIEWS
+
+    return list(_starting(incomplete, ((view.name, view.shows) for view in VIEWS.values())))
 
 
 def complete_command(ctx: typer.Context, incomplete: str) -> list[Offer]:

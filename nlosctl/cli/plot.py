@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from nlosctl.cli.completion import complete_view
 from nlosctl.cli.options import (
     Columns,
     ConfigFile,
@@ -41,10 +42,6 @@ PLOT_EPILOG = "\n\n".join(
 )
 
 
-def _complete_view(incomplete: str) -> list[tuple[str, str]]:
-    return [(view.name, view.shows) for view in VIEWS.values() if view.name.startswith(incomplete)]
-
-
 def plot(
     inputs: Annotated[
         list[str] | None,
@@ -65,7 +62,7 @@ def plot(
         typer.Option(
             "--view",
             metavar="NAME",
-            autocompletion=_complete_view,
+            autocompletion=complete_view,
             help="What to show, where the files allow several (see --views).",
         ),
     ] = None,

@@ -60,6 +60,20 @@ def test_a_map_has_a_row_per_vertex() -> None:
     assert any(row["n_used"] == "4" and float(row["rms_m"]) > 0.0 for row in found)
 
 
+def test_a_map_of_ranges_is_the_closed_form(tmp_path: Path) -> None:
+    """The information of ranges is the sum of u u' / std^2, u the unit vectors from the sensors."""
+    sensors, stds = np.array([(0.0, 0.0), (100.0, 0.0), (40.0, 90.0)]), np.array([0.5, 1.0, 2.0])
+    lines = [f"1,{k},{x},{y},50,{std}" for k, ((x, y), std) in enumerate(zip(sensors, stds, strict=True))]
+    file = tmp_path / "ranges.csv"
+    file.write_text("\n".join(["snapshot,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m", *lines]), encoding="utf-8")
+    for row in rows(run(str(file), "--map", "10,70,20,60,20")):
+        toward = np.array([float(row["x_m"]), float(row["y_m"])]) - sensors
+        unit = toward / np.hypot(*toward.T)[:, None] / stds[:, None]
+        expected = np.linalg.inv(unit.T @ unit)
+        found = [float(row[f"bound_{name}_m2"]) for name in ("xx", "xy", "yy")]
+        np.testing.assert_allclose(found, [expected[0, 0], expected[0, 1], expected[1, 1]], rtol=1e-12)
+
+
 def test_the_function_gives_the_same() -> None:
     """`nlosctl.bound` on a table gives what the command gives."""
     import pyarrow.csv
@@ -80,6 +94,8 @@ def test_the_function_gives_the_same() -> None:
         (("--map", "0,1,0,1,0"), 2, "rising and step above 0"),
         (("--map", "0,1,0,1,nan"), 2, "--map takes"),
         (("--map", "0,1e9,0,1e9,1"), 2, "vertices"),
+        (("--map", "0,one,0,1,1"), 2, "--map takes"),
+        (("--map", "0,1,0,1,1", "-o", "maps/"), 2, "give -o a file"),
         (("--scene", "absent.toml"), 1, "absent.toml: the scene can't be read"),
     ],
 )

@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.csv
 import pyproj
 import pytest
 from cli_support import FIXTURES, Outcome
 from scipy.stats import multivariate_normal
+
+import nlosctl
+from nlosctl.errors import UsageError
 
 GEOD = pyproj.Geod(ellps="WGS84")
 SOURCE = (47.36, 8.58)
@@ -72,6 +76,17 @@ def test_both_a_crs_and_an_origin(cli: Any, tmp_path: Path) -> None:
     outcome = cli("localize", bearings(tmp_path), "--crs", "EPSG:32632", "--origin", "47,8")
     assert (outcome.code, outcome.out) == (2, b"")
     assert "give one" in outcome.err
+
+
+def test_the_functions_take_an_origin_or_a_crs(cli: Any, tmp_path: Path) -> None:
+    """From Python the origin is two numbers; the fix is that of the command, and both at once are refused."""
+    name = bearings(tmp_path)
+    (row,) = cli("localize", name, "--origin", "47.3,8.6").table.to_pylist()
+    table = pyarrow.csv.read_csv(name)
+    (same,) = nlosctl.localize(table, origin=(47.3, 8.6)).estimates.to_pylist()
+    assert (same["lat_deg"], same["lon_deg"], same["x_m"]) == (row["lat_deg"], row["lon_deg"], row["x_m"])
+    with pytest.raises(UsageError, match="give one"):
+        nlosctl.localize(table, origin=(47.3, 8.6), crs="EPSG:32632")
 
 
 def test_the_bound_reads_degrees_too(cli: Any, tmp_path: Path) -> None:

@@ -12,7 +12,13 @@ from bearing_worlds import estimate, flags_of, make_batch, words
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.geometry.circular_reflection import all_reflections
-from nlosctl.methods import bearings_ml, bearings_ml_grid, bearings_stansfield, bearings_stansfield_focused
+from nlosctl.methods import (
+    bearings_mixture_ml,
+    bearings_ml,
+    bearings_ml_grid,
+    bearings_stansfield,
+    bearings_stansfield_focused,
+)
 from nlosctl.models.bearings import predict_bearings
 
 FloatArray = npt.NDArray[np.float64]
@@ -212,3 +218,40 @@ def test_flags_without_circles_say_nothing_of_horizons(method: MethodSpec) -> No
     """In a scene without circles there is no such column."""
     batch = make_batch([[[0.0, 0.0], [10.0, 0.0]]], [[0.8, 2.3]])
     assert set(flags_of(method, batch).columns) == {"residual_rad"}
+
+
+def nees_of(estimates: Any, truth: FloatArray) -> FloatArray:
+    """Return the normalized squared error of each best fix."""
+    best = estimates.alternative == 0
+    x, y = (estimates.position_m[best] - truth[estimates.row[best]]).T
+    xx, xy, yy = estimates.covariance_m2[best].T
+    nees: FloatArray = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    return nees
+
+
+def test_the_mixture_weighs_rows_by_circles_as_wide_as_their_tubes() -> None:
+    """By the ionosphere alone its fix is that of ml, its errors what the covariance says; one liar is left out."""
+    generator = np.random.default_rng(8)
+    sensor_xy = np.broadcast_to(on_ground(0.1, 0.08, 0.06, -0.05, -0.07, -0.09), (400, 6, 2))
+    turn, height = generator.uniform(-0.01, 0.01, 400), generator.uniform(20e3, 60e3, 400)
+    source_xy = (EARTH_M + height)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    placed = np.zeros((400, 6), dtype=np.int64)
+    exact = predict_bearings(sensor_xy, placed, IONOSPHERE, np.broadcast_to(source_xy[:, None], sensor_xy.shape))
+    bearing = exact + 1e-4 * generator.normal(size=exact.shape)
+    plain = estimate(bearings_ml.METHOD, make_batch(sensor_xy, bearing, 1e-4, 0, IONOSPHERE))
+    robust = estimate(bearings_mixture_ml.METHOD, make_batch(sensor_xy, bearing, 1e-4, 0, IONOSPHERE))
+    best = robust.alternative == 0
+    apart = np.hypot(*(plain.position_m - robust.position_m[best]).T)
+    std = np.sqrt(plain.covariance_m2[:, 0] + plain.covariance_m2[:, 2])
+    assert np.quantile(apart / std, 0.9) < 0.2
+    nees = nees_of(robust, source_xy)
+    assert abs(nees.mean() - 2.0) < 4.0 * 2.0 / np.sqrt(400)
+    assert 0.93 <= np.mean(nees < 5.991) <= 0.975
+    lying = bearing.copy()
+    lying[:, 2] += 0.02
+    solution = bearings_mixture_ml.METHOD.solve(
+        make_batch(sensor_xy, lying, 1e-4, 0, IONOSPHERE), bearings_mixture_ml.METHOD.options()
+    )
+    assert solution.flags is not None
+    assert solution.flags.columns["los"].mean(axis=0)[2] < 0.01
+    assert np.median(nees_of(solution.estimates, source_xy)) < 2.0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import numpy as np
 import pytest
 from range_worlds import (
     PAPER_FIELD,
+    EchoWorld,
     echo_world,
     found_sets,
     irregular_world,
@@ -18,6 +20,7 @@ from range_worlds import (
     words,
 )
 
+from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import BoxField
 from nlosctl.errors import DataError
 from nlosctl.methods import ranges_assignment, ranges_extended_tca, ranges_r_ls, ranges_tca
@@ -30,6 +33,15 @@ SCATTERERS = np.array([(200.0, 33.0), (-51.0, 200.0)])
 def world(missed: tuple[tuple[int, int], ...] = (), std_m: float = 0.3):  # type: ignore[no-untyped-def]
     """Return two targets seen by five sensors through two scatterers."""
     return echo_world(np.random.default_rng(12), SENSORS, TARGETS, SCATTERERS, std_m, PAPER_FIELD, missed)
+
+
+def raised(trial: EchoWorld, height_m: float) -> RangeBatch:
+    """Return the same echoes from sensors that are so high above the targets: slant ranges."""
+    return dataclasses.replace(
+        trial.batch,
+        range_m=np.hypot(trial.batch.range_m, height_m),
+        sensor_height_m=np.full_like(trial.batch.range_m, height_m),
+    )
 
 
 METHODS = [(ranges_assignment, {}), (ranges_extended_tca, {"eta": 15.0}), (ranges_tca, {"targets": 2})]
@@ -46,6 +58,28 @@ def test_direct_echoes_are_told_from_the_others(module, options) -> None:  # typ
     np.testing.assert_array_equal(solution.flags.used[0], trial.label >= 0)
     np.testing.assert_array_equal(np.isfinite(solution.flags.columns["residual_m"][0]), trial.label >= 0)
     assert np.nanmax(np.abs(solution.flags.columns["residual_m"])) < 5 * 0.3
+
+
+@pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
+def test_slant_ranges_of_high_sensors_give_the_same_targets(module, options) -> None:  # type: ignore[no-untyped-def]
+    """From 60 m above, the sets are the same, and the covariance is that of `r-ls` on their slant ranges."""
+    trial = world()
+    batch = raised(trial, 60.0)
+    solution = solve(module.METHOD, batch, **options)
+    assert found_sets(solution) == trial.truth_sets()
+    estimates = solution.estimates
+    for target, rows in enumerate(sorted(trial.truth_sets(), key=lambda rows: trial.label[min(rows)])):
+        alone = solve(
+            ranges_r_ls.METHOD,
+            make_batch(
+                *(array[:, sorted(rows)] for array in (batch.sensor_xy_m, batch.range_m)),
+                std=batch.range_std_m[:, sorted(rows)],
+                height=60.0,
+            ),
+        ).estimates
+        place = int(np.argmin(np.hypot(*(estimates.position_m - TARGETS[target]).T)))
+        np.testing.assert_allclose(estimates.position_m[place], alone.position_m[0], atol=1e-4)
+        np.testing.assert_allclose(estimates.covariance_m2[place], alone.covariance_m2[0], rtol=1e-4)
 
 
 @pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])

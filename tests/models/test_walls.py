@@ -6,12 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from shapely import LineString
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.scene import Scene, SegmentReflector
+from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_ml
 from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.solvers.walls import hidden_by_walls
 
 _SENSORS = np.array([[[0.0, 0.0], [8.0, 0.0], [4.0, -3.0]]])
 _SOURCE = np.array([4.0, 5.0])
@@ -55,3 +57,25 @@ def test_walls_mirror_within_their_ends_and_block(
     ).estimates
     np.testing.assert_allclose(estimates.position_m[0], _SOURCE, atol=1e-6)
     assert estimates.status[0] == (Status.INFEASIBLE if any(unseen) else Status.OK)
+
+
+def test_what_lines_and_segments_hide_is_what_no_straight_way_reaches() -> None:
+    """Against shapely: hidden is what every straight way from a sensor crosses a wall to; circles hide nothing."""
+    generator = np.random.default_rng(4)
+    segment = SegmentReflector(name="wall", start=(-3.0, 2.0), end=(5.0, 3.0))
+    line = LineReflector(name="fence", point=(0.0, -4.0), direction=(1.0, 0.3))
+    circle = CircleReflector(name="ring", center=(0.0, 0.0), radius=50.0)
+    sensors, points = generator.uniform(-8.0, 8.0, (20, 3, 2)), generator.uniform(-8.0, 8.0, (20, 30, 2))
+    center = generator.uniform(-5.0, 5.0, (20, 2))
+    hidden = hidden_by_walls(
+        Scene(reflectors=(segment, line, circle)),
+        *np.moveaxis(sensors - center[:, None], -1, 0),
+        *np.moveaxis(points - center[:, None], -1, 0),
+        *center.T,
+    )
+    walls = [LineString([(-3.0, 2.0), (5.0, 3.0)]), LineString([(-1e3, -304.0), (1e3, 296.0)])]
+    for b in range(20):
+        ways = [[LineString([sensor, point]) for sensor in sensors[b]] for point in points[b]]
+        expected = [all(any(way.crosses(wall) for wall in walls) for way in three) for three in ways]
+        assert hidden[b].tolist() == expected
+    assert 0.1 < hidden.mean() < 0.9

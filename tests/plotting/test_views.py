@@ -49,6 +49,10 @@ def made(name: str) -> pa.Table:
         return nlosctl.localize(made("walls"), method="mixture-ml").estimates
     if name == "flags in walls":
         return nlosctl.localize(made("walls"), method="mixture-ml").flags
+    if name == "flags with outliers":
+        return nlosctl.localize(
+            nlosctl.simulate("madhow-ring", trials=300, nlos_receivers=2), method="mixture-ml"
+        ).flags
     if name == "flags of paths":
         return nlosctl.detect_ip(made("paths"), method=["chi2", "tdaj"]).flags
     if name == "flags by chi2":
@@ -293,6 +297,20 @@ def test_a_curve_per_detector(files: Any) -> None:
         x, y = (np.asarray(values) for values in curve.get_data())
         assert np.min(np.hypot(x - group["p_fa"], y - group["p_d"])) < 1e-9
     assert len(legend_words(right)) == 2
+
+
+def test_stated_probabilities_beside_how_often_they_hold(files: Any) -> None:
+    """Line-of-sight flags: the point is at P_fa and P_d, at the right are the shares of ten bins, on the diagonal."""
+    left, right = shown(picture(files("flags with outliers"), "roc").figure)
+    flags = made("flags with outliers").to_pydict()
+    called, truth, stated = (np.array(flags[name]) for name in ("los", "truth_los", "los_probability"))
+    point = next(line for line in left.lines if "flagged" in str(line.get_label()))
+    assert [float(v[0]) for v in point.get_data()] == pytest.approx([called[~truth].mean(), called[truth].mean()])
+    low, high = [(stated >= step / 10) & (stated < step / 10 + 0.1 + (step == 9)) for step in (0, 9)]
+    x, y = (np.asarray(values) for values in right.lines[1].get_data())
+    for place, inside in ((0, low), (-1, high)):
+        assert (x[place], y[place]) == pytest.approx((stated[inside].mean(), truth[inside].mean()))
+        assert abs(x[place] - y[place]) < 0.05
 
 
 def test_a_distribution_counts_every_row(files: Any) -> None:
