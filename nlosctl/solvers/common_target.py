@@ -171,10 +171,12 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
         xx, xy, yy = xx + share * sums.xx, xy + share * sums.xy, yy + share * sums.yy
         direct.append(log_direct.reshape(shape))
         indirect.append(log_indirect.reshape(shape))
-    # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long.
+    # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long. None where a
+    # hypothesis is on a station but for rounding.
     ridge = 1.0 / (scales * scales)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        volume = np.log(ridge) - 0.5 * np.log((xx + ridge) * (yy + ridge) - xy * xy)
+        determinant = (xx + ridge) * (yy + ridge) - xy * xy
+        volume = np.where(determinant > 0.0, np.log(ridge) - 0.5 * np.log(determinant), -np.inf)
     score = (likelihood + volume).reshape(shape)
     score = np.where(np.isnan(score), -np.inf, score)
     order = np.argsort(-score, axis=0, kind="stable")
@@ -188,7 +190,7 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
         np.stack([sort(values) for values in direct], axis=2),
         np.stack([sort(values) for values in indirect], axis=2),
         Symmetric2x2(sort(xx), sort(xy), sort(yy)),
-        sort(np.where(np.isnan(volume), -np.inf, volume)),
+        sort(volume),
         sort(score),
     )
 
