@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
 import pytest
 import toys
 
 from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
+from nlosctl.contract.results import Flags
 from nlosctl.testing import LAWS, LawBroken, check_law, check_method
 
 BROKEN: list[tuple[str, MethodSpec]] = [
@@ -41,6 +43,68 @@ BROKEN: list[tuple[str, MethodSpec]] = [
     ("frame", toys.toy(toys.knows_north)),
     ("answers", toys.toy(toys.gives_up)),
 ]
+
+
+COMPLAINTS: list[tuple[str, MethodSpec, str]] = [
+    ("specification", toys.toy(summary=""), "its summary, reference or cost is empty"),
+    ("specification", toys.toy(minimum_measurements=0), "minimum_measurements is 0"),
+    ("specification", toys.toy(flags=("used",)), "each once, 'used' not among them"),
+    ("specification", toys.toy(options=toys.BareOptions), "'speed' is not declared with"),
+    ("specification", toys.toy(options=toys.WildOptions), "a default is not allowed: The 'share' parameter"),
+    ("shapes", toys.toy(toys.other_estimates(lambda e: {"status": e.status | 64})), "a status is 6[45]"),
+    (
+        "sorted",
+        toys.toy(toys.other_estimates(lambda e: {"row": np.minimum(e.row, 9)})),
+        r"\(9, 0, 0\) follows \(9, 0, 0\)",
+    ),
+    (
+        "null",
+        toys.toy(toys.other_estimates(lambda e: {"n_used": e.n_used + 9})),
+        "n_used is 9 of 2",
+    ),
+    (
+        "null",
+        toys.toy(toys.other_estimates(lambda e: {"cost": e.cost * np.nan})),
+        "the cost is nan where",
+    ),
+    ("flags", toys.toy(toys.other_flags(lambda flags: None)), "there are none where the batch wants them"),
+    ("flags", toys.toy(toys.other_flags(lambda f: Flags(used=f.used * 1.0, columns=f.columns))), "used is float64"),
+    ("flags", toys.toy(toys.other_flags(lambda f: Flags(used=f.used[:1], columns=f.columns))), "used has shape"),
+    (
+        "flags",
+        toys.toy(toys.other_flags(lambda f: Flags(used=~f.used, columns=f.columns))),
+        "2 rows used, but n_used is 0",
+    ),
+    (
+        "flags",
+        toys.toy(toys.other_estimates(lambda e: {"cost": e.cost + 1.0}, without_flags=True)),
+        "when the batch wants no flags, cost differs",
+    ),
+    ("batches", toys.toy(toys.more_flags_for_few), "flags.extra is there only once"),
+    (
+        "frame",
+        toys.toy(toys.other_estimates(lambda e: {"cost": e.cost + 1e-6 * e.position_m[:, 0]})),
+        "the cost of estimate .* is .*, not",
+    ),
+    (
+        "frame",
+        toys.toy(toys.other_estimates(lambda e: {"covariance_m2": e.covariance_m2 * np.array([1.0, 1.0, 1.0001])})),
+        "the covariance of estimate .* is off",
+    ),
+    (
+        "frame",
+        toys.toy(toys.other_estimates(lambda e: {"status": np.where(e.position_m[:, 0] > 0.0, e.status, 1)})),
+        "status differs: at",
+    ),
+]
+
+
+@pytest.mark.parametrize(("law", "spec", "told"), COMPLAINTS, ids=[f"{law}: {told}" for law, _, told in COMPLAINTS])
+def test_what_is_wrong_is_told(law: str, spec: MethodSpec, told: str) -> None:
+    """The complaint says which thing is wrong, and with what numbers."""
+    (found,) = (one for one in LAWS if one.name == law)
+    with pytest.raises(LawBroken, match=told):
+        check_law(spec, found)
 
 
 def laws_broken_by(spec: MethodSpec) -> set[str]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
-from nlosctl.contract.results import Flags, Solution
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_stansfield
 
@@ -55,8 +56,13 @@ def undeclared_flag(batch: BearingBatch, options: Any) -> Solution:
     solution = SOUND.solve(batch, options)
     if solution.flags is None:
         return solution
-    columns = {**solution.flags.columns, "surprise": solution.flags.used}
+    columns = {**solution.flags.columns, "extra": solution.flags.used}
     return dataclasses.replace(solution, flags=Flags(used=solution.flags.used, columns=columns))
+
+
+def more_flags_for_few(batch: BearingBatch, options: Any) -> Solution:
+    """A column of flags that only small batches have."""
+    return undeclared_flag(batch, options) if batch.size < 9 else SOUND.solve(batch, options)
 
 
 def writes_its_input(batch: BearingBatch, options: Any) -> Solution:
@@ -150,6 +156,41 @@ def gives_up(batch: BearingBatch, options: Any) -> Solution:
     silent = dataclasses.replace(solution, flags=flags)
     zero = np.zeros(batch.size, dtype=np.int64)
     return _changed(silent, status=status, position_m=nan[:, :2], covariance_m2=nan, cost=nan[:, 0], n_used=zero)
+
+
+def other_flags(change: Callable[[Flags], Flags | None]) -> Solve:
+    """Return a method with other flags, where any are wanted."""
+
+    def solve(batch: BearingBatch, options: Any) -> Solution:
+        solution = SOUND.solve(batch, options)
+        return solution if solution.flags is None else dataclasses.replace(solution, flags=change(solution.flags))
+
+    return solve
+
+
+def other_estimates(change: Callable[[Estimates], dict[str, Any]], *, without_flags: bool = False) -> Solve:
+    """Return a method with other estimates; with ``without_flags`` only where no flags are wanted."""
+
+    def solve(batch: BearingBatch, options: Any) -> Solution:
+        solution = SOUND.solve(batch, options)
+        changed = not (without_flags and batch.want_flags)
+        return _changed(solution, **change(solution.estimates)) if changed else solution
+
+    return solve
+
+
+@dataclass(frozen=True)
+class BareOptions:
+    """Options of which one is not declared."""
+
+    speed: float = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class WildOptions:
+    """Options with a default that they don't allow."""
+
+    share: float = option(2.0, maximum=1.0, meaning="a share")
 
 
 @dataclass
