@@ -1,0 +1,57 @@
+"""What stores answer: one line with a cure, and the region that the environment names."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from nlosctl.errors import UsageError
+from nlosctl.io.stores import answering
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (ValueError("AWS Error ACCESS_DENIED during HeadObject\nrequest 4711"), "are there credentials"),
+        (RuntimeError("Anonymous caller does not have storage.objects.get"), "are there credentials"),
+        (OSError("Unable to load libjvm\nlibjvm.so"), "hdfs:// needs Java and Hadoop's client"),
+        (OSError("When resolving region for bucket 'a': AWS Error NETWORK_CONNECTION"), "is the name right"),
+        (KeyError(), "KeyError"),
+        (ConnectionError("the   store is\tgone"), "the store is gone"),
+    ],
+)
+def test_whatever_a_store_raises_is_one_line(raised: Exception, told: str) -> None:
+    """An OSError that names the file, with the first line of what was said and a cure where one is known."""
+    with pytest.raises(OSError, match=r"s3://bucket/a\.csv") as caught, answering("s3://bucket/a.csv"):
+        raise raised
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_says_enough_already_passes() -> None:
+    """A missing file stays one, in the system's words; our own errors and those of this very file are as they were."""
+    with pytest.raises(FileNotFoundError, match="No such file or directory: 'gs://b/a'"), answering("gs://b/a"):
+        raise FileNotFoundError("b/a")
+    for error in (UsageError("as it was"), FileExistsError("as it was"), OSError(5, "as it was", "gs://b/a")):
+        with pytest.raises(type(error), match="as it was") as caught, answering("gs://b/a"):
+            raise error
+        assert caught.value is error
+
+
+@pytest.mark.parametrize(("query", "region"), [("", "eu-central-1"), ("?region=us-west-2", "us-west-2")])
+def test_the_region_is_of_the_url_or_the_environment(query: str, region: str) -> None:
+    """AWS_REGION saves asking where the bucket is; what the URL says goes before it. Nothing is asked of a network."""
+    code = (
+        f"from nlosctl.io.stores import filesystem_of as f; a, b = f(1, 's3', 'bucket', '{query}'); print(a.region, b)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "AWS_REGION": "eu-central-1", "AWS_EC2_METADATA_DISABLED": "true"},
+    )
+    assert done.stdout.split() == [region, "bucket"]
