@@ -50,7 +50,7 @@ def read_page(path: str) -> Page:
 
 
 def run_shell(
-    script: str, folder: Path, *, timeout: float = 120.0, **environment: str
+    script: str, folder: Path, *, timeout: float = 600.0, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     """Run lines of shell in a folder as a reader would, stopping at the first that fails."""
     ours = ("NLOSCTL", "MAKE", "MFLAGS")  # a make around us would have a page's make tell folders and take our flags

@@ -30,11 +30,6 @@ OFFSETS = st.one_of(st.just(-np.inf), st.floats(0.0, 8.0))
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def trials(entry: registry.MethodEntry, usual: int) -> int:
-    """Return how many examples to try: fewer of `suppress`, which tries thousands of pairs where it finds nothing."""
-    return usual // 4 if entry.full_name == "bearings.suppress" else usual
-
-
 def solved(entry: registry.MethodEntry, batch: Any, *, factor: float = 1.0) -> Any:
     """Run a method on a batch; any warning is a failure."""
     spec = registry.load(entry)
@@ -86,14 +81,14 @@ def any_geometry(entry: registry.MethodEntry, examples: int) -> None:
 @METHODS
 def test_any_geometry_keeps_the_contract(entry: registry.MethodEntry) -> None:
     """1 mm to 10,000 km, up to 1e8 m away, 2 to 100 rows, nearly degenerate: numbers just where the status says so."""
-    any_geometry(entry, trials(entry, 12))
+    any_geometry(entry, 12)
 
 
 @pytest.mark.slow
 @METHODS
 def test_a_thousand_geometries_keep_the_contract(entry: registry.MethodEntry) -> None:
     """The same for a thousand draws of each method."""
-    any_geometry(entry, trials(entry, 1000))
+    any_geometry(entry, 1000)
 
 
 def test_echoes_of_sensors_that_coincide_but_for_rounding() -> None:
@@ -143,14 +138,14 @@ def test_the_frame_and_the_unit_are_no_matter(entry: registry.MethodEntry) -> No
 
     Beside that the stop of an iteration may leave a ten-millionth of the fix's own standard deviation.
     """
-    frame_and_scale(entry, trials(entry, 8))
+    frame_and_scale(entry, 8)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", FRAMED, ids=lambda entry: entry.full_name)
 def test_many_frames_and_units_are_no_matter(entry: registry.MethodEntry) -> None:
     """The same for 300 draws of each method."""
-    frame_and_scale(entry, trials(entry, 300))
+    frame_and_scale(entry, 300)
 
 
 def test_a_path_that_proposes_a_station_as_the_target() -> None:
