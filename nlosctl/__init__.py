@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 from nlosctl.version import __version__
 
+TYPE_CHECKING = False  # as of typing, without importing it: an interrupt at the very start would be a traceback
 if TYPE_CHECKING:
+    from typing import Any
+
     from nlosctl.api import (
         Detection,
         Localization,

@@ -24,10 +24,12 @@ def main() -> int:
 
         code = run()
     except KeyboardInterrupt as stop:
-        sys.stderr.write("nlosctl: interrupted\n")
+        if sys.stderr is not None:
+            sys.stderr.write("nlosctl: interrupted\n")
         code = 128 + getattr(stop, "number", 2)
     if code > 128:
-        sys.stderr.flush()
+        if sys.stderr is not None:
+            sys.stderr.flush()
         os._exit(code)
     return code
 

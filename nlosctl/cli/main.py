@@ -40,6 +40,7 @@ evaluate --fail-if is met; 130 interrupted.
 """
 
 _INTERRUPTED = 130
+_REPEAT_AFTER_S = 0.01
 
 
 class _PipeClosedError(Exception):
@@ -191,3 +192,24 @@ def _unwind_on_signals(came: list[int]) -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, stop)
+    if hasattr(signal, "setitimer"):
+        _repeat_lost_signals()
+
+
+def _repeat_lost_signals() -> None:
+    """Raise an interrupt anew where it came within a callback or a ``__del__``: Python drops what these raise."""
+    lost: list[BaseException] = []
+    tell_others = sys.unraisablehook
+
+    def note(dropped: sys.UnraisableHookArgs) -> None:
+        if isinstance(dropped.exc_value, KeyboardInterrupt):
+            lost.append(dropped.exc_value.with_traceback(None))
+            signal.setitimer(signal.ITIMER_REAL, _REPEAT_AFTER_S)
+        else:
+            tell_others(dropped)
+
+    def repeat(number: int, frame: FrameType | None) -> NoReturn:
+        raise lost[-1]
+
+    signal.signal(signal.SIGALRM, repeat)
+    sys.unraisablehook = note

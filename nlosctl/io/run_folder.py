@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import PurePosixPath
 from typing import Any
@@ -91,7 +91,7 @@ class RunFolder:
         """Write the manifest of each table's folder, that of the first last; the run is finished then."""
         parts = [records[number] for number in sorted(records)]
         with writing(str(self.main)):
-            self._remove_temporary_files(plan)
+            self.remove_temporary_files(plan.get("parts", []))
             for table, root in reversed(self.roots.items()):
                 manifest = make_manifest(table, plan, parts, report, is_main=location(root) == self.main)
                 text = json.dumps(manifest, indent=2, ensure_ascii=False)
@@ -132,7 +132,7 @@ class RunFolder:
                 self.keep(number, record)
             for root in self.roots.values():
                 (location(root) / MANIFEST).unlink(missing_ok=True)
-            self._remove_temporary_files(plan)
+            self.remove_temporary_files(plan.get("parts", []))
         return records
 
     def _changed_input(self, modified: Mapping[str, int]) -> str | None:
@@ -171,7 +171,7 @@ class RunFolder:
         """Remove what the earlier run wrote, its manifest first; nothing else."""
         records = self._records()
         plan = self._plan_begun() or {}
-        self._remove_temporary_files(plan)
+        self.remove_temporary_files(plan.get("parts", []))
         for root in self.roots.values():
             (location(root) / MANIFEST).unlink(missing_ok=True)
         names = [told["name"] for record in records.values() for told in record["files"].values()]
@@ -182,15 +182,18 @@ class RunFolder:
                     _remove_empty_folders(location(root), name)
         self._forget_state()
 
-    def _remove_temporary_files(self, plan: Mapping[str, Any]) -> None:
-        """Remove what a killed run has left of the files that it was writing."""
+    def remove_temporary_files(self, parts: Sequence[str]) -> None:
+        """Remove what a process that was stopped has left of the files of these parts that it was writing."""
         for root in map(location, self.roots.values()):
-            paths = [root / name for name in plan.get("parts", []) if _inside(root, name)]
+            paths = [root / name for name in parts if _inside(root, name)]
             begins = {f".{path.name[:100]}." for path in paths}
             for folder in dict.fromkeys(path.parent for path in paths):
                 for left in _entries(folder):
                     if left.name.endswith(".part") and left.name.startswith(tuple(begins)):
                         left.unlink(missing_ok=True)
+        for left in _entries(self._state):
+            if left.name.startswith(".") and left.name.endswith(".part"):
+                left.unlink(missing_ok=True)
 
     def _forget_state(self) -> None:
         if self._state.is_dir():

@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any
 
 from nlosctl.errors import MissingExtraError, UsageError
-from nlosctl.pipeline.folder_run import Engine
+from nlosctl.pipeline.folder_run import Engine, Records
 from nlosctl.pipeline.parts import PartWork
 from nlosctl.version import __version__
 
@@ -32,7 +32,7 @@ def dask_engine(scheduler: str | None, jobs: int) -> Engine:
     except ImportError:
         raise MissingExtraError("--engine dask", "distributed", "dask") from None
 
-    def make(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+    def make(work: PartWork, numbers: Sequence[int]) -> Records:
         with _client(distributed, scheduler, jobs) as client:
             shared = client.submit(_itself, work.with_absolute_paths(), pure=False)
             futures = {

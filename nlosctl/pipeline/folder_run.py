@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from typing import Any
 
@@ -19,9 +19,10 @@ from nlosctl.pipeline.workers import map_in_processes
 from nlosctl.pipeline.writing import Run
 from nlosctl.version import __version__
 
-__all__ = ["Engine", "FolderRun", "in_this_machine"]
+__all__ = ["Engine", "FolderRun", "Records", "in_this_machine"]
 
-Engine = Callable[[PartWork, Sequence[int]], Iterable[tuple[int, dict[str, Any]]]]
+Records = Generator[tuple[int, dict[str, Any]], None, None]
+Engine = Callable[[PartWork, Sequence[int]], Records]
 """Makes the parts of these numbers, and gives the record of each as it is done, in any order."""
 
 _KEPT_IN_PLAN = ("kind", "renames", "constants", "all_rows", "max_snapshot_rows")
@@ -30,12 +31,16 @@ _KEPT_IN_PLAN = ("kind", "renames", "constants", "all_rows", "max_snapshot_rows"
 def in_this_machine(jobs: int) -> Engine:
     """Return the engine of this machine: ``jobs`` processes, each at a part; at a single part they share its rows."""
 
-    def make(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+    def make(work: PartWork, numbers: Sequence[int]) -> Records:
         if len(numbers) == 1 or work.is_remote:  # a store's connection does not bear being forked
             yield from ((number, work.make(number, jobs)) for number in numbers)
             return
-        with closing(map_in_processes(work.make, numbers, jobs)) as records:
-            yield from zip(numbers, records, strict=True)
+        try:
+            with closing(map_in_processes(work.make, numbers, jobs)) as records:
+                yield from zip(numbers, records, strict=True)
+        except BaseException:  # processes that are stopped leave what they are writing
+            RunFolder(work.roots).remove_temporary_files(work.names)
+            raise
 
     return make
 
@@ -76,11 +81,12 @@ class FolderRun:
             order.add(places[number][0], records[number]["span"])
         missing = [number for number in range(len(self._names)) if number not in records]
         rows = _rows(records.values())
-        for number, record in engine(self._work(), missing) if missing else ():
-            records[number] = record
-            order.add(places[number][0], record["span"])
-            rows += _rows([record])
-            progress(rows)
+        with closing(engine(self._work(), missing)) as made:
+            for number, record in made if missing else ():
+                records[number] = record
+                order.add(places[number][0], record["span"])
+                rows += _rows([record])
+                progress(rows)
         self._tell(records)
         self._folder.finish(plan, records, self._run.report.as_dict())
 

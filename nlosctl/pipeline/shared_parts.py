@@ -12,7 +12,7 @@ from nlosctl.io.file_format import FileFormat
 from nlosctl.io.locations import location
 from nlosctl.io.part_files import read_part, scratch_folder
 from nlosctl.io.slices import SLICE_ROWS, sliced
-from nlosctl.pipeline.folder_run import Engine
+from nlosctl.pipeline.folder_run import Engine, Records
 from nlosctl.pipeline.id_order import IdOrder
 from nlosctl.pipeline.parts import BAD_ROWS, PartWork
 from nlosctl.pipeline.run import ChunkTables
@@ -27,7 +27,7 @@ def sharing_long_parts(engine: Engine) -> Engine:
     What goes wrong in a slice is found again in the whole part, to be told as it is there.
     """
 
-    def make(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+    def make(work: PartWork, numbers: Sequence[int]) -> Records:
         if BAD_ROWS in work.roots:  # their order depends on how the rows are read
             yield from engine(work, numbers)
             return

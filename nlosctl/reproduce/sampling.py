@@ -68,9 +68,10 @@ def _sampled(experiment: Experiment, tasks: list[Task], pool: Executor | None) -
         for number, chunk in tasks:
             yield (number, chunk), _checked(experiment, chunk, experiment.sample(experiment.conditions[number], chunk))
         return
-    pending: dict[Future[Samples], Task] = {
-        pool.submit(_work, experiment.name, number, chunk): (number, chunk) for number, chunk in tasks
-    }
+    with _interrupts_held():  # processes begin here, and take over what is held until they ignore it
+        pending: dict[Future[Samples], Task] = {
+            pool.submit(_work, experiment.name, number, chunk): (number, chunk) for number, chunk in tasks
+        }
     try:
         while pending:
             ready, _ = wait(pending, return_when=FIRST_COMPLETED)
@@ -112,6 +113,19 @@ def worker_pool(jobs: int) -> Iterator[Executor | None]:
         yield pool
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of the block, and for ever in the processes that begin in it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_work() -> None:

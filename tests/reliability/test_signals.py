@@ -1,0 +1,145 @@
+"""Signals at the worst moment: none is lost, none leaves a file or a word too many."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from nlosctl.io.run_folder import RunFolder
+
+PROGRAM = Path(sys.executable).with_name("nlosctl")
+CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+
+
+def names(folder: Path) -> list[str]:
+    """Return all names in a folder, hidden ones and those within folders too."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+
+
+def run_script(folder: Path, script: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run Python that prepares something, then the program with ``words``."""
+    start = "\nimport sys\nfrom nlosctl.cli.__main__ import main\nsys.exit(main())\n"
+    line = [sys.executable, "-c", script + start, *words]
+    return subprocess.run(line, capture_output=True, text=True, cwd=folder, check=False, timeout=60)
+
+
+DROPS = """
+import signal
+from nlosctl.pipeline import simulation
+class Gone:
+    def __del__(self):
+        signal.raise_signal({number})
+        for _ in range(100):
+            pass
+table = simulation.measurement_table
+def once(*words):
+    simulation.measurement_table = table
+    Gone()
+    return table(*words)
+simulation.measurement_table = once
+"""
+
+
+@pytest.mark.parametrize(("number", "code"), CODES, ids=lambda value: str(value))
+def test_a_signal_that_python_drops_is_heard(number: int, code: int, folder: Path) -> None:
+    """An interrupt within a ``__del__`` or a callback, where Python drops exceptions, ends the run all the same."""
+    done = run_script(folder, DROPS.format(number=int(number)), "simulate", "ring", "-n", "100000000", "-o", "m.csv")
+    assert (done.returncode, done.stderr) == (code, "nlosctl: interrupted; no partial output is left\n")
+    assert names(folder) == []
+
+
+def test_what_else_python_drops_is_told(folder: Path) -> None:
+    """Other exceptions that Python drops are told as ever."""
+    script = (
+        "class Gone:\n    def __del__(self):\n        raise ValueError('lost')\nimport atexit\natexit.register(Gone)\n"
+    )
+    done = run_script(folder, script, "simulate", "ring", "-n", "2", "-o", "m.csv", "-q")
+    assert done.returncode == 0
+    assert "ValueError: lost" in done.stderr
+
+
+def test_the_entry_imports_next_to_nothing(folder: Path) -> None:
+    """Until interrupts are met in a line only our own few modules are imported: milliseconds."""
+    script = "import sys; before = {*sys.modules}; import nlosctl.cli.__main__; print(*sorted({*sys.modules} - before))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=folder)
+    assert set(done.stdout.split()) <= {
+        "__future__",
+        "nlosctl",
+        "nlosctl.version",
+        "nlosctl.cli",
+        "nlosctl.cli.__main__",
+    }
+
+
+def test_an_interrupt_while_processes_begin_is_said_once(folder: Path) -> None:
+    """Ctrl-C from the terminal reaches the beginning processes of ``reproduce`` too: they say nothing."""
+    script = """
+import os, signal, threading
+from concurrent.futures import process
+spawn = process.ProcessPoolExecutor._spawn_process
+def spawn_then_interrupt(pool):
+    spawn(pool)
+    threading.Timer(0.2, os.killpg, (0, signal.SIGINT)).start()
+    process.ProcessPoolExecutor._spawn_process = spawn
+process.ProcessPoolExecutor._spawn_process = spawn_then_interrupt
+"""
+    start = "\nimport sys\nfrom nlosctl.cli.__main__ import main\nif __name__ == '__main__': sys.exit(main())\n"
+    (folder / "program.py").write_text(script + start)
+    done = subprocess.run(
+        [sys.executable, "program.py", "reproduce", "song-fig8", "--trials", "2000", "-o", "out", "--jobs", "2"],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=False,
+        timeout=60,
+        start_new_session=True,
+    )
+    assert done.returncode == 130
+    assert [line for line in done.stderr.splitlines() if "finished chunks are kept" not in line] == [
+        "nlosctl: interrupted; no partial output is left"
+    ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_processes_that_are_stopped_leave_nothing_half_written(number: int, job_folder: Path) -> None:
+    """Where a run into a folder is interrupted what its processes were writing goes, and --resume goes on."""
+    script = """
+import time
+from nlosctl.io import new_file
+keep = new_file.NewFile.keep
+def keep_late(file):
+    if ".parquet." in file._temporary.name:
+        time.sleep(60)
+    keep(file)
+new_file.NewFile.keep = keep_late
+"""
+    start = "\nimport sys\nfrom nlosctl.cli.__main__ import main\nsys.exit(main())\n"
+    words = ["localize", "bearing_parts", "-o", "e/", "--flags-out", "f/", "--jobs", "2", "-q"]
+    running = subprocess.Popen([sys.executable, "-c", script + start, *words], cwd=job_folder, stderr=subprocess.PIPE)
+    try:
+        deadline = time.monotonic() + 60
+        while sum(name.endswith(".part") for name in names(job_folder)) < 4 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        running.send_signal(number)
+        _, err = running.communicate(timeout=60)
+    finally:
+        running.kill()
+    assert running.returncode == 128 + number
+    assert err == b"nlosctl: interrupted; no partial output is left\n"
+    assert [name for name in names(job_folder) if name.endswith(".part")] == []
+    done = subprocess.run([PROGRAM, *words, "--resume"], cwd=job_folder, check=False)
+    assert done.returncode == 0
+
+
+def test_only_our_own_temporary_files_go(folder: Path) -> None:
+    """What another program has put beside the parts is left alone."""
+    (folder / "out").mkdir()
+    for name in (".0.parquet.1a2b3c4d.part", ".1.parquet.1a2b3c4d.part", "0.parquet", ".other.part", "x.part"):
+        (folder / "out" / name).touch()
+    RunFolder({"estimates": "out"}).remove_temporary_files(["0.parquet"])
+    assert names(folder / "out") == [".1.parquet.1a2b3c4d.part", ".other.part", "0.parquet", "x.part"]
