@@ -15,7 +15,9 @@ from circle_worlds import (
     unblocked_points,
 )
 
+from nlosctl.geometry import short_arc
 from nlosctl.geometry.circular_reflection import all_points, all_reflections, count_reflections, reflect_at, separatrix
+from nlosctl.geometry.roots import bracketed_roots
 from nlosctl.geometry.short_arc import short_arc_reflection
 
 
@@ -209,6 +211,19 @@ def test_the_short_arc_path_is_the_unblocked_one():
         assert len(free) == 1
         assert abs(np.angle(free[0] / (path.hit_x[row] + 1j * path.hit_y[row]))) < 1e-8
     assert path.spread_m.min() > 0.0
+
+
+def test_newtons_steps_alone_find_nearly_every_short_arc(monkeypatch):
+    """Of what is seen over the horizon not one root in a hundred is left to the search in a bracket, which is slow."""
+    searched = []
+
+    def counted(function, low, high, guess):
+        searched.append(low.size)
+        return bracketed_roots(function, low, high, guess)
+
+    monkeypatch.setattr(short_arc, "bracketed_roots", counted)
+    short_path(*draw_visible(5000, 17))
+    assert sum(searched) < 50
 
 
 def test_the_short_arc_root_is_exact():

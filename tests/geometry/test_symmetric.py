@@ -74,3 +74,11 @@ def test_a_singular_matrix_spoils_no_other(entries: tuple[float, float, float]) 
     assert (x[1], y[1]) == (3.0, 4.0)
     assert not np.isfinite(full(singular.inverse())[0]).all()
     assert singular.eigenvalues()[0].tolist() == [0.0, 1.0]
+
+
+def test_the_sandwich_of_huge_matrices_is_infinite():
+    """Entries beyond what a float64 holds are infinite, without a warning."""
+    huge = Symmetric2x2(np.full(1, 1e200), np.zeros(1), np.full(1, 1e200))
+    found = huge.congruence(huge)
+    assert np.isposinf(found.xx).all()
+    assert np.isposinf(found.yy).all()

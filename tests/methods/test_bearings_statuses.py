@@ -105,6 +105,17 @@ def test_the_wrong_side_of_a_mirror_is_infeasible(method: MethodSpec) -> None:
     assert np.isfinite(estimates.covariance_m2).all()
 
 
+def test_ml_can_be_held_to_what_the_scene_allows() -> None:
+    """With ``feasible`` a fix beyond its mirror is brought back to the mirror: boundary, without a covariance."""
+    sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
+    bearing = np.array([[np.arctan2(1.0, 1.0), *towards(sensors[1:], (5.0, 1.0))[0]]])
+    batch = make_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL)
+    estimates = estimate(bearings_ml.METHOD, batch, feasible=True)
+    assert words(estimates) == ["boundary"]
+    assert estimates.position_m[0, 0] == pytest.approx(3.0, abs=1e-3)
+    assert np.isnan(estimates.covariance_m2).all()
+
+
 def test_a_direct_row_is_not_held_to_a_mirror(method: MethodSpec) -> None:
     """A mirror of the scene that no row uses makes no fix infeasible."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]

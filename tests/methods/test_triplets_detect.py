@@ -99,6 +99,61 @@ def test_lines_that_meet_behind():
     assert asked["p_value"] <= plain["p_value"]
 
 
+@pytest.mark.parametrize("length", [30.0, 9.0])
+@pytest.mark.parametrize("false_alarm", [1e-9, 1e-3, 0.2])
+def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
+    """The p-value is the lesser of both, that of the rays being of the angle by which they diverge; so are reasons."""
+    batch = one_path(dod=1.64, doa=1.57, length=length, std=(0.02, 0.015, 5.0))
+    plain, asked = (said(triplets_chi2, batch, rays_miss=asks, false_alarm=false_alarm) for asks in (False, True))
+    miss = 2.0 * stats.norm.sf(0.07 / np.hypot(0.02, 0.015))
+    assert asked["p_value"] == pytest.approx(min(plain["p_value"], miss), rel=1e-9)
+    assert plain["ip"] == (plain["p_value"] < false_alarm)
+    assert asked["ip"] == (asked["p_value"] < false_alarm)
+    words = [("inconsistent", plain["p_value"]), ("rays_miss", miss)]
+    expected = ",".join(word for word, p_value in words if p_value < false_alarm)
+    assert plain["reason"] == asked["reason"] == expected
+
+
+def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
+    """In company every path has a probability to be direct; one alone on its baseline none."""
+    columns = draw("room", 40, seed=7, blocked_fraction=0.0)
+    fields = {}
+    for name, parts in TripletBatch.SOURCES.items():
+        values = [np.asfortranarray(columns[part].reshape(40, 12)) for part in parts]
+        fields[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
+    batch = TripletBatch(seed=np.zeros(40, dtype=np.uint64), **fields)
+    ours, theirs = (
+        module.solve(batch, module.METHOD.options()).flags.columns for module in (triplets_joint, triplets_chi2)
+    )
+    probability = ours["direct_probability"]
+    assert ((probability >= 0.0) & (probability <= 1.0)).all()
+    np.testing.assert_allclose(ours["p_value"], theirs["p_value"] * probability, rtol=1e-9, atol=1e-300)
+    indirect = columns["truth_ip"].reshape(40, 12)
+    assert np.median(probability[~indirect]) > 0.9
+    assert np.median(probability[indirect]) < 0.1
+    alone = one_path(dod=0.0, doa=np.pi, length=5.0)
+    found = said(triplets_joint, alone)
+    assert np.isnan(found["direct_probability"])
+    assert found["p_value"] == said(triplets_chi2, alone)["p_value"]
+    assert 0.5 < said(triplets_joint, direct_path())["direct_probability"] <= 1.0
+
+
+@pytest.mark.parametrize("false_alarm", [0.01, 0.2])
+def test_details_are_the_same_for_every_method(false_alarm):
+    """Those of chi2 and joint are those of tdaj at the same false alarms, and there are none unless they are wanted."""
+    batch = batch_of(draw("shen", 20, seed=3))
+    detailed = dataclasses.replace(batch, want_details=True)
+    expected = triplets_tdaj.solve(detailed, triplets_tdaj.TdajOptions(false_alarm=false_alarm)).flags.columns
+    for module in (triplets_chi2, triplets_joint):
+        options = module.METHOD.options(false_alarm=false_alarm)
+        columns, without = (module.solve(part, options).flags.columns for part in (detailed, batch))
+        names = [name for name in columns if name not in without]
+        assert names == [name for name in expected if name in names]
+        assert "threshold5_m" in names
+        for name in names:
+            np.testing.assert_array_equal(columns[name], expected[name])
+
+
 def test_chi2_knows_gaussian_errors_alone():
     """Another law of errors with chi2 is a usage error that names the method which knows it."""
     with pytest.raises(UsageError, match="tdaj"):
@@ -160,7 +215,7 @@ def test_fusion_is_blind_where_too_few_rules_see(k):
 @pytest.mark.parametrize("scale", [1e-3, 0.1, 1e3])
 def test_verdicts_have_no_scale(module, scale):
     """A world a thousand times smaller or larger, errors and all, has the same p-values and reasons."""
-    for length in (11.0, 11.6):
+    for length in (4.0, 11.0, 11.6):
         large, small = (
             said(
                 module,
@@ -170,7 +225,7 @@ def test_verdicts_have_no_scale(module, scale):
             )
             for s in (1.0, scale)
         )
-        assert small["p_value"] == pytest.approx(large["p_value"], rel=1e-6)
+        np.testing.assert_allclose(small["p_value"], large["p_value"], rtol=1e-6)
         assert small["reason"] == large["reason"]
 
 
