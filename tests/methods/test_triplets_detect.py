@@ -10,9 +10,10 @@ from scipy import stats
 from triplet_worlds import batch_of, draw, one_path
 
 from nlosctl.contract.batches import TripletBatch
+from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.evaluation.detection import kolmogorov_smirnov
-from nlosctl.methods import triplets_chi2, triplets_joint, triplets_tdaj
+from nlosctl.methods import triplets_chi2, triplets_joint, triplets_ml, triplets_tdaj
 
 
 def direct_path(**changes):
@@ -24,6 +25,15 @@ def direct_path(**changes):
         "length": np.hypot(x + 2.5, y) + np.hypot(x - 2.5, y),
     }
     return one_path(**{**values, **changes})
+
+
+def snapshots_of(columns, snapshots, paths):
+    """Return the batch of some snapshots of as many paths each."""
+    fields = {}
+    for name, parts in TripletBatch.SOURCES.items():
+        values = [np.asfortranarray(columns[part].reshape(snapshots, paths)) for part in parts]
+        fields[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
+    return TripletBatch(seed=np.zeros(snapshots, dtype=np.uint64), **fields)
 
 
 def said(module, batch, **options):
@@ -117,11 +127,7 @@ def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
 def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
     """In company every path has a probability to be direct; one alone on its baseline none."""
     columns = draw("room", 40, seed=7, blocked_fraction=0.0)
-    fields = {}
-    for name, parts in TripletBatch.SOURCES.items():
-        values = [np.asfortranarray(columns[part].reshape(40, 12)) for part in parts]
-        fields[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
-    batch = TripletBatch(seed=np.zeros(40, dtype=np.uint64), **fields)
+    batch = snapshots_of(columns, 40, 12)
     ours, theirs = (
         module.solve(batch, module.METHOD.options()).flags.columns for module in (triplets_joint, triplets_chi2)
     )
@@ -330,6 +336,43 @@ def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
     assert np.nanmedian(error) < 0.06
 
 
+def test_joint_estimates_are_the_most_likely_targets_of_their_paths():
+    """Where all paths support the target its place and covariance are those of ml on all; too near a rival is told."""
+    batch = snapshots_of(draw("room", 40, seed=8, receivers=3, paths=1, blocked_fraction=0.0), 40, 3)
+    solution = triplets_joint.solve(batch, triplets_joint.JointOptions())
+    estimates = solution.estimates
+    assert estimates.row.tolist() == list(range(40))
+    np.testing.assert_array_equal(estimates.n_used, solution.flags.used.sum(axis=1))
+    likely = triplets_ml.solve(batch, triplets_ml.MaximumLikelihoodOptions(joint=True)).estimates
+    whole = (estimates.n_used == 3) & np.isfinite(likely.position_m[:, 0])
+    assert whole.sum() > 20
+    np.testing.assert_allclose(estimates.position_m[whole], likely.position_m[whole], atol=1e-3)
+    np.testing.assert_allclose(estimates.covariance_m2[whole], likely.covariance_m2[whole], rtol=0.05, atol=1e-6)
+    never, always = (
+        triplets_joint.solve(batch, triplets_joint.JointOptions(ambiguous_within=within)).estimates.status
+        for within in (0.0, 1e6)
+    )
+    assert set(never[whole]) == {Status.OK}
+    rivalled = always == Status.AMBIGUOUS
+    assert rivalled.any()
+    assert (never[rivalled] == Status.OK).all()
+    np.testing.assert_array_equal(always[~rivalled], never[~rivalled])
+
+
+def test_a_snapshot_without_a_target_says_so_alone():
+    """Paths that no target explains, or that lie along their baseline, have one row without a place; others theirs."""
+    paths = [direct_path(), direct_path(length=13.0), one_path(dod=0.0, doa=np.pi, length=5.0), direct_path()]
+    fields = {name: np.concatenate([getattr(one, name) for one in paths]) for name in ("seed", *TripletBatch.SOURCES)}
+    solution = triplets_joint.solve(dataclasses.replace(paths[0], **fields), triplets_joint.JointOptions())
+    estimates = solution.estimates
+    assert estimates.row.tolist() == [0, 1, 2, 3]
+    assert estimates.status[[0, 3]].tolist() == [Status.OK, Status.OK]
+    assert estimates.status[1] == Status.NO_TARGET
+    assert estimates.status[2] in {Status.DEGENERATE, Status.NO_TARGET}
+    assert np.isfinite(estimates.position_m[:, 0]).tolist() == [True, False, False, True]
+    assert solution.flags.used.ravel().tolist() == [True, False, False, True]
+
+
 def test_joint_with_several_targets():
     """Paths over two targets are all direct with targets=2, and both targets are estimated."""
     generator = np.random.default_rng(5)
@@ -357,7 +400,16 @@ def test_joint_with_several_targets():
     solution = triplets_joint.solve(batch, triplets_joint.JointOptions(targets=2))
     assert solution.flags.columns["ip"].mean() < 0.08
     estimates = solution.estimates
+    assert not estimates.alternative.any()
+    assert estimates.status.dtype == np.uint8
     both = np.bincount(estimates.row) == 2
+    assert estimates.target.tolist() == [number for two in both for number in range(1 + two)]
+    first, second = (estimates.cost[both[estimates.row] & (estimates.target == number)] for number in (0, 1))
+    np.testing.assert_array_equal(first, second)
+    assert np.isfinite(first).all()
+    used = np.bincount(estimates.row, weights=estimates.n_used)
+    np.testing.assert_array_equal(solution.flags.used.sum(axis=1), used)
+    assert used.mean() > 7.0
     assert both.mean() > 0.9
     for row in np.flatnonzero(both):
         found = estimates.position_m[estimates.row == row]
