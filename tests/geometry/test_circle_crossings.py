@@ -60,4 +60,15 @@ def test_circles_that_touch_by_rounding_have_a_point() -> None:
 @pytest.mark.parametrize("other", [(0.0, 0.0, 3.0), (0.0, 0.0, 4.0), (5.0, 0.0, 0.0), (5.0, 0.0, np.nan)])
 def test_concentric_and_empty_circles_have_no_point(other: tuple[float, float, float]) -> None:
     """Concentric circles, equal or not, and circles without a positive radius have no point whatever the tolerance."""
-    assert np.isnan(cross((0.0, 0.0, 3.0), other, gap=100.0)).all()
+    one = (0.0, 0.0, 3.0)
+    for pair in ((one, other), (other, one)):
+        assert np.isnan(cross(*pair, gap=100.0)).all()
+
+
+@pytest.mark.parametrize("other", [(5.0, 0.0, 4.0), (10.0, 0.0, 5.0), (1.0, 0.5, 1.0), (9.0, 0.0, 1.0)])
+def test_crossings_have_no_scale(other: tuple[float, float, float]) -> None:
+    """Circles a thousand times smaller or larger cross as they do: to the bit, for a power of two."""
+    one, expected = (0.0, 0.0, 3.0), cross((0.0, 0.0, 3.0), other, gap=2.0)
+    for scale in (2.0**-10, 2.0**10):
+        small = [tuple(scale * value for value in circle) for circle in (one, other)]
+        np.testing.assert_array_equal(cross(*small, gap=2.0 * scale), scale * expected)  # type: ignore[arg-type]

@@ -134,6 +134,11 @@ def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
     probability = ours["direct_probability"]
     assert ((probability >= 0.0) & (probability <= 1.0)).all()
     np.testing.assert_allclose(ours["p_value"], theirs["p_value"] * probability, rtol=1e-9, atol=1e-300)
+    reason = np.where(ours["p_value"] < 0.05, "off_target", "")
+    np.testing.assert_array_equal(
+        np.asarray(ours["reason"]), np.where(theirs["p_value"] < 0.05, "inconsistent", reason)
+    )
+    assert (reason[theirs["p_value"] >= 0.05] == "off_target").any()
     indirect = columns["truth_ip"].reshape(40, 12)
     assert np.median(probability[~indirect]) > 0.9
     assert np.median(probability[indirect]) < 0.1
