@@ -162,6 +162,26 @@ def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
     return batch, center + source[:, 0]
 
 
+def test_feasible_holds_every_fix_in_an_open_circle() -> None:
+    """Behind a wall by which a row came the fixes are infeasible; held to the scene they are before it, or on it."""
+    batch, source = ring_world(2, 0.0)
+    wall = LineReflector(name="wall", point=(30.0, 0.0), direction=(0.0, 1.0))
+    scene = Scene(reflectors=(*RING.reflectors, wall))
+    sensor_xy = np.concatenate([batch.sensor_xy_m, np.full((150, 1, 2), -10.0)], axis=1)
+    image = np.arctan2(source[:, 1] + 10.0, 60.0 - source[:, 0] + 10.0)
+    bearing = np.concatenate([batch.bearing_rad, image[:, None]], axis=1)
+    both = make_batch(sensor_xy, bearing, 0.01, np.array([[0, 0, 0, 0, 1]]), scene)
+    free, held = (estimate(bearings_ml.METHOD, both, feasible=feasible) for feasible in (False, True))
+    beyond = source[:, 0] > 31.0
+    first = np.array(words(free))[free.alternative == 0][beyond]
+    assert (first == "infeasible").mean() > 0.9
+    kept = np.array(words(held))
+    assert "boundary" in kept
+    answered = np.isin(kept, ["ok", "ambiguous", "boundary"])
+    assert held.position_m[answered, 0].max() < 30.1
+    assert (kept == "infeasible").mean() < 0.05
+
+
 def test_an_open_circle_gives_the_source_without_error() -> None:
     """Without a blocker each sensor's path is ambiguous, yet exact bearings lead to their source."""
     batch, source = ring_world(1, 0.0)
