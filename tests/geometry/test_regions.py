@@ -123,11 +123,11 @@ def test_a_convex_polygon_is_where_half_planes_meet() -> None:
 def test_an_edge_of_all_but_no_length_is_none() -> None:
     """Two corners that are one but for rounding are as one, for points however far away."""
     corner_x, corner_y = np.array([[0.0, 1.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 1.0, 1.0]])
-    doubled = PolygonRegion(np.append(corner_x, [[0.0]], axis=1), np.append(corner_y, [[1e-160]], axis=1))
-    x, y = np.array([[0.5, 2.0, 1e200, 0.5, -1e200]]), np.array([[0.5, 0.5, 0.5, 1e200, -1e200]])
+    doubled = PolygonRegion(np.append(corner_x, [[1e-100]], axis=1), np.append(corner_y, [[1e-200]], axis=1))
+    x, y = np.array([[0.5, 2.0, 1e250, 0.5, -1e250]]), np.array([[0.5, 0.5, 0.5, 1e250, -1e250]])
     found, expected = (region.edge_distance_m(x, y) for region in (doubled, PolygonRegion(corner_x, corner_y)))
     np.testing.assert_array_equal(found, expected)
-    assert expected[0, :3].tolist() == [0.5, -1.0, -1e200]
+    assert expected[0, :3].tolist() == [0.5, -1.0, -1e250]
 
 
 def test_each_region_has_its_own_tolerance() -> None:
