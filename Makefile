@@ -79,8 +79,10 @@ reliability: $(DEV) ## faults, hostile files, fuzzing, kills, numerics, at lengt
 	$(BIN)/python tests/reliability/fuzz_files.py --inputs 100000
 	$(BIN)/python tests/reliability/kill_runs.py --kills 200
 
-mutants: $(DEV) ## which small changes of geometry/ and methods/ no test notices
-	$(BIN)/python tests/reliability/mutants.py
+mutants: $(DEV) ## which small changes of geometry/ and methods/ no test notices (an hour or two the first time); goes on where it stopped
+	$(BIN)/python -m pip install --quiet -c $(LOCK) mutmut==3.8.1
+	$(BIN)/mutmut run
+	$(BIN)/mutmut results
 
 lock: $(DEV) ## resolve the development dependencies again
 	$(BIN)/python -m pip install --quiet uv
@@ -110,4 +112,4 @@ test-package: $(DEV) ## build sdist and wheel, install the wheel in an empty env
 	out/package/venv/bin/python tests/reliability/installed_package.py fixtures
 
 clean:
-	rm -rf .venv benchmarks/.peers out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf .venv benchmarks/.peers out mutants .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
