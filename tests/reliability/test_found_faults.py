@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
@@ -55,7 +56,7 @@ def test_half_precision_in_a_column_of_no_meaning(folder: Path) -> None:
     """Estimates with a column of half-precision numbers are evaluated; they were an internal error."""
     run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.parquet", "-q"])
     table = pyarrow.parquet.read_table(folder / "e.parquet")
-    more = pa.array([0.5] * table.num_rows, pa.float16())
+    more = pa.array(np.full(table.num_rows, 0.5, np.float16))
     with pa.ipc.new_file(folder / "e.arrow", table.append_column("quality", more).schema) as sink:
         sink.write_table(table.append_column("quality", more))
     ending = run_guarded(["evaluate", "e.arrow", "-q"])
