@@ -5,24 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bootstraps import count_bootstraps
-from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
+from nlosctl.solvers.outlier_model import grouped_batch, outlier_model
 from nlosctl.solvers.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.ranged_bearings import row_residuals
 from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.suppressed_fixes import suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,13 +77,8 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
-    numbers = {"los_probability": _probability(model, x, y), **row_residuals(grouped, model.lines, x, y)}
+    numbers = {"los_probability": model.mixture.responsibilities(x, y)[0], **row_residuals(grouped, lines, x, y)}
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, found.used, numbers))
-
-
-def _probability(model: OutlierModel, x: FloatArray, y: FloatArray) -> FloatArray:
-    with np.errstate(invalid="ignore"):
-        return model.mixture.responsibilities(x, y)[0]
 
 
 METHOD = MethodSpec(

@@ -76,6 +76,14 @@ def test_a_singular_matrix_spoils_no_other(entries: tuple[float, float, float]) 
     assert singular.eigenvalues()[0].tolist() == [0.0, 1.0]
 
 
+def test_what_a_number_does_not_hold_is_not_finite() -> None:
+    """Inverse, solution and eigenvalues that are too large for a float64 are not finite, without a warning."""
+    tiny, huge = (Symmetric2x2(np.full(1, size), np.zeros(1), np.full(1, 2.0 * size)) for size in (1e-160, 1e200))
+    assert not np.isfinite(tiny.inverse().xx).any()
+    assert not np.isfinite(tiny.solve(np.ones(1), np.ones(1))).any()
+    assert not np.isfinite(huge.eigenvalues()).all()
+
+
 def test_the_sandwich_of_huge_matrices_is_infinite():
     """Entries beyond what a float64 holds are infinite, without a warning."""
     huge = Symmetric2x2(np.full(1, 1e200), np.zeros(1), np.full(1, 1e200))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.geometry.triplets import DIFFERENCES, TripletRays, baseline_frames
 
 RULES = tuple(DIFFERENCES)
@@ -140,9 +141,10 @@ def test_erratum_sign_of_c3():
 def test_sums_of_quantities_undo_differences():
     """Values and derivatives of a sum less one of its parts are those of the other."""
     rays = _rays(*_random_triplets(50, 9, direct=False))
-    one, other = rays.coordinate(2, "x"), rays.coordinate(3, "y")
-    for part in ("value_m", "by_doa", "by_dod", "by_length"):
-        np.testing.assert_allclose(getattr(one + other - other, part), getattr(one, part), rtol=1e-9, atol=1e-9)
+    two = rays.coordinate(2, "x"), rays.coordinate(3, "y")
+    for one, other in (two, two[::-1]):
+        for part in ("value_m", "by_doa", "by_dod", "by_length"):
+            np.testing.assert_allclose(getattr(one + other - other, part), getattr(one, part), rtol=1e-9, atol=1e-9)
 
 
 @settings(max_examples=200, deadline=None)
@@ -184,14 +186,28 @@ def test_frame_turns_back():
     np.testing.assert_allclose(np.array(back)[:, apart], p[:, apart], atol=1e-9)
 
 
+def test_matrices_turn_with_their_frames():
+    """A covariance in the baseline frame is R C R' in the plane, R the turn from baseline to plane."""
+    generator = np.random.default_rng(6)
+    tx, rx = generator.uniform(-5.0, 5.0, (2, 2, 50))
+    factor = generator.normal(size=(50, 2, 2))
+    dense = factor @ factor.transpose(0, 2, 1)
+    turned = baseline_frames(*tx, *rx).matrix_to_global(Symmetric2x2(dense[:, 0, 0], dense[:, 0, 1], dense[:, 1, 1]))
+    angle = np.arctan2(*(rx - tx)[::-1])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    expected = turn @ dense @ turn.transpose(0, 2, 1)
+    for found, row, column in ((turned.xx, 0, 0), (turned.xy, 0, 1), (turned.yy, 1, 1)):
+        np.testing.assert_allclose(found, expected[:, row, column], rtol=1e-12, atol=1e-12)
+
+
 def test_no_ellipse_and_parallel_rays_are_nan():
     """Points that do not exist are NaN, without a warning, and the others are there."""
-    d, length = np.array([2.0, 2.0, 2.0]), np.array([1.5, 2.0, 4.0])
-    mu1, mu2 = np.array([1.2, 1.2, 1.0]), np.array([0.4, 0.4, 1.0])
+    d, length = np.full(5, 2.0), np.array([1.5, 2.0, 4.0, 2.0, 4.0])
+    mu1, mu2 = np.array([1.2, 1.2, 1.0, 1.2, 0.0]), np.array([0.4, 0.4, 1.0, 0.0, 0.0])
     rays = _rays(d, mu1, mu2, length)
-    assert np.isnan(rays.coordinate(2, "x").value_m).tolist() == [True, True, False]
-    assert np.isnan(rays.coordinate(3, "y").value_m).tolist() == [True, True, False]
-    assert np.isnan(rays.coordinate(1, "x").value_m).tolist() == [False, False, True]
+    assert np.isnan(rays.coordinate(2, "x").value_m).tolist() == [True, True, False, True, False]
+    assert np.isnan(rays.coordinate(3, "y").value_m).tolist() == [True, True, False, True, False]
+    assert np.isnan(rays.coordinate(1, "x").value_m).tolist() == [False, False, True, False, True]
     assert np.isnan(rays.difference(1).value_m).all()
 
 
