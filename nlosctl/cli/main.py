@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import signal
 import sys
@@ -27,8 +28,8 @@ from nlosctl.cli.settings import SettingsCommand
 from nlosctl.cli.simulate import simulate
 from nlosctl.cli.terminal import ClosedOutput, forget, tell
 from nlosctl.cli.validate import validate
-from nlosctl.contract.limits import limit
-from nlosctl.errors import GatheredError, NlosctlError, in_one_line, printable
+from nlosctl.contract.limits import limit, limit_variable
+from nlosctl.errors import GatheredError, NlosctlError, UsageError, in_one_line, printable
 from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
@@ -41,6 +42,8 @@ evaluate --fail-if is met; 130 interrupted.
 
 _INTERRUPTED = 130
 _REPEAT_AFTER_S = 0.01
+_LEAST_MEMORY_MB = 512
+"""With less than three quarters of this OpenBLAS tries for ever to get what it wants as it is loaded."""
 
 
 class _PipeClosedError(Exception):
@@ -123,6 +126,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         _unwind_on_signals(came)
     if sys.stdout is None:
         sys.stdout = ClosedOutput()
+    elif arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # text that a terminal's encoding lacks; data goes as bytes
     try:
         _keep_to_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
@@ -153,6 +158,8 @@ def _fail(error: Exception) -> int:
         return 2
     elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
         message, code = f"{' '.join(error.format_message().split())}{_help_hint(error)}", 2
+    elif isinstance(error, ImportError):
+        message = f"a library can't be loaded, perhaps for want of memory: {in_one_line(error)[:300]}"
     elif isinstance(error, OSError) and error.strerror:
         message = f"{error.filename or 'the output'}: {error.strerror}"
     else:
@@ -175,6 +182,11 @@ def _forget_stdout() -> None:
 def _keep_to_memory() -> None:
     """Hold the process to the limit ``memory_mb`` where it is set, so that what asks for more is refused."""
     most = limit("memory_mb")
+    if 0 < most < _LEAST_MEMORY_MB:
+        raise UsageError(
+            f"{limit_variable('memory_mb')} must be 0 (no limit) or at least {_LEAST_MEMORY_MB}: the libraries "
+            f"alone take most of that. Got {most} instead."
+        )
     if most:
         import resource
 

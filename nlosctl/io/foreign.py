@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import IO, Any
 
 from nlosctl.errors import DataError
-from nlosctl.io.locations import Location, location, near_name
+from nlosctl.io.locations import Location, location, near_name, require_utf8
 
 __all__ = ["foreign_path", "open_foreign"]
 
@@ -26,6 +26,7 @@ def foreign_path(word: str) -> Location | None:
         raise DataError(f"{word}: is a folder, expected a file; name its files, or let the shell: {word.rstrip('/')}/*")
     if not path.exists():
         raise DataError(f"{word}: there is no such file{near_name(path)}")
+    require_utf8(word)
     return path
 
 

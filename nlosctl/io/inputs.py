@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
-from nlosctl.io.locations import Location, RemotePath, location, near_name
+from nlosctl.io.locations import Location, RemotePath, location, near_name, require_utf8
 from nlosctl.io.watched import Mark, mark_of, mark_of_status
 
 __all__ = ["Input", "Part", "expand_inputs"]
@@ -86,6 +86,7 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
     if path.is_file():
         return [_file(word, input_format)]
     if path.exists():  # a named pipe, as of <(...) in a shell
+        require_utf8(word)
         return [_stream(word, word, path.open("rb"), input_format)]
     if has_magic(word):
         return _globbed(word, input_format)
@@ -123,6 +124,7 @@ def _file(name: str, input_format: FileFormat | None) -> Input:
 
 
 def _part(name: str, format: FileFormat, path: Path) -> Part:
+    require_utf8(name)
     return Part(name=name, format=format, path=path, mark=mark_of(path))
 
 
@@ -140,6 +142,7 @@ def _of_parts(
     for path, relative, mark in sorted(files, key=lambda file: str(file[1])):
         known = known_format_of_path(path.name)
         if known is not None and not _is_hidden(relative):
+            require_utf8(str(path))
             part = Part(name=str(path), format=input_format or known, path=path, mark=mark or mark_of(path))
             parts.append(replace(part, keys=_keys(relative.parts[:-1])))
     if not parts:

@@ -11,10 +11,19 @@ from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.remote_path import RemotePath
 
-__all__ = ["Location", "RemotePath", "is_remote", "location", "names_folder", "near_name", "pyarrow_source"]
+__all__ = [
+    "Location",
+    "RemotePath",
+    "is_remote",
+    "location",
+    "names_folder",
+    "near_name",
+    "pyarrow_source",
+    "require_utf8",
+]
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://([^?]*)(\?\w+=.*)?", re.DOTALL)
 
@@ -34,7 +43,12 @@ def names_folder(word: str) -> bool:
 
 
 def location(word: str) -> Location:
-    """Return the place that a path or URL names; ``file://`` URLs are paths. Raises UsageError for a password in it."""
+    """Return the place that a path or URL names; ``file://`` URLs are paths.
+
+    Raises UsageError for what can't be a name: nothing, or with a zero byte or a password in it.
+    """
+    if not word or "\0" in word:
+        raise UsageError(f"{word!r} names no file; expected a path or a URL")
     found = _URL.fullmatch(word)
     if found is None:
         return Path(word)
@@ -50,6 +64,16 @@ def location(word: str) -> Location:
             f"logs; give it in the environment or the store's own configuration file"
         )
     return RemotePath(f"{scheme}://{rest.rstrip('/')}", query)
+
+
+def require_utf8(name: str) -> None:
+    """Raise DataError where the name of an input is not UTF-8: results, which are, tell it."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        raise DataError(
+            f"{name}: the name is not UTF-8, and results tell the names of their inputs; rename it"
+        ) from None
 
 
 def near_name(path: Location) -> str:

@@ -32,7 +32,7 @@ def check_targets(
     exists (without ``overwrite``), is an input, or can't be written.
     """
     wanted = [target for target in [*tables, *targets] if target is not None]
-    places = [target if target == "-" else str(location(target).resolve()) for target in wanted]
+    places = [target if target == "-" else str(_resolved(target)) for target in wanted]
     for number, place in enumerate(places):
         if place in places[:number]:
             raise UsageError(f"{wanted[places.index(place)]} and {wanted[number]} are one output; give two names")
@@ -41,6 +41,13 @@ def check_targets(
             _check_folder(target, inputs)
         elif target != "-":
             _check_target(target, overwrite, inputs)
+
+
+def _resolved(target: str) -> Location:
+    try:
+        return location(target).resolve()
+    except RuntimeError as error:  # until Python 3.13
+        raise DataError(f"{target}: can't be written: its symbolic links lead in a circle") from error
 
 
 def _check_folder(target: str, inputs: Sequence[Location]) -> None:

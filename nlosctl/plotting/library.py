@@ -5,7 +5,7 @@ No pyplot: figures are objects, and nothing opens a window.
 
 from __future__ import annotations
 
-from nlosctl.errors import MissingExtraError
+from nlosctl.errors import DataError, MissingExtraError, in_one_line
 
 try:
     from matplotlib import colormaps, style
@@ -19,6 +19,8 @@ except ModuleNotFoundError as error:
     if error.name is None or error.name.partition(".")[0] != "matplotlib":
         raise
     raise MissingExtraError("drawing", "matplotlib", "plot") from error
+except Exception as error:  # a matplotlibrc or a MPLBACKEND of the user that it can't read
+    raise DataError(f"matplotlib can't be used as it is set up: {in_one_line(error)}") from error
 
 __all__ = [
     "Axes",
