@@ -200,6 +200,14 @@ def test_matrices_turn_with_their_frames():
         np.testing.assert_allclose(found, expected[:, row, column], rtol=1e-12, atol=1e-12)
 
 
+def test_a_matrix_without_bounds_stays_so_in_the_plane():
+    """Infinite entries, and sums too large for a float64, are not finite when turned, without a warning."""
+    frames = baseline_frames(np.zeros(2), np.zeros(2), np.ones(2), np.ones(2))
+    size = np.array([np.inf, 1.7e308])
+    turned = frames.matrix_to_global(Symmetric2x2(size, -size, size))
+    assert not np.isfinite(turned.xx).any()
+
+
 def test_no_ellipse_and_parallel_rays_are_nan():
     """Points that do not exist are NaN, without a warning, and the others are there."""
     d, length = np.full(5, 2.0), np.array([1.5, 2.0, 4.0, 2.0, 4.0])
