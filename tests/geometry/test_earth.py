@@ -130,6 +130,7 @@ def test_places_do_not_depend_on_their_neighbours(name: str) -> None:
     [
         ("EPSG:4326", "Geographic 2D CRS in degree, expected a projected one in metres"),
         ("EPSG:4978", "Geocentric CRS in metre, expected a projected one"),
+        ("EPSG:4979", "Geographic 3D CRS in degree and metre, expected a projected one"),
         ("EPSG:2263", "US survey foot"),
         ("nonsense:1", "EPSG:32632"),
     ],

@@ -405,7 +405,7 @@ def test_joint_with_several_targets():
     solution = triplets_joint.solve(batch, triplets_joint.JointOptions(targets=2))
     assert solution.flags.columns["ip"].mean() < 0.08
     estimates = solution.estimates
-    assert not estimates.alternative.any()
+    assert estimates.alternative.tolist() == [0] * estimates.row.size
     assert estimates.status.dtype == np.uint8
     both = np.bincount(estimates.row) == 2
     assert estimates.target.tolist() == [number for two in both for number in range(1 + two)]
