@@ -208,6 +208,7 @@ def test_fusion_counts_the_rules(k):
 def test_fusion_is_blind_where_too_few_rules_see(k):
     """It needs more than k of the six differences that see, and rays that are not nearly parallel."""
     paths = [(1.0, 1.0, 9.0), (0.96, 1.86, 12.5), (0.0, np.pi, 8.0), (1.2, 1.2 + 1e-9, 9.0), (0.3, 2.9, 6.0)]
+    paths.append((np.arctan2(5.0, 2.5), np.arctan2(5.0, -2.5), 2.0 * np.hypot(5.0, 2.5)))  # half way: points mirrored
     columns = [one_path(dod=dod, doa=doa, length=length) for dod, doa, length in paths]
     seen = []
     for batch in columns:
