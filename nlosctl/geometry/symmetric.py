@@ -35,7 +35,7 @@ class Symmetric2x2(NamedTuple):
         The smaller is found as determinant / larger, so that it keeps its digits in nearly singular matrices.
         """
         half_difference = 0.5 * (self.xx - self.yy)
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             larger = 0.5 * self.trace + np.sqrt(half_difference * half_difference + self.xy * self.xy)
             smaller = np.where(larger > 0.0, self.determinant / larger, 0.0)
         return smaller, larger

@@ -76,6 +76,14 @@ def test_a_singular_matrix_spoils_no_other(entries: tuple[float, float, float]) 
     assert singular.eigenvalues()[0].tolist() == [0.0, 1.0]
 
 
+def test_a_matrix_that_is_not_positive_gives_no_warning() -> None:
+    """Where the larger eigenvalue is 0 but for rounding, the smaller is told to be 0."""
+    x, y = np.random.default_rng(5).normal(size=(2, 1000))
+    smaller, larger = Symmetric2x2(-x * x, x * y, -y * y).eigenvalues()
+    assert np.count_nonzero(larger == 0.0) > 100
+    assert not smaller[larger <= 0.0].any()
+
+
 def test_what_a_number_does_not_hold_is_not_finite() -> None:
     """Inverse, solution and eigenvalues that are too large for a float64 are not finite, without a warning."""
     tiny, huge = (Symmetric2x2(np.full(1, size), np.zeros(1), np.full(1, 2.0 * size)) for size in (1e-160, 1e200))
