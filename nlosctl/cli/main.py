@@ -59,7 +59,7 @@ class _StoppedError(Exception):
 
 
 class _Terminated(KeyboardInterrupt):
-    """SIGTERM or SIGHUP: unwinds like Ctrl-C, so that temporary files go."""
+    """SIGTERM, SIGHUP or SIGXCPU: unwinds like Ctrl-C, so that temporary files go."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -194,13 +194,13 @@ def _keep_to_memory() -> None:
 
 
 def _unwind_on_signals(came: list[int]) -> None:
-    """Let SIGTERM and SIGHUP unwind the run, but under ``nohup``; their numbers are put into ``came``."""
+    """Let SIGTERM, SIGHUP (but under ``nohup``) and SIGXCPU unwind the run; their numbers are put into ``came``."""
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         came.append(number)
         raise _Terminated(number)
 
-    for name in ("SIGTERM", "SIGHUP"):
+    for name in ("SIGTERM", "SIGHUP", "SIGXCPU"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, stop)

@@ -88,23 +88,29 @@ def _in_order(
 
 @contextmanager
 def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor]:
-    """Give a pool whose processes are stopped at once where the block does not end well."""
+    """Give a pool whose processes are stopped at once where the block does not end well, or not all can be made."""
     context = multiprocessing.get_context("fork")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_work, initargs=(function,))
-    with warnings.catch_warnings(), _signals_put_off():
-        warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads, from Python 3.12 on
-        pool.submit(os.getpid).result()
-    processes = list((pool._processes or {}).values())
-    # With our end for writing closed, a result that a kill cuts off ends; else the rest of it would be waited for.
-    cast(Any, pool._result_queue)._writer.close()
     try:
+        _start(pool)
+        # With our end for writing closed, a result that a kill cuts off ends; else the rest of it would be waited for.
+        cast(Any, pool._result_queue)._writer.close()
         yield pool
     except BaseException:
-        for process in processes:
+        for process in list((pool._processes or {}).values()):
             process.kill()
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _start(pool: ProcessPoolExecutor) -> None:
+    try:
+        with warnings.catch_warnings(), _signals_put_off():
+            warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads, from Python 3.12 on
+            pool.submit(os.getpid).result()
+    except OSError as error:
+        raise MethodError(f"no processes can be made: {error.strerror or error}; try fewer --jobs") from error
 
 
 @contextmanager
@@ -114,7 +120,7 @@ def _signals_put_off() -> Iterator[None]:
         yield  # no handler runs in this thread
         return
     came: list[int] = []
-    interrupts = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
+    interrupts = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU, signal.SIGALRM)
     handlers = {number: signal.getsignal(number) for number in interrupts}
     handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     for number in handlers:
@@ -133,7 +139,7 @@ def _begin_work(function: Callable[[Any], Any]) -> None:
     global _inherited
     _inherited = function
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -13,7 +13,7 @@ import pytest
 from nlosctl.io.run_folder import RunFolder
 
 PROGRAM = Path(sys.executable).with_name("nlosctl")
-CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGXCPU, 152)]
 
 
 def names(folder: Path) -> list[str]:
@@ -143,3 +143,31 @@ def test_only_our_own_temporary_files_go(folder: Path) -> None:
         (folder / "out" / name).touch()
     RunFolder({"estimates": "out"}).remove_temporary_files(["0.parquet"])
     assert names(folder / "out") == [".1.parquet.1a2b3c4d.part", ".other.part", "0.parquet", "x.part"]
+
+
+def test_the_end_of_the_time_that_a_batch_system_gives(folder: Path) -> None:
+    """A limit on the processor's time ends a run as a request to end does: a line, and nothing left."""
+    script = f"ulimit -St 2; exec {PROGRAM} simulate ring -n 100000000 -o m.csv"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=folder, check=False, timeout=120)
+    assert (done.returncode, done.stderr) == (152, b"nlosctl: interrupted; no partial output is left\n")
+    assert names(folder) == []
+
+
+@pytest.mark.parametrize("made", [0, 1, 2])
+def test_fewer_processes_than_were_asked_for(made: int, job_folder: Path) -> None:
+    """Where the system gives no more processes that is a line, and those that were made end."""
+    script = f"""
+import errno, os
+fork, made = os.fork, []
+def fork_some():
+    if len(made) == {made}:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+    made.append(0)
+    return fork()
+os.fork = fork_some
+"""
+    before = names(job_folder)
+    done = run_script(job_folder, script, "localize", "bearing_parts", "-o", "e/", "--jobs", "3", "-q")
+    assert done.returncode == 1
+    assert done.stderr == "nlosctl: no processes can be made: Resource temporarily unavailable; try fewer --jobs\n"
+    assert [name for name in names(job_folder) if name.split("/")[0] not in {*before, "e"}] == []
