@@ -30,7 +30,9 @@ class ConsistencyOptions:
         0.05, minimum=0.0, maximum=1.0, exclusive=True, meaning="probability of flagging a direct path"
     )
     rays_miss: bool = option(
-        False, meaning="rays that miss each other significantly are indirect too (the false alarms then exceed nominal)"
+        False,
+        meaning="let rays that miss each other decide too (told in reason anyway; the chi-square, which contains that"
+        " angle, is significant whenever they are, so that no flag changes)",
     )
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="another optimum this near makes an estimate ambiguous"
@@ -49,7 +51,8 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
     """Flag the paths of a batch, each by itself.
 
     The fit of two coordinates to three measurements leaves a chi-square of one degree of freedom for a direct path,
-    wherever the target is and in every frame.
+    wherever the target is and in every frame. The rays meet at the fit, so that the chi-square is at least the square
+    of the angle, in standard deviations, by which they miss each other.
     """
     rows = path_rows(batch)
     fits = fit_paths(rows)

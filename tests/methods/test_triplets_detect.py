@@ -14,6 +14,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.evaluation.detection import kolmogorov_smirnov
 from nlosctl.methods import triplets_chi2, triplets_joint, triplets_ml, triplets_tdaj
+from nlosctl.models.triplets import path_rows
+from nlosctl.solvers.triplet_rules import rays_miss_by
 
 
 def direct_path(**changes):
@@ -96,7 +98,7 @@ def test_monostatic():
 
 
 def test_lines_that_meet_behind():
-    """Diverging rays: the simulator's rule condemns them alone; chi2 tells them, and decides by them when asked to."""
+    """Diverging rays: the simulator's rule condemns them alone; chi2 tells them, and flags them whether asked to or not."""
     assert not said(triplets_tdaj, direct_path(), behind_is_ip=True)["ip"]
     batch = one_path(dod=1.66, doa=1.57, length=30.0, std=(0.2, 0.2, 0.05))
     assert said(triplets_tdaj, batch)["reason"] == ""
@@ -122,6 +124,19 @@ def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
     words = [("inconsistent", plain["p_value"]), ("rays_miss", miss)]
     expected = ",".join(word for word, p_value in words if p_value < false_alarm)
     assert plain["reason"] == asked["reason"] == expected
+
+
+def test_the_chi_square_contains_the_angle_by_which_rays_miss():
+    """The rays meet at the fit, so that no p-value of chi2 is above that of the rays; asked for them or not, all agree."""
+    batch = snapshots_of(draw("shen", 2000, seed=9), 2000, 1)
+    plain, asked = (
+        triplets_chi2.solve(batch, triplets_chi2.ConsistencyOptions(rays_miss=asks)).flags.columns
+        for asks in (False, True)
+    )
+    miss = 2.0 * stats.norm.sf(rays_miss_by(path_rows(batch)))
+    assert (miss < 0.05).sum() > 20
+    assert (plain["p_value"].ravel() <= miss * (1.0 + 1e-6)).all()
+    np.testing.assert_allclose(asked["p_value"], plain["p_value"], rtol=1e-6)
 
 
 def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
