@@ -98,7 +98,7 @@ def test_monostatic():
 
 
 def test_lines_that_meet_behind():
-    """Diverging rays: the simulator's rule condemns them alone; chi2 tells them, and flags them whether asked to or not."""
+    """Diverging rays: the simulator's rule condemns them alone; chi2 tells and flags them, asked to or not."""
     assert not said(triplets_tdaj, direct_path(), behind_is_ip=True)["ip"]
     batch = one_path(dod=1.66, doa=1.57, length=30.0, std=(0.2, 0.2, 0.05))
     assert said(triplets_tdaj, batch)["reason"] == ""
@@ -127,7 +127,7 @@ def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
 
 
 def test_the_chi_square_contains_the_angle_by_which_rays_miss():
-    """The rays meet at the fit, so that no p-value of chi2 is above that of the rays; asked for them or not, all agree."""
+    """The rays meet at the fit, so that no p-value of chi2 is above that of the rays, asked for them or not."""
     batch = snapshots_of(draw("shen", 2000, seed=9), 2000, 1)
     plain, asked = (
         triplets_chi2.solve(batch, triplets_chi2.ConsistencyOptions(rays_miss=asks)).flags.columns
