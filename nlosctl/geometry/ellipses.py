@@ -19,7 +19,8 @@ def nearest_on_ellipse(
 
     Newton's method on F(t) = (a x / (t + a^2))^2 + (b y / (t + b^2))^2 - 1 from the left of its only root with
     t > -b^2, where F falls and is convex, so that no step overshoots (Eberly, "Distance from a point to an ellipse").
-    Of two nearest points (points of the major axis between the centres of curvature) the one above is returned.
+    Of two nearest points (points of the major axis between the centres of curvature) the one above is returned, as it
+    is of all points of a circle for its centre.
     NaN in, NaN out.
     """
     a2, b2 = semi_major_m * semi_major_m, semi_minor_m * semi_minor_m
@@ -35,7 +36,7 @@ def nearest_on_ellipse(
             if not (moved > t).any():
                 break
             t = moved
-        foot_x = a2 * np.abs(x) / (t + a2)
+        foot_x = np.where(t == -a2, 0.0, a2 * np.abs(x) / (t + a2))  # the centre of a circle, all points being nearest
         foot_y = b2 * np.abs(y) / (t + b2)
         # On the major axis inside the evolute the root is t = -b^2 itself, and the foot lies above or below.
         inside = (y == 0.0) & (t <= -b2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import IO, Any
 
@@ -120,24 +121,25 @@ class CsvSource:
             return _Parsed(
                 table=pa.schema([(name, pa.binary()) for name in columns]).empty_table(), lines=block.lines, bad=bad
             )
-        table = pyarrow.csv.read_csv(
-            pa.BufferReader(block.content),
-            read_options=pyarrow.csv.ReadOptions(
-                use_threads=False,
-                block_size=2 * len(block.content) + 1,
-                column_names=list(self.names),
-                encoding="utf8" if utf8 else "latin-1",  # each byte as a character: pyarrow can't tell of others
-            ),
-            parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True, invalid_row_handler=take_bad_line),
-            convert_options=pyarrow.csv.ConvertOptions(
-                check_utf8=False,
-                strings_can_be_null=True,
-                quoted_strings_can_be_null=True,
-                null_values=[""],
-                column_types={name: pa.binary() for name in self.names},
-                include_columns=columns,
-            ),
-        ).combine_chunks()
+        with _signals_left_to_python():
+            table = pyarrow.csv.read_csv(
+                pa.BufferReader(block.content),
+                read_options=pyarrow.csv.ReadOptions(
+                    use_threads=False,
+                    block_size=2 * len(block.content) + 1,
+                    column_names=list(self.names),
+                    encoding="utf8" if utf8 else "latin-1",  # each byte as a character: pyarrow can't tell of others
+                ),
+                parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True, invalid_row_handler=take_bad_line),
+                convert_options=pyarrow.csv.ConvertOptions(
+                    check_utf8=False,
+                    strings_can_be_null=True,
+                    quoted_strings_can_be_null=True,
+                    null_values=[""],
+                    column_types={name: pa.binary() for name in self.names},
+                    include_columns=columns,
+                ),
+            ).combine_chunks()
         if table.num_rows + len(bad) != block.lines.shape[0]:
             raise DataError(f"{self._part.name}: after line {block.lines[0]}: cells in quotes can't be told apart")
         return _Parsed(table=table if utf8 else _as_bytes(table), lines=block.lines, bad=bad)
@@ -200,6 +202,16 @@ class CsvSource:
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
+
+
+@contextmanager
+def _signals_left_to_python() -> Iterator[None]:
+    """Keep Arrow from taking Ctrl-C while it parses: one that comes as it ends is lost. A block is short."""
+    pa.enable_signal_handlers(False)
+    try:
+        yield
+    finally:
+        pa.enable_signal_handlers(True)
 
 
 def _is_utf8(content: bytes) -> bool:

@@ -32,6 +32,14 @@ def test_points_of_the_axes():
     np.testing.assert_allclose(foot_y, [1.0, 1.0, 0.0, np.sqrt(0.96), 0.0, 0.0, 0.0, np.sqrt(0.96)], atol=1e-9)
 
 
+def test_circles():
+    """Of a circle the foot is on the ray from its centre; the centre's is above it, and that of NaN is NaN."""
+    x, y, radius = np.array([0.0, 0.5, -3.0, np.nan]), np.array([0.0, 0.5, 4.0, 0.0]), np.full(4, 2.0)
+    foot_x, foot_y = nearest_on_ellipse(x, y, radius, radius)
+    np.testing.assert_allclose(foot_x, [0.0, np.sqrt(2.0), -1.2, np.nan], atol=1e-9)
+    np.testing.assert_allclose(foot_y, [2.0, np.sqrt(2.0), 1.6, np.nan], atol=1e-9)
+
+
 def test_a_row_keeps_its_bits_in_company():
     """A point's foot does not depend on the other points of the call."""
     generator = np.random.default_rng(2)

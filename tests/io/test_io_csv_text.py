@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import csv
+import ctypes
 import gzip
 import io
+import signal
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow.csv
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -215,3 +220,32 @@ def test_own_columns_of_any_type_stay_with_the_rows(tmp_path: Path) -> None:
         {"v": "x", "b": b"\xff", "l": [1]},
         {"v": "y", "b": b"z", "l": []},
     ]
+
+
+def handler_of(number: int) -> bytes:
+    """Return what the system calls at a signal: the first word of the C library's ``struct sigaction``."""
+    told = ctypes.create_string_buffer(256)
+    assert ctypes.CDLL(None).sigaction(number, None, told) == 0
+    return told.raw[: ctypes.sizeof(ctypes.c_void_p)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the layout of the struct is that of Linux")
+def test_ctrl_c_is_pythons_while_a_block_is_parsed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Arrow would take an interrupt for the time of its parsing, and lose one that comes as that ends."""
+    seen = []
+    parse = pyarrow.csv.read_csv
+
+    def watched(content: Any, *, parse_options: Any, **options: Any) -> Any:
+        take_bad_line = parse_options.invalid_row_handler
+
+        def watch(line: Any) -> str:
+            seen.append(handler_of(signal.SIGINT))
+            return str(take_bad_line(line))
+
+        parse_options.invalid_row_handler = watch
+        return parse(content, parse_options=parse_options, **options)
+
+    monkeypatch.setattr(pyarrow.csv, "read_csv", watched)
+    read([save_csv(tmp_path / "a.csv", good(1), "2,a,0", good(3))], Gathered())
+    assert seen
+    assert set(seen) == {handler_of(signal.SIGINT)}
