@@ -22,13 +22,13 @@ def find_duplicates(offsets: IntArray, columns: Sequence[npt.NDArray[Any]]) -> t
 
     ``offsets`` (S+1,) delimits the snapshots, ``columns`` are (N,) arrays of 8-byte values; of none of
     them nothing repeats. Where the first column
-    (integers, not negative) tells all rows of every snapshot apart nothing repeats, and nothing else is looked at.
+    (integers from -1 on) tells all rows of every snapshot apart nothing repeats, and nothing else is looked at.
     """
     none = np.empty(0, dtype=np.int64)
     if not columns or _rises_within_snapshots(offsets, columns[0]):
         return none, none
     snapshot = np.repeat(np.arange(offsets.shape[0] - 1, dtype=np.uint64), np.diff(offsets))
-    values = np.uint64(columns[0].max()) + np.uint64(1)
+    values = np.uint64(int(columns[0].max()) + 1)
     if _differ(snapshot * values + columns[0].astype(np.uint64)):
         return none, none
     words = [_words(column) for column in columns]

@@ -94,8 +94,8 @@ def boolean_codes(column: Any) -> npt.NDArray[np.int8]:
 
 
 def numbers(column: Any) -> FloatArray:
-    """Return a column of numbers (N,); NaN is null."""
-    return np.asarray(column.cast(pa.float64()), dtype=np.float64)
+    """Return a column of numbers (N,), integers beyond 2^53 to the nearest; NaN is null."""
+    return np.asarray(column.cast(pa.float64(), safe=False), dtype=np.float64)
 
 
 def group_codes(table: Any, columns: Sequence[str]) -> tuple[IntArray, list[tuple[Any, ...]]]:

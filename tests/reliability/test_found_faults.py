@@ -72,6 +72,30 @@ def test_the_largest_path_number(folder: Path) -> None:
     assert (ending.code, ending.err) == (0, "")
 
 
+def test_paths_without_any_number(folder: Path) -> None:
+    """Rows of which no path has a number are duplicates, told one by one; it was a warning."""
+    rows = [f"{snapshot},,0,0,9,0,1,2,{12 + length},0.1,0.1,1\n" for snapshot in (1, 2) for length in (0, 1)]
+    header = TRIPLETS.replace("toa_s", "path_length_m")
+    (folder / "m.csv").write_text(header + "".join(rows))
+    ending = run_guarded(["detect-ip", "m.csv", "-q"])
+    assert ending.code == 1
+    assert [f"m.csv, row {row} (line {row + 1}): duplicate measurement" in ending.err for row in (1, 2, 3, 4)] == [
+        False, True, False, True
+    ]  # fmt: skip
+
+
+def test_integers_beyond_what_a_float_holds_are_drawn(folder: Path) -> None:
+    """Numbers of estimates of 2^61 and more are drawn to the nearest; they were an internal error."""
+    run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.parquet", "-q"])
+    table = pyarrow.parquet.read_table(folder / "e.parquet")
+    large = pa.array(np.append(np.zeros(table.num_rows - 1, np.int64), 2**61 + 1))
+    place = table.column_names.index("alternative")
+    pyarrow.parquet.write_table(table.set_column(place, "alternative", large), folder / "large.parquet")
+    for words in (["plot", "large.parquet", "-o", "p.svg", "-q"], ["evaluate", "large.parquet", "-q"]):
+        ending = run_guarded(words)
+        assert (ending.code, ending.err) == (0, "")
+
+
 def test_a_number_that_overflows_in_its_unit(folder: Path) -> None:
     """A time that is finite in seconds and not in metres is a fault of its row; it was a warning."""
     (folder / "m.csv").write_text(f"{TRIPLETS}1,0,0,0,9,0,1,2,1e302,0.1,0.1,1\n")
