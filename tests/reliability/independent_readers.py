@@ -55,6 +55,8 @@ def differences(rows: list[dict[str, Any]], table: Any, names: set[str]) -> Iter
 
 
 def _same(value: Any, raw: Any) -> bool:
+    if isinstance(raw, bytes):  # text of a spoilt file that no longer says that it is text
+        return bool(value == raw) or value == raw.decode("utf-8", "backslashreplace")
     if value is None or raw is None:
         return value is None and (raw is None or raw == "")
     if isinstance(value, bool):
