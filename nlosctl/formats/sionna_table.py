@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ __all__ = ["arrays_of_table"]
 
 _NUMBERS = ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")
 _OPTIONAL = ("interactions", "vertex_x", "vertex_y")
+_MOST_CELLS = 1 << 27
+"""So many places of paths, receivers times transmitters times the most paths between two of them: 1 GiB an array."""
+_MOST_INTERACTIONS = 1000
 
 
 def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
@@ -28,6 +32,9 @@ def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
     place = np.empty(order.shape[0], dtype=np.int64)
     place[order] = np.arange(order.shape[0]) - starts
     shape = (receivers, transmitters, int(place.max()) + 1)
+    if math.prod(shape) > _MOST_CELLS:
+        told = " x ".join(map(str, shape))
+        raise DataError(f"{file.name}: {told} receivers, transmitters and paths, expected at most {_MOST_CELLS} in all")
     at = (rx, tx, place)
 
     def filled(name: str, absent: float) -> Any:
@@ -42,7 +49,17 @@ def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
         made[name][0, end], made[name][1, end] = columns[f"{prefix}_x"], columns[f"{prefix}_y"]
     if "interactions" in columns:
         count = filled("interactions", 0.0)
-        made["interactions"] = (np.arange(max(int(count.max()), 1))[:, None, None, None] < count).astype(np.int64)
+        wrong = ~((count >= 0.0) & (count <= _MOST_INTERACTIONS))
+        if wrong.any():
+            raise DataError(
+                f"{file.name}, column 'interactions': got {count[wrong][0]:g}, expected 0 to {_MOST_INTERACTIONS}"
+            )
+        most = max(math.ceil(count.max()), 1)
+        if most * count.size > _MOST_CELLS:
+            raise DataError(
+                f"{file.name}: {most} interactions of {count.size} paths, expected at most {_MOST_CELLS} in all"
+            )
+        made["interactions"] = (np.arange(most)[:, None, None, None] < count).astype(np.int64)
         if "vertex_x" in columns and "vertex_y" in columns:
             vertices = np.zeros((*made["interactions"].shape, 3))
             vertices[0, ..., 0], vertices[0, ..., 1] = filled("vertex_x", 0.0), filled("vertex_y", 0.0)

@@ -37,6 +37,8 @@ class TableCopy:
         part = self.given.parts[0]
         self._source = open_part(part, _BATCH_ROWS, True)
         try:
+            if not self._source.names:
+                raise DataError(f"{part.name}: the table has no columns")
             twice = sorted({name for name in self._source.names if self._source.names.count(name) > 1})
             if twice:
                 raise DataError(

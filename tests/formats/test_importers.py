@@ -342,6 +342,28 @@ def test_a_table_of_paths_gives_what_the_arrays_give() -> None:
         read("sionna", buffer.getvalue())
 
 
+@pytest.mark.parametrize(
+    ("bounces", "links", "says"),
+    [
+        ([0, 2**31], 1, "column 'interactions': got 2.14748e\\+09, expected 0 to 1000"),
+        ([0.0, np.nan], 1, "column 'interactions': got nan"),
+        ([-1, 0], 1, "column 'interactions': got -1"),
+        ([0, 0], 20_000, "20000 x 20000 x 1 receivers, transmitters and paths, expected at most 134217728"),
+        ([0, 1000], 400, "1000 interactions of 160000 paths, expected at most 134217728"),
+    ],
+)
+def test_a_table_of_paths_that_asks_for_too_much_memory(bounces: list[float], links: int, says: str) -> None:
+    """Numbers that would make arrays of many gigabytes are told instead of asked of the system."""
+    count = max(links, 2)
+    ends = np.zeros(2, dtype=np.int64) if links == 1 else np.arange(count)
+    columns = {name: np.full(count, 1e-8) for name in ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
+    told = np.resize(np.array(bounces), count)
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(pa.table({"rx": ends, "tx": ends, **columns, "interactions": told}), buffer)
+    with pytest.raises(DataError, match=says):
+        read("sionna", buffer.getvalue())
+
+
 def test_a_file_that_is_no_npz() -> None:
     """Bytes of another kind are told in one line."""
     with pytest.raises(DataError, match="not a whole NPZ file"):

@@ -96,6 +96,15 @@ def test_integers_beyond_what_a_float_holds_are_drawn(folder: Path) -> None:
         assert (ending.code, ending.err) == (0, "")
 
 
+def test_a_table_without_columns(folder: Path) -> None:
+    """Twenty rows of nothing are told; they were copied as no rows, without a word."""
+    batch = pa.RecordBatch.from_pylist([{}] * 20, pa.schema([]))
+    with pa.ipc.new_file(folder / "m.arrow", batch.schema) as sink:
+        sink.write_batch(batch)
+    ending = run_guarded(["convert", "m.arrow", "-o", "c.csv", "-q"])
+    assert (ending.code, ending.err) == (1, "nlosctl: m.arrow: the table has no columns\n")
+
+
 def test_a_number_that_overflows_in_its_unit(folder: Path) -> None:
     """A time that is finite in seconds and not in metres is a fault of its row; it was a warning."""
     (folder / "m.csv").write_text(f"{TRIPLETS}1,0,0,0,9,0,1,2,1e302,0.1,0.1,1\n")
