@@ -60,6 +60,10 @@ class PlainReader:
                 source.close()
         self._log.raise_if_stopping()
 
+    def close(self) -> None:
+        """Close what was opened with the reader, for where its rows are not asked for."""
+        self._first[0].close()
+
     def _open(self, part: Part) -> tuple[RawSource, Any]:
         source = open_part(part, _BATCH_ROWS, True)
         _table_of(part, source, [self.table])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,13 +52,14 @@ def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_a
     ``truth`` stands in for the truth columns of estimates. Without ``best_alternative`` only alternative 0 counts.
     Raises DataError where a file is neither, or has no truth.
     """
-    readers = [(given, PlainReader(given, ESTIMATES, FLAGS)) for given in inputs]
-    tables = {reader.table.name for _, reader in readers}
-    if len(tables) > 1:
-        raise DataError("the inputs are estimates and flags; evaluate them one by one")
-    if tables == {FLAGS.name}:
-        return _evaluate_flags(readers)
-    return _evaluate_estimates(readers, truth, best_alternative)
+    with ExitStack() as opened:
+        readers = [(given, opened.enter_context(closing(PlainReader(given, ESTIMATES, FLAGS)))) for given in inputs]
+        tables = {reader.table.name for _, reader in readers}
+        if len(tables) > 1:
+            raise DataError("the inputs are estimates and flags; evaluate them one by one")
+        if tables == {FLAGS.name}:
+            return _evaluate_flags(readers)
+        return _evaluate_estimates(readers, truth, best_alternative)
 
 
 def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alternative: bool) -> Evaluation:

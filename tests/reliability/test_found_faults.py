@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -103,6 +104,19 @@ def test_a_table_without_columns(folder: Path) -> None:
         sink.write_batch(batch)
     ending = run_guarded(["convert", "m.arrow", "-o", "c.csv", "-q"])
     assert (ending.code, ending.err) == (1, "nlosctl: m.arrow: the table has no columns\n")
+
+
+def test_what_can_t_be_evaluated_is_closed(folder: Path) -> None:
+    """Flags without truth, and estimates beside flags, are told, and no file is left open."""
+    words = [str(FIXTURES / "good_bearings.csv"), "--flags-out", "f.csv", "-o", "e.csv", "-q"]
+    assert run_guarded(["localize", *words]).code == 0
+    lines = (folder / "f.csv").read_text().splitlines()
+    (folder / "bare.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines).replace("truth_los", "other"))
+    for inputs, told in (["bare.csv"], "no column"), (["e.csv", "f.csv"], "one by one"):
+        ending = run_guarded(["evaluate", *inputs, "-q"])
+        gc.collect()
+        assert ending.code == 1
+        assert told in ending.err
 
 
 def test_a_number_that_overflows_in_its_unit(folder: Path) -> None:
