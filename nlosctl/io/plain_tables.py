@@ -105,6 +105,10 @@ def _refuse_endless(part: Part, table: Any) -> None:
 
 
 def _table_of(part: Part, source: RawSource, tables: Sequence[Table]) -> Table:
+    twice = sorted({name for name in source.names if source.names.count(name) > 1})
+    if twice:
+        source.close()
+        raise DataError(f"{part.name}: column {twice[0]!r} is there twice; rename or drop one")
     for table in tables:
         if all(column.name in source.names for column in table.required):
             return table

@@ -106,6 +106,17 @@ def test_a_table_without_columns(folder: Path) -> None:
     assert (ending.code, ending.err) == (1, "nlosctl: m.arrow: the table has no columns\n")
 
 
+@pytest.mark.parametrize("words", [["evaluate", "e.csv"], ["plot", "e.csv", "-o", "p.svg"]], ids=["evaluate", "plot"])
+def test_results_with_a_column_twice(words: list[str], folder: Path) -> None:
+    """Two columns of one name are told; they were an internal error."""
+    run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.csv", "-q"])
+    header, *lines = (folder / "e.csv").read_text().splitlines()
+    text = "\n".join([f"{header},note,note", *(f"{line},a,b" for line in lines)])
+    (folder / "e.csv").write_text(text)
+    ending = run_guarded([*words, "-q"])
+    assert (ending.code, ending.err) == (1, "nlosctl: e.csv: column 'note' is there twice; rename or drop one\n")
+
+
 def test_what_can_t_be_evaluated_is_closed(folder: Path) -> None:
     """Flags without truth, and estimates beside flags, are told, and no file is left open."""
     words = [str(FIXTURES / "good_bearings.csv"), "--flags-out", "f.csv", "-o", "e.csv", "-q"]
