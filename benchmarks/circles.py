@@ -13,9 +13,9 @@ from nlosctl.methods import bearings_ml, bearings_stansfield_focused
 from nlosctl.models.bearings import sight_lines
 from nlosctl.scenarios.drawing import draw_snapshots
 from nlosctl.scenarios.song_circle import SCENARIO
-from nlosctl.solvers.grid_search import search_grid
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.several_optima import find_ends
+from nlosctl.solvers.bearings.grid_search import search_grid
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.bearings.multistart import find_ends
 
 _SNAPSHOTS, _LOOPED, _SEARCHED = 1024, 200, 8
 _STD_DEG = 1.0

@@ -24,10 +24,18 @@ from nlosctl.cli.main import run
 _PERIOD_S = 0.001
 _STAGES = {
     "methods": ("nlosctl/methods/",),
-    "blocks and estimates": ("nlosctl/pipeline/solving.py",),
-    "estimates as a table": ("nlosctl/io/result_tables.py", "nlosctl/io/answers.py", "nlosctl/pipeline/answers.py"),
-    "encoding and writing": ("nlosctl/io/write.py", "nlosctl/io/encode.py", "nlosctl/pipeline/writing.py"),
-    "reading, checks, columns": ("nlosctl/io/measurements.py", "nlosctl/pipeline/parts.py"),
+    "blocks and estimates": ("nlosctl/pipeline/solve/solve_chunk.py",),
+    "estimates as a table": (
+        "nlosctl/io/results/layouts.py",
+        "nlosctl/io/answers.py",
+        "nlosctl/pipeline/solve/solution_check.py",
+    ),
+    "encoding and writing": (
+        "nlosctl/io/writers/table_writer.py",
+        "nlosctl/io/writers/encoders.py",
+        "nlosctl/pipeline/engine/writing.py",
+    ),
+    "reading, checks, columns": ("nlosctl/io/measurements/reader.py", "nlosctl/pipeline/engine/parts.py"),
 }
 """The stages and the modules that they are known by; the innermost frame of any decides."""
 

@@ -12,7 +12,7 @@ from timing import best_of
 from nlosctl.cli.main import run
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.methods import triplets_chi2
-from nlosctl.pipeline.simulation import Simulation
+from nlosctl.pipeline.simulate.simulation import Simulation
 from nlosctl.scenarios.catalogue import find_scenario
 
 _PATHS = 8192

@@ -10,18 +10,18 @@ from typing import Any
 from nlosctl.contract.fields import parse_field
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
 from nlosctl.errors import UsageError
-from nlosctl.io.in_memory import gather, input_of_table
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.pipeline.bounding import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
-from nlosctl.pipeline.evaluating import Evaluation, evaluate_inputs
-from nlosctl.pipeline.evaluating_targets import evaluate_targets
-from nlosctl.pipeline.parameters import method_runs
-from nlosctl.pipeline.report import RunReport
-from nlosctl.pipeline.run import MeasurementRun
-from nlosctl.pipeline.run_settings import RunSettings
-from nlosctl.pipeline.simulation import Simulation
-from nlosctl.pipeline.solving import MethodRun
-from nlosctl.pipeline.workers import usable_jobs
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.results.in_memory import gather, input_of_table
+from nlosctl.pipeline.bound.bounds import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
+from nlosctl.pipeline.engine.workers import usable_jobs
+from nlosctl.pipeline.evaluate.evaluate import Evaluation, evaluate_inputs
+from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
+from nlosctl.pipeline.simulate.simulation import Simulation
+from nlosctl.pipeline.solve.method_runs import method_runs
+from nlosctl.pipeline.solve.report import RunReport
+from nlosctl.pipeline.solve.run import MeasurementRun
+from nlosctl.pipeline.solve.settings import RunSettings
+from nlosctl.pipeline.solve.solve_chunk import MethodRun
 
 __all__ = ["Detection", "Localization", "bound", "detect_ip", "evaluate", "identify_los", "localize", "simulate"]
 

@@ -15,7 +15,7 @@ import pytest
 import nlosctl
 from nlosctl.cli.main import run
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.scenes import scene_from_toml
+from nlosctl.io.scenes.scene_file import scene_from_toml
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 GOOD, SCENE = FIXTURES / "good_bearings.parquet", FIXTURES / "good_bearings.scene.toml"

@@ -12,7 +12,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import typer.main
 
 from nlosctl.cli.main import app
-from nlosctl.cli.settings import SettingsCommand, long_name, variable_name
+from nlosctl.cli.options.settings import SettingsCommand, long_name, variable_name
 from nlosctl.version import __version__
 
 ROOT = Path(__file__).parents[2]

@@ -13,21 +13,21 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from nlosctl.cli.bound import bound
-from nlosctl.cli.config import config_app
-from nlosctl.cli.convert import convert
-from nlosctl.cli.detect_ip import detect_ip
-from nlosctl.cli.evaluate import evaluate
-from nlosctl.cli.identify_los import identify_los
-from nlosctl.cli.localize import localize
-from nlosctl.cli.methods import methods_app
-from nlosctl.cli.plot import PLOT_EPILOG, plot
-from nlosctl.cli.reproduce import reproduce
-from nlosctl.cli.schema import schema
-from nlosctl.cli.settings import SettingsCommand
-from nlosctl.cli.simulate import simulate
-from nlosctl.cli.terminal import ClosedOutput, forget, tell
-from nlosctl.cli.validate import validate
+from nlosctl.cli.commands.bound import bound
+from nlosctl.cli.commands.config import config_app
+from nlosctl.cli.commands.convert import convert
+from nlosctl.cli.commands.detect_ip import detect_ip
+from nlosctl.cli.commands.evaluate import evaluate
+from nlosctl.cli.commands.identify_los import identify_los
+from nlosctl.cli.commands.localize import localize
+from nlosctl.cli.commands.methods import methods_app
+from nlosctl.cli.commands.plot import PLOT_EPILOG, plot
+from nlosctl.cli.commands.reproduce import reproduce
+from nlosctl.cli.commands.schema import schema
+from nlosctl.cli.commands.simulate import simulate
+from nlosctl.cli.commands.validate import validate
+from nlosctl.cli.options.settings import SettingsCommand
+from nlosctl.cli.shared.terminal import ClosedOutput, forget, tell
 from nlosctl.contract.limits import limit, limit_variable
 from nlosctl.errors import GatheredError, NlosctlError, UsageError, in_one_line, printable
 from nlosctl.version import __version__

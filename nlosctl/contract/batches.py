@@ -31,7 +31,7 @@ class Batch:
 
     ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
     when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
-    look for a source (`nlosctl.solvers.search_regions` makes regions of it). ``want_details`` is true when the
+    look for a source (`nlosctl.models.search_regions` makes regions of it). ``want_details`` is true when the
     flags are to show what they were decided by, ``want_trace`` when a sequential method is to tell its steps.
     ``SOURCES`` says of which columns of the file each array is made, ``ABSENT`` what fills an array where the file
     lacks its columns; an array without it is None then.

@@ -9,8 +9,8 @@ from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_least_squares, sandwich_covariance, widened_sandwich
+from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
+from nlosctl.solvers.bearings.line_fits import fit_least_squares, sandwich_covariance, widened_sandwich
 
 __all__ = ["METHOD", "LeastSquaresOptions", "solve"]
 

@@ -9,20 +9,20 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.bearing_candidates import BearingCandidates
-from nlosctl.solvers.modes import find_modes
-from nlosctl.solvers.outlier_model import grouped_batch, has_several_paths, outlier_model
-from nlosctl.solvers.outlier_options import BearingOutlierOptions, MixtureModeOptions
-from nlosctl.solvers.parted_batches import solve_parts
-from nlosctl.solvers.posterior_grid import posterior_covariance
-from nlosctl.solvers.ranged_bearings import row_residuals
-from nlosctl.solvers.ranked_fixes import (
+from nlosctl.solvers.bearings.joint_range_bearing import row_residuals
+from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
+from nlosctl.solvers.mixture.modes import find_modes
+from nlosctl.solvers.mixture.outlier_model import grouped_batch, has_several_paths, outlier_model
+from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, MixtureModeOptions
+from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
+from nlosctl.solvers.mixture.ranked_estimates import (
     RankedFixes,
     rank_modes,
     ranked_estimates,
     ranked_flags,
     ranked_status,
 )
+from nlosctl.solvers.optimization.split_batches import solve_parts
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
 

@@ -10,12 +10,12 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.alternatives import finish_alternatives
-from nlosctl.solvers.feasible_bearings import hold_within_scene
-from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.ranged_bearings import fit_ranged_bearings, range_columns
-from nlosctl.solvers.several_optima import find_ends
+from nlosctl.solvers.bearings.constrained import hold_within_scene
+from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
+from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.bearings.multistart import find_ends
+from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 

@@ -14,9 +14,9 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.fixes import finish_bearings_fix
-from nlosctl.solvers.grid_search import search_grid
-from nlosctl.solvers.line_fits import fit_least_squares
+from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
+from nlosctl.solvers.bearings.grid_search import search_grid
+from nlosctl.solvers.bearings.line_fits import fit_least_squares
 
 __all__ = ["METHOD", "GridOptions", "solve"]
 

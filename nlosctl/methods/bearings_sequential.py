@@ -15,11 +15,11 @@ from nlosctl.contract.results import Flags, Solution, Trace, single_estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.solvers.bootstraps import conditioned_pairs
-from nlosctl.solvers.fixes import judge_fixes, nearly_singular
-from nlosctl.solvers.line_fits import fit_least_squares
-from nlosctl.solvers.ranged_bearings import range_columns, row_residuals
-from nlosctl.solvers.sequential import Prior, RangedLines, Run, run_all_orders
+from nlosctl.solvers.bearings.fix_status import judge_fixes, nearly_singular
+from nlosctl.solvers.bearings.joint_range_bearing import range_columns, row_residuals
+from nlosctl.solvers.bearings.line_fits import fit_least_squares
+from nlosctl.solvers.sequential.orders import Prior, RangedLines, Run, run_all_orders
+from nlosctl.solvers.sequential.starting_pairs import conditioned_pairs
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
 

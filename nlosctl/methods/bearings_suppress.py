@@ -10,12 +10,12 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.bootstraps import count_bootstraps
-from nlosctl.solvers.outlier_model import grouped_batch, outlier_model
-from nlosctl.solvers.outlier_options import BearingOutlierOptions
-from nlosctl.solvers.ranged_bearings import row_residuals
-from nlosctl.solvers.ranked_fixes import ranked_estimates, ranked_flags, ranked_status
-from nlosctl.solvers.suppressed_fixes import suppress_outliers
+from nlosctl.solvers.bearings.joint_range_bearing import row_residuals
+from nlosctl.solvers.mixture.outlier_model import grouped_batch, outlier_model
+from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
+from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.sequential.starting_pairs import count_bootstraps
+from nlosctl.solvers.sequential.suppression import suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
 

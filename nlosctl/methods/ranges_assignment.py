@@ -11,12 +11,12 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.association import Candidates, Gates, find_candidates
-from nlosctl.solvers.clutter import clutter_density, target_weights
-from nlosctl.solvers.disjoint_choice import choose_disjoint
-from nlosctl.solvers.echoes import Echoes
-from nlosctl.solvers.identified_targets import IDENTIFICATION_FLAGS, Found, IdentificationOptions, identify
-from nlosctl.solvers.type_sets import Gate, cross_all, find_seeds
+from nlosctl.solvers.echoes.assignment import choose_disjoint
+from nlosctl.solvers.echoes.candidates import Candidates, Gates, find_candidates
+from nlosctl.solvers.echoes.clutter import clutter_density, target_weights
+from nlosctl.solvers.echoes.echoes import Echoes
+from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, Found, IdentificationOptions, identify
+from nlosctl.solvers.echoes.type_sets import Gate, cross_all, find_seeds
 
 __all__ = ["METHOD", "AssignmentOptions", "solve"]
 

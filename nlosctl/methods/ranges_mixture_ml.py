@@ -9,11 +9,11 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.modes import find_modes
-from nlosctl.solvers.outlier_options import MixtureModeOptions, OutlierOptions
-from nlosctl.solvers.posterior_grid import posterior_covariance
-from nlosctl.solvers.range_mixture import RangeCandidates, grouped_ranges, range_outlier_model
-from nlosctl.solvers.ranked_fixes import (
+from nlosctl.solvers.mixture.modes import find_modes
+from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
+from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
+from nlosctl.solvers.mixture.range_rows import RangeCandidates, grouped_ranges, range_outlier_model
+from nlosctl.solvers.mixture.ranked_estimates import (
     RankedFixes,
     rank_modes,
     ranked_estimates,

@@ -9,7 +9,7 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.ranges import range_circles
-from nlosctl.solvers.range_fixes import finish_range_fix, optimize_ranges
+from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
 
 __all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]
 

@@ -13,10 +13,10 @@ from nlosctl.contract.results import Solution
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.ranges import RangeCircles, range_circles
-from nlosctl.solvers.gtrs import fit_squared_ranges
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.range_fixes import RangeOptimum, finish_range_fix
-from nlosctl.solvers.range_problem import SquaredRangeProblem
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
+from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
+from nlosctl.solvers.ranges.optima import RangeOptimum, finish_range_fix
+from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
 __all__ = ["METHOD", "SquaredRangeOptions", "solve"]
 

@@ -13,11 +13,10 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Flags, Solution, Words
 from nlosctl.errors import UsageError
 from nlosctl.models.triplets import path_rows
-from nlosctl.solvers.path_estimates import path_estimates
-from nlosctl.solvers.path_reasons import reasons
-from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
-from nlosctl.solvers.triplet_fits import fit_paths
-from nlosctl.solvers.triplet_rules import rays_miss_by
+from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
+from nlosctl.solvers.triplets.difference_rules import rays_miss_by
+from nlosctl.solvers.triplets.target_fits import fit_paths
+from nlosctl.solvers.triplets.target_status import path_estimates
 
 __all__ = ["METHOD", "ConsistencyOptions", "solve"]
 

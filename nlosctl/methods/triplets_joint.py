@@ -17,12 +17,11 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import path_rows, snapshot_centers
-from nlosctl.solvers.common_target import CommonTargets, TargetModel, weigh_targets
-from nlosctl.solvers.path_estimates import judge_targets
-from nlosctl.solvers.path_reasons import reasons
-from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
-from nlosctl.solvers.triplet_fits import fit_paths
-from nlosctl.solvers.triplet_problem import TripletProblem
+from nlosctl.solvers.triplets.common_target import CommonTargets, TargetModel, weigh_targets
+from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
+from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.target_fits import fit_paths
+from nlosctl.solvers.triplets.target_status import judge_targets
 
 __all__ = ["METHOD", "JointOptions", "solve"]
 

@@ -13,9 +13,9 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
-from nlosctl.solvers.path_estimates import judge_targets, mark_ambiguous, path_estimates
-from nlosctl.solvers.triplet_fits import TargetFits, fit_paths, fit_snapshots
-from nlosctl.solvers.triplet_problem import TripletProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
+from nlosctl.solvers.triplets.target_status import judge_targets, mark_ambiguous, path_estimates
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 

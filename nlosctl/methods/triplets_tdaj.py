@@ -15,9 +15,8 @@ from nlosctl.contract.results import Flags, Solution, Words, no_estimates
 from nlosctl.geometry.triplets import DIFFERENCES
 from nlosctl.models.error_laws import ErrorLaw, parse_error_law
 from nlosctl.models.triplets import PathRows, path_rows
-from nlosctl.solvers.path_reasons import reasons
-from nlosctl.solvers.triplet_details import DETAIL_COLUMNS, detail_columns
-from nlosctl.solvers.triplet_rules import Decision, blind_rows, decide, decide_fusion, rule_quantity
+from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
+from nlosctl.solvers.triplets.difference_rules import Decision, blind_rows, decide, decide_fusion, rule_quantity
 
 __all__ = ["METHOD", "TdajOptions", "solve"]
 

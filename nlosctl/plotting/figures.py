@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.io.byte_output import write_bytes
-from nlosctl.io.locations import Location, location
-from nlosctl.io.targets import check_targets
+from nlosctl.io.paths.locations import Location, location
+from nlosctl.io.writers.byte_output import write_bytes
+from nlosctl.io.writers.targets import check_targets
 from nlosctl.plotting.library import Axes, Figure, style
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from nlosctl.io.drawn_files import DrawnFile
+from nlosctl.io.results.plot_inputs import DrawnFile
 
 __all__ = ["fitting_views"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from nlosctl.io.drawn_files import DrawnFile
-from nlosctl.io.read_options import ReadOptions
+from nlosctl.io.measurements.options import ReadOptions
+from nlosctl.io.results.plot_inputs import DrawnFile
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Axes, Figure
 

@@ -33,7 +33,7 @@ def find_experiment(name: str) -> Experiment:
         raise UsageError(
             f"no figure or table {name!r}{did_you_mean(name, experiment_names())}; 'nlosctl reproduce' lists them"
         )
-    experiment: Experiment = import_module(f"nlosctl.reproduce.{name.replace('-', '_')}").EXPERIMENT
+    experiment: Experiment = import_module(f"nlosctl.reproduce.{name.replace('-', '.', 1)}").EXPERIMENT
     return experiment
 
 

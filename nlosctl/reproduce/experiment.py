@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.pipeline.seeds import snapshot_seeds
+from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.plotting.panels import Panel
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, Statistic
 from nlosctl.reproduce.verdicts import Expected

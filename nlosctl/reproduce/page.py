@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
-from nlosctl.io.byte_output import write_text
+from nlosctl.io.writers.byte_output import write_text
 from nlosctl.reproduce.outcome import ClaimRow
 from nlosctl.reproduce.run import Outcome
 from nlosctl.reproduce.verdicts import Verdict

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nlosctl.errors import DataError, MissingExtraError
-from nlosctl.io.arrays import write_arrays
+from nlosctl.io.results.array_file import write_arrays
 from nlosctl.reproduce.experiment import Experiment
 from nlosctl.reproduce.outcome import ClaimRow, claim_rows, figure_columns
 from nlosctl.reproduce.samples import Drawn

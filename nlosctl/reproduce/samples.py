@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.evaluation.jackknife import GROUPS, jackknife_error
+from nlosctl.reproduce.jackknife import GROUPS, jackknife_error
 
 __all__ = [
     "Condition",

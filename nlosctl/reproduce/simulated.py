@@ -12,10 +12,10 @@ import numpy.typing as npt
 from nlosctl.api import bound, localize
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import Scene
-from nlosctl.io.in_memory import input_of_table
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.io.simulated_tables import measurement_table
-from nlosctl.pipeline.dense import dense_blocks
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.results.in_memory import input_of_table
+from nlosctl.io.results.simulated_table import measurement_table
+from nlosctl.pipeline.solve.dense_blocks import dense_blocks
 from nlosctl.reproduce.experiment import Chunk
 from nlosctl.scenarios.catalogue import find_scenario
 

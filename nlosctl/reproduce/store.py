@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from nlosctl.errors import DataError
-from nlosctl.io.arrays import read_arrays, write_arrays
+from nlosctl.io.results.array_file import read_arrays, write_arrays
 from nlosctl.reproduce.experiment import Experiment
 from nlosctl.reproduce.samples import Drawn, FloatArray, Samples
 

@@ -12,7 +12,7 @@ import pytest
 from cli_support import PROGRAM, plain_environment
 
 from nlosctl import registry
-from nlosctl.cli.source_glance import glance
+from nlosctl.cli.options.source_index import glance
 from nlosctl.contract.options import describe_options
 from nlosctl.scenarios.catalogue import find_scenario, scenario_module, scenarios
 

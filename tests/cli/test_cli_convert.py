@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 from cli_support import FIXTURES, GOOD, SCENE
 
-from nlosctl.io.scenes import scene_from_toml
+from nlosctl.io.scenes.scene_file import scene_from_toml
 
 LOGS = FIXTURES / "formats"
 

@@ -27,7 +27,7 @@ from cli_support import (
     read_parquet,
 )
 
-from nlosctl.pipeline.parts import PartWork
+from nlosctl.pipeline.engine.parts import PartWork
 
 Cli = Callable[..., Outcome]
 CUTS = (0, 101, 150, 152, 153, 200, 240)  # of the 240 good rows: snapshots of 6 rows are cut, one over three parts
@@ -461,8 +461,8 @@ def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: 
             made.append(work.names[number])
             yield number, work.make(number)
 
-    monkeypatch.setattr("nlosctl.pipeline.dask_engine.dask_engine", lambda scheduler, jobs: engine)
-    monkeypatch.setattr("nlosctl.pipeline.shared_parts.SLICE_ROWS", 8)
+    monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
+    monkeypatch.setattr("nlosctl.pipeline.engine.shared_parts.SLICE_ROWS", 8)
     told = {}
     for name, more in (("here", ()), ("there", ("--engine", "dask"))):
         outputs = ("-o", f"{name}/", "--flags-out", f"{name}_flags/")

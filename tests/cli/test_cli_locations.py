@@ -14,8 +14,8 @@ import pytest
 from cli_support import FIXTURES, Outcome
 
 from nlosctl.errors import DataError
-from nlosctl.io.locations import location
-from nlosctl.pipeline.parts import PartWork
+from nlosctl.io.paths.locations import location
+from nlosctl.pipeline.engine.parts import PartWork
 
 Cli = Callable[..., Outcome]
 NAMES = [f"good_bearings{end}" for end in (".csv", ".csv.gz", ".jsonl", ".arrow", ".arrows", ".parquet")]
@@ -136,7 +136,9 @@ def place(request: pytest.FixtureRequest, store: Any, tmp_path: Path, monkeypatc
         return "memory://bucket"
     (tmp_path / "disk" / "bucket").mkdir(parents=True)
     found = pa.fs.SubTreeFileSystem(str(tmp_path / "disk"), pa.fs.LocalFileSystem())
-    monkeypatch.setattr("nlosctl.io.remote_path.filesystem_of", lambda _, __, authority, query: (found, authority))
+    monkeypatch.setattr(
+        "nlosctl.io.paths.remote_path.filesystem_of", lambda _, __, authority, query: (found, authority)
+    )
     return "hdfs://bucket"
 
 
@@ -209,7 +211,7 @@ def test_parts_of_an_engine_go_by_way_of_the_store_of_the_output(
         made.extend(work.roots.values())
         yield from ((number, work.make(number)) for number in reversed(numbers))
 
-    monkeypatch.setattr("nlosctl.pipeline.dask_engine.dask_engine", lambda scheduler, jobs: engine)
+    monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
     before = sorted(tmp_path.iterdir())
     told = cli("localize", "in", "-o", f"{place}/out/fixes.parquet", "--engine", "dask")
     assert told.code == 0, told.err

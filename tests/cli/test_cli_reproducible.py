@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from nlosctl.cli.main import run
 from nlosctl.io import measurements
-from nlosctl.io.write import GROUP_ROWS, MEASUREMENT_GROUP_ROWS, TableWriter
+from nlosctl.io.writers.table_writer import GROUP_ROWS, MEASUREMENT_GROUP_ROWS, TableWriter
 from nlosctl.pipeline import sliced, workers
 
 EXTENSIONS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]

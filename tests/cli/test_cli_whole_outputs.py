@@ -17,7 +17,7 @@ import pytest
 from cli_support import GOOD, PROGRAM, SCENE, Outcome, crossing_rows, listing, plain_csv, plain_environment
 
 from nlosctl.errors import MethodError
-from nlosctl.io.write import TableWriter
+from nlosctl.io.writers.table_writer import TableWriter
 from nlosctl.pipeline import run as run_module
 
 Cli = Callable[..., Outcome]

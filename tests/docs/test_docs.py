@@ -18,7 +18,7 @@ from doc_pages import run_shell
 from nlosctl import registry
 from nlosctl.cli.main import app
 from nlosctl.cli.main import run as run_program
-from nlosctl.cli.papers import papers_of
+from nlosctl.cli.shared.papers import papers_of
 from nlosctl.contract.statuses import Status
 from nlosctl.scenarios.catalogue import scenarios
 from nlosctl.version import __version__

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nlosctl.evaluation.detection_theory import (
+from nlosctl.geometry.triplets import TripletRays
+from nlosctl.reproduce.shen.detection_theory import (
     ORDERS,
     TABLE_I,
     DetectionScene,
@@ -19,7 +20,6 @@ from nlosctl.evaluation.detection_theory import (
     rule_moments,
     scene_detection_probability,
 )
-from nlosctl.geometry.triplets import TripletRays
 
 TABLE_III = {
     1: (0.570, 0.689, 0.865, 0.931, 0.990, 0.995),

@@ -19,8 +19,8 @@ from shapely.geometry import Point
 
 from nlosctl.contract.scene import EarthFrame, parse_frame
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.frames import plane_of
-from nlosctl.pipeline.exporting import MapWriter, exporter_of
+from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 
 GEOD = pyproj.Geod(ellps="WGS84")
 FRAMES = {"tangent": "47.37 8.54", "turned": "47.37 8.54 30.0", "utm": "EPSG:32632"}

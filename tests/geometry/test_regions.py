@@ -7,7 +7,7 @@ import pytest
 
 from nlosctl.contract.fields import BoxField, CircleField, PolygonField, SensorsField
 from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
-from nlosctl.solvers.search_regions import search_region
+from nlosctl.models.search_regions import search_region
 
 _ELL = ((0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0))
 

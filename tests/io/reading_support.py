@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from nlosctl.contract.scene import Scene
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import Chunk, MeasurementReader, ReadOptions
-from nlosctl.io.problems import BadRow, BadRowSink
-from nlosctl.io.scenes import find_scene
+from nlosctl.io.measurements.bad_rows import BadRow, BadRowSink
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.scenes.scene_file import find_scene
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 

@@ -7,9 +7,9 @@ import pytest
 
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.errors import DataError
-from nlosctl.io.in_memory import input_of_table
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.io.scenes import scene_from_toml, scene_to_toml
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.results.in_memory import input_of_table
+from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
 
 CIRCLE = '[[reflector]]\nname = "c"\nkind = "circle"\n'
 LAYER = CircleReflector(name="layer", center=(0.0, -100.0), radius=150.0, blocker_radius=100.0, min_elevation_deg=2.5)

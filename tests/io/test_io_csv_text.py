@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from reading_support import Gathered, pa, read, whole
 
 from nlosctl.errors import DataError
-from nlosctl.io.csv_records import RecordBlocks
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.readers.csv_records import RecordBlocks
 
 HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
 SMALL_BLOCK = 400

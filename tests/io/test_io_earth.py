@@ -14,9 +14,9 @@ import pytest
 
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.io.scenes import scene_from_toml, scene_to_toml
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
 
 GEOD = pyproj.Geod(ellps="WGS84")
 SOURCE = (47.36, 8.58)
@@ -52,7 +52,7 @@ def test_true_azimuths_meet_in_the_source_in_any_plane(tmp_path: Path, words: st
     """Whatever the plane, bearings point from the sensors to the source: north is true north at each sensor."""
     frame = None if words is None else parse_frame(words, "--origin")
     reader, columns = read(write(tmp_path, HEADER + "".join(lines())), frame=frame)
-    from nlosctl.io.frames import plane_of
+    from nlosctl.io.scenes.earth_plane import plane_of
 
     assert reader.scene.frame is not None
     source = plane_of(reader.scene.frame).to_plane(*(np.array([degrees]) for degrees in SOURCE))

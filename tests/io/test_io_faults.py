@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from reading_support import FIXTURES, Gathered, bearings, pa, read, save, scene_of
 
 from nlosctl.errors import DataError
-from nlosctl.io.duplicates import find_duplicates
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.runs import ReturnWatch
+from nlosctl.io.measurements.duplicates import find_duplicates
+from nlosctl.io.measurements.snapshot_ids import ReturnWatch
+from nlosctl.io.paths.inputs import expand_inputs
 
 BAD = {
     "bad_missing_column.csv": ["'bearing_rad'", "bearing_deg"],
@@ -212,7 +212,7 @@ def test_what_comes_back_is_what_a_plain_search_finds(ids: list[object], cuts: l
     ends = sorted({0, len(ids), *(cut for cut in cuts if cut < len(ids))})
     batches = [ids[first:behind] for first, behind in pairwise(ends)]
     expected = next(((place + 1, ids.index(each) + 1) for place, each in enumerate(ids) if each in ids[:place]), None)
-    with patch("nlosctl.io.id_memory.hash", lambda text: 0, create=True) if one_hash else nullcontext():
+    with patch("nlosctl.io.measurements.id_index.hash", lambda text: 0, create=True) if one_hash else nullcontext():
         assert returned(ReturnWatch("snapshot", "sort the file"), batches) == expected
 
 

@@ -13,10 +13,10 @@ import pytest
 from reading_support import FIXTURES, bearings, pa, read, scene_of, whole
 
 from nlosctl.errors import DataError
-from nlosctl.io.file_format import FileFormat
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.io.write import TableWriter
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.file_format import FileFormat
+from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.writers.table_writer import TableWriter
 
 SCENE = scene_of(FIXTURES / "good_bearings.csv")
 JSON_LINES = (FIXTURES / "good_bearings.jsonl").read_bytes()
@@ -137,7 +137,7 @@ def test_what_is_no_table_is_one_line(tmp_path: Path, name: str, data: bytes) ->
 
 def test_a_table_in_memory_is_left_unread(tmp_path: Path) -> None:
     """Looking at the first bytes takes nothing from a stream that can't be looked at."""
-    from nlosctl.io.in_memory import input_of_table
+    from nlosctl.io.results.in_memory import input_of_table
 
     chunks = list(MeasurementReader([input_of_table(bearings([1, 2]))], ReadOptions()).chunks())
     assert sum(chunk.table.num_rows for chunk in chunks) == 2

@@ -12,8 +12,8 @@ from reading_support import Gathered, read, whole
 
 from nlosctl.errors import DataError
 from nlosctl.io import jsonl_file
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import expand_inputs
 
 
 def row(place: int = 1, **more: Any) -> str:

@@ -13,7 +13,7 @@ from reading_support import FIXTURES
 from nlosctl.contract.scene import LineReflector, Scene, Sensor
 from nlosctl.contract.tables import TABLES
 from nlosctl.errors import DataError
-from nlosctl.io.scenes import SCENE_KEY, find_scene, scene_from_toml, scene_to_toml
+from nlosctl.io.scenes.scene_file import SCENE_KEY, find_scene, scene_from_toml, scene_to_toml
 from nlosctl.io.schemas import schema_text, write_schemas
 
 ROOT = FIXTURES.parent

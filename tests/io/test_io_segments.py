@@ -6,7 +6,7 @@ import pytest
 
 from nlosctl.contract.scene import Scene, SegmentReflector
 from nlosctl.errors import DataError
-from nlosctl.io.scenes import scene_from_toml, scene_to_toml
+from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
 
 
 def test_segments_are_read_and_written_alike() -> None:

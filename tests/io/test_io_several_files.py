@@ -14,10 +14,10 @@ from reading_support import Gathered, bearings, pa, read, save, whole
 
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.errors import DataError
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.lost_snapshots import LostSnapshots
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
-from nlosctl.io.scenes import SCENE_KEY, scene_from_toml, scene_to_toml
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.snapshot_ids import LostSnapshots
+from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_from_toml, scene_to_toml
 
 
 def scene(slope: float) -> str:

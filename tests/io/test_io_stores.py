@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from nlosctl.errors import UsageError
-from nlosctl.io.stores import answering
+from nlosctl.io.paths.remote_path import answering
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,8 @@ def test_what_says_enough_already_passes() -> None:
 def test_the_region_is_of_the_url_or_the_environment(query: str, region: str) -> None:
     """AWS_REGION saves asking where the bucket is; what the URL says goes before it. Nothing is asked of a network."""
     code = (
-        f"from nlosctl.io.stores import filesystem_of as f; a, b = f(1, 's3', 'bucket', '{query}'); print(a.region, b)"
+        "from nlosctl.io.paths.remote_path import filesystem_of\n"
+        f"store, bucket = filesystem_of(1, 's3', 'bucket', '{query}'); print(store.region, bucket)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],

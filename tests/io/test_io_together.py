@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from nlosctl.errors import DataError
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import expand_inputs
 
 HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
 ROWS = ["1,a,0,0,0.5,0.01", "1,b,9,0,2.0,0.01", "2,a,0,0,0.6,0.01", "2,b,9,0,2.1,0.01"]

@@ -12,8 +12,8 @@ import pytest
 from reading_support import Gathered, bearings, pa, read, save, whole
 
 from nlosctl.errors import DataError
-from nlosctl.io.inputs import expand_inputs
-from nlosctl.io.measurements import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import expand_inputs
 
 
 def with_bearings(path: Path, values: Sequence[Any], kind: Any = None) -> Path:

@@ -15,10 +15,10 @@ import pytest
 from reading_support import FIXTURES, read
 
 from nlosctl.errors import DataError
-from nlosctl.io.file_format import FileFormat
-from nlosctl.io.inputs import Part
-from nlosctl.io.open_part import open_part
-from nlosctl.io.write import BadRowWriter, TableWriter
+from nlosctl.io.paths.file_format import FileFormat
+from nlosctl.io.paths.inputs import Part
+from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
 
 TABLE = pa.table({
     "snapshot": np.arange(25),

@@ -19,7 +19,7 @@ from nlosctl.errors import UsageError
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
 from nlosctl.solvers import suppressed_fixes
-from nlosctl.solvers.suppression import grow_hypotheses
+from nlosctl.solvers.sequential.hypotheses import grow_hypotheses
 from nlosctl.testing import check_method
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))

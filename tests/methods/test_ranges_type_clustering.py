@@ -12,10 +12,10 @@ from range_worlds import EchoWorld, found_sets, irregular_world, join_batches, p
 
 from nlosctl.contract.fields import BoxField
 from nlosctl.methods import ranges_extended_tca, ranges_tca
-from nlosctl.solvers.echoes import read_echoes
-from nlosctl.solvers.search_regions import search_region
-from nlosctl.solvers.type_clustering import cluster_echoes
-from nlosctl.solvers.type_sets import Gate
+from nlosctl.models.search_regions import search_region
+from nlosctl.solvers.echoes.echoes import read_echoes
+from nlosctl.solvers.echoes.type_clustering import cluster_echoes
+from nlosctl.solvers.echoes.type_sets import Gate
 
 
 def plain(world: EchoWorld, margin: float = 20.0, gap: float = 20.0) -> tuple[PlainClustering, list[list[int]]]:

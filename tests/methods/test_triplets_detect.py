@@ -15,7 +15,7 @@ from nlosctl.errors import UsageError
 from nlosctl.evaluation.detection import kolmogorov_smirnov
 from nlosctl.methods import triplets_chi2, triplets_joint, triplets_ml, triplets_tdaj
 from nlosctl.models.triplets import path_rows
-from nlosctl.solvers.triplet_rules import rays_miss_by
+from nlosctl.solvers.triplets.difference_rules import rays_miss_by
 
 
 def direct_path(**changes):

@@ -72,7 +72,7 @@ def test_thresholds_are_exceeded_as_often_as_wanted(name, weights):
 
 def test_thresholds_of_the_paper_scene():
     """delta / sigma of the direct path of scenario 1 at P_f 5 and 1 %."""
-    from nlosctl.evaluation.detection_theory import DetectionScene
+    from nlosctl.reproduce.shen.detection_theory import DetectionScene
 
     rows = DetectionScene(target_m=(5.2, 10.0)).direct_row()
     weights = rows.weights_m(rows.rays.difference(5))

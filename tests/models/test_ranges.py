@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nlosctl.models.ranges import range_circles
-from nlosctl.solvers.range_problem import RangeProblem, SquaredRangeProblem
+from nlosctl.solvers.ranges.likelihood import RangeProblem, SquaredRangeProblem
 from nlosctl.testing.range_draws import draw_ranges
 
 _POINTS = 40

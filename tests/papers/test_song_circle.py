@@ -12,10 +12,10 @@ from circle_solving import TARGET_M, circle_draw, errors, nees, rms, scipy_ml, s
 from nlosctl.evaluation.bounds import bounds_of
 from nlosctl.models.bearings import sight_lines
 from nlosctl.models.information import INFORMATION
-from nlosctl.solvers.grid_search import search_grid
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.mixed_bearing_problem import bearing_problem
+from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
+from nlosctl.solvers.bearings.grid_search import search_grid
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
 RUNS = 1000
 TABLE = {  # set, sigma in degrees: LS, Stansfield, focused, ML without constraint, CRLB, in km

@@ -15,8 +15,8 @@ from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, UsageError
-from nlosctl.pipeline.dense import dense_blocks
-from nlosctl.pipeline.solving import FlatEstimates, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.solve.dense_blocks import dense_blocks
+from nlosctl.pipeline.solve.solve_chunk import FlatEstimates, MethodRun, Problem, solve_flat
 
 
 @st.composite

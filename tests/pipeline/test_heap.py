@@ -10,7 +10,7 @@ import pytest
 _COUNT_FAULTS = """
 import resource
 import numpy as np
-from nlosctl.pipeline.heap import keep_freed_memory
+from nlosctl.pipeline.solve.heap import keep_freed_memory
 {call}
 
 def use():

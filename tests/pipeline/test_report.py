@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from nlosctl.contract.statuses import Status
-from nlosctl.pipeline.report import MethodTally, RunReport
+from nlosctl.pipeline.solve.report import MethodTally, RunReport
 
 ANSWERED = {"ok", "ambiguous", "infeasible", "boundary"}
 

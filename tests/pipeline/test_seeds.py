@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlosctl.pipeline.seeds import snapshot_seeds
+from nlosctl.contract.random_streams import snapshot_seeds
 
 INTEGERS = st.lists(st.integers(-(2**63), 2**63 - 1), min_size=1, max_size=20, unique=True)
 TEXTS = st.lists(st.text(max_size=8), min_size=1, max_size=20, unique=True)

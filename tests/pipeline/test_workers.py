@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from nlosctl.errors import DataError, MethodError
 from nlosctl.pipeline import workers
-from nlosctl.pipeline.workers import map_in_order, map_in_processes, usable_jobs
+from nlosctl.pipeline.engine.workers import map_in_order, map_in_processes, usable_jobs
 
 
 @settings(deadline=None, max_examples=40)
@@ -197,7 +197,7 @@ def test_no_process_outlives_a_killed_parent(tmp_path: Path) -> None:
     """When the program is killed without warning its workers end too."""
     script = """
 import os, sys, time
-from nlosctl.pipeline.workers import map_in_processes
+from nlosctl.pipeline.engine.workers import map_in_processes
 def work(item):
     open(os.path.join(sys.argv[1], str(os.getpid())), "w").close()
     time.sleep(60)
@@ -225,7 +225,7 @@ def is_running(process: int) -> bool:
 
 _INTERRUPTED_WHILE_FORKING = """
 import os, signal
-from nlosctl.pipeline.workers import map_in_processes
+from nlosctl.pipeline.engine.workers import map_in_processes
 
 os.register_at_fork(after_in_parent=lambda: os.kill(os.getpid(), signal.SIGINT))
 try:
@@ -245,7 +245,7 @@ def test_an_interrupt_while_forking_is_not_lost() -> None:
 
 _STOPPED_WHILE_RESULTS_ARE_SENT = """
 import time
-from nlosctl.pipeline.workers import map_in_processes
+from nlosctl.pipeline.engine.workers import map_in_processes
 
 for tenths in range(1, 9):
     stream = map_in_processes(bytes, [1] + [100_000_000] * 3, 2)

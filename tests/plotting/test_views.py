@@ -15,14 +15,14 @@ import pytest
 
 import nlosctl
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.drawn_files import DrawnFile, open_drawn, read_sampled
-from nlosctl.io.inputs import expand_inputs
+from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.results.plot_inputs import DrawnFile, open_drawn, read_sampled
 from nlosctl.plotting.catalogue import VIEWS
 from nlosctl.plotting.figures import figure_bytes
 from nlosctl.plotting.fitting_views import fitting_views
 from nlosctl.plotting.library import Axes, Circle, Ellipse, Figure
-from nlosctl.plotting.pictures import choose_view, draw_picture
 from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.views.pictures import choose_view, draw_picture
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SWEEP = {"bearing_std_deg": [0.2, 1.0, 5.0]}

@@ -20,9 +20,9 @@ with atheris.instrument_imports(include=["nlosctl"]):
     import nlosctl.formats.kraken_xml
     import nlosctl.formats.uudf
     import nlosctl.formats.uwb
-    import nlosctl.io.csv_records
-    import nlosctl.io.json_records
-    import nlosctl.io.scenes  # noqa: F401 - imported to be instrumented
+    import nlosctl.io.readers.csv_records
+    import nlosctl.io.readers.json_lines
+    import nlosctl.io.scenes.scene_file  # noqa: F401 - imported to be instrumented
 
 from fuzz_words import words_of
 from guarded_run import complaints, run_guarded

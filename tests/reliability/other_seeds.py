@@ -18,7 +18,7 @@ import pyarrow.parquet
 from guarded_run import run_guarded
 from seed_files import FIXTURES, SeedFile
 
-from nlosctl.io.run_folder import RunFolder
+from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.reproduce.store import SampleStore
 
 __all__ = ["CACHED", "PARTED", "folder_as_it_should_be", "other_seeds", "without_pictures"]

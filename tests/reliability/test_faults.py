@@ -287,7 +287,7 @@ def test_a_clock_that_goes_backwards(folder: Path, monkeypatch: pytest.MonkeyPat
     ticks = itertools.count()
     for name in ("time", "monotonic", "perf_counter"):
         monkeypatch.setattr(time, name, lambda: 1e9 - 100.0 * next(ticks))
-    monkeypatch.setattr("nlosctl.cli.terminal._is_terminal", lambda stream: True)
+    monkeypatch.setattr("nlosctl.cli.shared.terminal._is_terminal", lambda stream: True)
     ending = run_guarded(["localize", GOOD, "-o", "b.parquet", "--jobs", 1])
     assert (ending.code, ending.raised) == (0, "")
     assert (folder / "a.parquet").read_bytes() == (folder / "b.parquet").read_bytes()

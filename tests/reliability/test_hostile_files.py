@@ -58,7 +58,7 @@ def test_a_line_without_end_in_a_zip(name: str, folder: Path) -> None:
 @pytest.mark.parametrize("limit", [None, "2000"])
 def test_a_zip_bomb_of_good_rows(limit: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A gzip that unpacks to hundreds of times its size is refused by name, however good its rows are."""
-    monkeypatch.setattr("nlosctl.io.byte_streams.FREE_EXPANSION_BYTES", 4 << 20)
+    monkeypatch.setattr("nlosctl.io.readers.decompression.FREE_EXPANSION_BYTES", 4 << 20)
     gzip_bomb(folder / "m.csv.gz", HEADER, ROW, 16)
     if limit is None:
         refused(folder, ["validate", "m.csv.gz"], "unpacks to more than 250 times its size")
@@ -69,7 +69,7 @@ def test_a_zip_bomb_of_good_rows(limit: str | None, folder: Path, monkeypatch: p
 
 def test_a_parquet_bomb(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parquet pages that unpack to hundreds of times their size are refused before they are unpacked."""
-    monkeypatch.setattr("nlosctl.io.typed_files.FREE_EXPANSION_BYTES", 1 << 20)
+    monkeypatch.setattr("nlosctl.io.readers.parquet_arrow.FREE_EXPANSION_BYTES", 1 << 20)
     rows = 1_000_000
     table = pa.table({name: np.zeros(rows) for name in HEADER.decode().strip().split(",")})
     pa.parquet.write_table(table, folder / "m.parquet", compression="zstd", use_dictionary=False)

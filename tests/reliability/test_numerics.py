@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from nlosctl import registry
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.statuses import Status
-from nlosctl.pipeline.answers import fault_of
+from nlosctl.pipeline.solve.solution_check import fault_of
 from nlosctl.testing.draws import DRAWS, bearing_batch
 from nlosctl.testing.moves import copy_batch
 

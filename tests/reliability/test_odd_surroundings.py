@@ -97,7 +97,7 @@ def test_a_limit_of_memory_that_is_less_than_the_libraries_take(megabytes: int, 
 
 def test_a_library_that_can_not_be_loaded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A library that does not fit into memory, or is spoilt, is told in a line of bounded length."""
-    monkeypatch.setitem(sys.modules, "nlosctl.pipeline.run", None)
+    monkeypatch.setitem(sys.modules, "nlosctl.pipeline.solve.run", None)
     ending = run_guarded(["localize", GOOD, "-q", "-o", "e.csv"])
     assert list(complaints(ending, folder, [], [])) == []
     assert (ending.code, ending.err[:42]) == (1, "nlosctl: a library can't be loaded, perhap")

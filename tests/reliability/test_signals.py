@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from nlosctl.io.run_folder import RunFolder
+from nlosctl.io.parts.run_folder import RunFolder
 
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGXCPU, 152)]

@@ -7,7 +7,7 @@ import pytest
 
 from nlosctl.evaluation.targets import CASES
 from nlosctl.reproduce.experiment import Chunk
-from nlosctl.reproduce.liang import candidates, echo_trials, identified
+from nlosctl.reproduce.liang.paper import candidates, echo_trials, identified
 
 CHUNK = Chunk(seed=3, number=2, first=100, size=20, total=1000)
 

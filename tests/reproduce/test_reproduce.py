@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from nlosctl.cli.main import run
-from nlosctl.io.arrays import read_arrays
+from nlosctl.io.results.array_file import read_arrays
 from nlosctl.reproduce.catalogue import chosen_names, experiment_names, find_experiment
 from nlosctl.reproduce.outcome import claim_rows
 from nlosctl.reproduce.sampling import draw_samples

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nlosctl.evaluation.detection_theory import blind_spots
 from nlosctl.reproduce.experiment import Chunk
-from nlosctl.reproduce.shen import LEVELS, detection_samples, p_values, rate, rates, triplet_trials
-from nlosctl.reproduce.shen_spots import REGION_M, SCENE, SPOTS
+from nlosctl.reproduce.shen.detection_theory import blind_spots
+from nlosctl.reproduce.shen.paper import LEVELS, detection_samples, p_values, rate, rates, triplet_trials
+from nlosctl.reproduce.shen.spots import REGION_M, SCENE, SPOTS
 
 _LOW_M = 20.0 * 1e-3 / 0.5
 """Along the baseline reflectors are 1 mm above it, from 0.5 m on: within 20 m such a ray stays lower than this."""

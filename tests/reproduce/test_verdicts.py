@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from nlosctl.evaluation.jackknife import GROUPS, jackknife_error
 from nlosctl.reproduce.catalogue import find_experiment
 from nlosctl.reproduce.experiment import Claim
+from nlosctl.reproduce.jackknife import GROUPS, jackknife_error
 from nlosctl.reproduce.outcome import claim_rows, with_error
 from nlosctl.reproduce.samples import Drawn, measure, median, rms, share
 from nlosctl.reproduce.verdicts import Verdict, at_least, at_most, between, printed, verdict

@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from nlosctl.solvers.bootstraps import bootstrap_failure, count_bootstraps, shuffled_pairs
-from nlosctl.solvers.suppression import bearing_threshold_rad, range_threshold_m
+from nlosctl.solvers.sequential.hypotheses import bearing_threshold_rad, range_threshold_m
+from nlosctl.solvers.sequential.starting_pairs import bootstrap_failure, count_bootstraps, shuffled_pairs
 
 
 @pytest.mark.parametrize(("outliers", "bootstraps"), [(1, 2), (2, 1), (2, 3), (3, 2)])

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from nlosctl.solvers.disjoint_choice import choose_disjoint
+from nlosctl.solvers.echoes.assignment import choose_disjoint
 
 
 def heaviest(echo: np.ndarray, weight: np.ndarray) -> float:

@@ -8,10 +8,10 @@ import pytest
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.models.bearings import predict_bearings, sight_lines
-from nlosctl.solvers.feasible_bearings import minimize_within_scene
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.mixed_bearing_problem import bearing_problem
+from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
+from nlosctl.solvers.bearings.constrained import minimize_within_scene
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
 EARTH_M, IONOSPHERE_M = 6371e3, 6671e3
 IONOSPHERE = Scene(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from nlosctl.solvers.gtrs import fit_squared_ranges
+from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
 FloatArray = np.ndarray
 

@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pytest
 from scipy.optimize import least_squares
 
-from nlosctl.solvers.bearing_problem import BearingProblem
-from nlosctl.solvers.levenberg_marquardt import Minimum, minimize
+from nlosctl.solvers.bearings.likelihood import BearingProblem
+from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.line_fits import fit_least_squares, fit_stansfield
+from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield
 
 FloatArray = npt.NDArray[np.float64]
 

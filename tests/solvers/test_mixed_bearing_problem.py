@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.bearing_problem import BearingProblem
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.mixed_bearing_problem import MixedBearingProblem, bearing_problem
+from nlosctl.solvers.bearings.circle_likelihood import MixedBearingProblem, bearing_problem
+from nlosctl.solvers.bearings.likelihood import BearingProblem
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.testing import CIRCLES
 
 

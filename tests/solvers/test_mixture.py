@@ -11,7 +11,7 @@ from robust_worlds import mixture_cost, ring_batch, without_flags
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.methods import bearings_mixture_ml
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
-from nlosctl.solvers.outlier_model import OutlierModel, grouped_batch, outlier_model
+from nlosctl.solvers.mixture.outlier_model import OutlierModel, grouped_batch, outlier_model
 
 
 def _model(batch: BearingBatch, *, lognormal: bool = False, path_prior: str = "uniform") -> OutlierModel:

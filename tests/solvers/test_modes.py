@@ -15,9 +15,9 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.methods import bearings_mixture_ml
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
-from nlosctl.solvers.bearing_problem import BearingProblem
-from nlosctl.solvers.levenberg_marquardt import minimize
-from nlosctl.solvers.starts import Mode, Scores, leave_out_slope
+from nlosctl.solvers.bearings.likelihood import BearingProblem
+from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, leave_out_slope
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -7,8 +7,8 @@ import pytest
 from robust_worlds import ring_batch
 
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.polar_updates import bootstrap_state, pick_rows, update_bearings, update_ranges
-from nlosctl.solvers.sequential import RangedLines, run_all_orders
+from nlosctl.solvers.sequential.orders import RangedLines, run_all_orders
+from nlosctl.solvers.sequential.polar_updates import bootstrap_state, pick_rows, update_bearings, update_ranges
 
 
 def _information(dx: float, dy: float, std_rad: float) -> np.ndarray:

@@ -12,8 +12,8 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import CircleReflector, Scene
 from nlosctl.geometry.circular_reflection import all_reflections
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.several_optima import find_ends, pairwise_crossings
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.bearings.multistart import find_ends, pairwise_crossings
 
 RADIUS = 1000.0
 SCENE = Scene(reflectors=(CircleReflector(name="ring", center=(0.0, 0.0), radius=RADIUS),))

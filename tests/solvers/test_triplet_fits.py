@@ -8,9 +8,9 @@ from scipy.optimize import least_squares
 from triplet_worlds import batch_of, draw
 
 from nlosctl.models.triplets import path_rows
-from nlosctl.solvers.elliptic_coordinates import _EllipticProblem
-from nlosctl.solvers.triplet_fits import fit_paths, fit_snapshots
-from nlosctl.solvers.triplet_problem import TripletProblem
+from nlosctl.solvers.triplets.elliptic_coordinates import _EllipticProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.target_fits import fit_paths, fit_snapshots
 
 
 def _problem(count=300, seed=1):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from triplet_worlds import one_path
 
-from nlosctl.evaluation.detection_theory import DetectionScene
 from nlosctl.models.error_laws import GaussianErrors
 from nlosctl.models.triplets import path_rows
-from nlosctl.solvers.triplet_rules import blind_rows, decide, decide_fusion, rays_miss_by, rule_quantity
+from nlosctl.reproduce.shen.detection_theory import DetectionScene
+from nlosctl.solvers.triplets.difference_rules import blind_rows, decide, decide_fusion, rays_miss_by, rule_quantity
 
 RULES = (1, 2, 3, 4, 5, 6, "ellipse")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.columns import Column, ColumnType, Spelling, Table
 from nlosctl.contract.tables.results import BOUND, ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, TRUTH
@@ -28,6 +30,7 @@ __all__ = [
     "ColumnType",
     "Spelling",
     "Table",
+    "contract_names",
 ]
 
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
@@ -35,3 +38,9 @@ KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRI
 
 TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}
 """Every table, by name: ``schemas/`` holds one file for each."""
+
+
+@cache
+def contract_names() -> frozenset[str]:
+    """Return every name that some table of the contract gives a meaning to, other spellings too."""
+    return frozenset(name for table in TABLES.values() for column in table.columns for name in column.accepted_names)

@@ -54,6 +54,11 @@ class Column:
     earth_place: str = ""
     spellings: tuple[Spelling, ...] = ()
 
+    @property
+    def accepted_names(self) -> tuple[str, ...]:
+        """The name, and the other spellings that a file may have for it."""
+        return (self.name, *(spelling.name for spelling in self.spellings))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Table:

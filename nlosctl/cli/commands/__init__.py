@@ -1,0 +1,1 @@
+"""A file per command: it parses, calls a job and prints."""

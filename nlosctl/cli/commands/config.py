@@ -1,0 +1,120 @@
+"""``nlosctl config``: which settings hold, and where each comes from."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from nlosctl.cli.options.completion import complete_command
+from nlosctl.cli.options.declarations import CONFIG_HELP, Debug, Json
+from nlosctl.cli.options.settings import (
+    CONFIG_VARIABLE,
+    Setting,
+    SettingsCommand,
+    command_settings,
+    long_name,
+    options_of,
+    tell_source,
+    variable_name,
+)
+from nlosctl.cli.shared.terminal import print_json, print_table, tell
+from nlosctl.contract.limits import LIMITS, limit_variable
+from nlosctl.errors import UsageError, did_you_mean
+
+__all__ = ["config_app"]
+
+_OTHER_VARIABLES = (CONFIG_VARIABLE, "NLOSCTL_DEBUG", "NLOSCTL_NO_PLUGINS")
+
+config_app = typer.Typer(help="Tell which settings hold, and where each comes from.", no_args_is_help=True)
+
+
+@config_app.command("show", context_settings={"ignore_unknown_options": True})
+def show(
+    context: typer.Context,
+    command: Annotated[
+        str | None,
+        typer.Argument(metavar="[COMMAND]", autocompletion=complete_command, help="A command; none: all of them."),
+    ] = None,
+    flags: Annotated[
+        list[str] | None, typer.Argument(metavar="[FLAGS]...", help="Flags of the command, as they would be given.")
+    ] = None,
+    config: Annotated[
+        str | None,
+        typer.Option("--config", metavar="FILE", envvar=CONFIG_VARIABLE, show_envvar=False, help=CONFIG_HELP),
+    ] = None,
+    json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Show the settings of a command with their sources: flag > environment > config > default.
+
+    Without COMMAND the settings of all commands that are not defaults. FLAGS that this command has too (--json,
+    --config, --debug) go after a '--'.
+    """
+    root = context.find_root()
+    everything: dict[str, Any] = root.command.commands  # type: ignore[attr-defined]
+    commands = {name: inner for name, inner in everything.items() if isinstance(inner, SettingsCommand)}
+    if command is not None and command not in commands:
+        raise UsageError(f"no command {command!r}{did_you_mean(command, commands)}; there are: {', '.join(commands)}")
+    rows: list[dict[str, Any]] = []
+    for name in commands if command is None else [command]:
+        inner = type(context)(commands[name], info_name=name, parent=root)
+        told = list(_settings(inner, flags or [], config))
+        rows += told if command is not None else [row for row in told if row["source"] != "default"]
+    if command is None:
+        _remark_on_variables(commands)
+    if json:
+        print_json(rows)
+    elif not rows:
+        tell("every setting is its default")
+    else:
+        print_table([{**row, "value": _shown(row["value"])} for row in rows], ["command", "setting", "value", "source"])
+
+
+def _settings(context: Any, flags: Sequence[str], config: str | None) -> Iterator[dict[str, Any]]:
+    """Yield a row for each option of the context's command, its value checked as the command would."""
+    given, _, _ = context.command.make_parser(context).parse_args(args=list(flags))
+    known = command_settings(context, config)
+    if config is not None and "config" not in known:
+        known["config"] = Setting(value=config, source="flag")
+    context.params["config"] = config
+    context.default_map = {name: setting.value for name, setting in known.items()}
+    for parameter in options_of(context.command).values():
+        value, origin = parameter.consume_value(context, given)
+        context.set_parameter_source(parameter.name, origin)
+        source = {"COMMANDLINE": "flag", "DEFAULT": "default"}.get(origin.name)
+        if source is None:
+            source = known[str(parameter.name)].source
+        yield {
+            "command": context.info_name,
+            "setting": long_name(parameter),
+            "value": _checked(parameter, context, value),
+            "source": source,
+        }
+
+
+def _checked(parameter: Any, context: Any, value: Any) -> Any:
+    """Return the value in the option's type; a fault is told with the value's source, as the command tells it."""
+    try:
+        return parameter.process_value(context, value)
+    except Exception as error:
+        tell_source(error, context)
+        raise
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return shlex.join(map(str, value))
+    return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _remark_on_variables(commands: dict[str, Any]) -> None:
+    """Tell of variables that begin as ours do and set nothing: a misspelt one would go unnoticed."""
+    known = {variable_name(name, option) for name, command in commands.items() for option in options_of(command)}
+    known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS))
+    for variable in sorted(os.environ):
+        if variable.startswith("NLOSCTL_") and variable not in known:
+            tell(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}")

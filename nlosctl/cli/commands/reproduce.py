@@ -1,0 +1,201 @@
+"""``nlosctl reproduce``: a table or figure of one of the papers, theirs beside ours."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from nlosctl.cli.options.declarations import ConfigFile, Debug, Jobs, Json, Overwrite, Quiet, Seed
+from nlosctl.cli.shared.terminal import Terminal, print_json, print_table
+from nlosctl.errors import UsageError
+
+if TYPE_CHECKING:
+    from nlosctl.reproduce.experiment import Experiment
+    from nlosctl.reproduce.outcome import ClaimRow
+    from nlosctl.reproduce.run import Outcome
+
+__all__ = ["reproduce"]
+
+
+def reproduce(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME...",
+            help="Figures or tables, such as song-fig8; a paper's name stands for all of it, all for everything. None: "
+            "list them.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Write NAME.parquet, NAME.png, NAME.svg and the samples there; a run that was interrupted goes on.",
+            show_default=False,
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None,
+        typer.Option("--trials", "-n", min=1, help="Trials for each condition; unless given, each experiment's own."),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few trials: seconds in place of minutes, wide errors.")
+    ] = False,
+    seed: Seed = 0,
+    jobs: Jobs = 1,
+    page: Annotated[
+        str | None,
+        typer.Option(
+            "--page",
+            metavar="FILE",
+            help="Write a page (Markdown) of all that was run; its pictures go to figures/ beside it.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+    config: ConfigFile = None,
+) -> None:
+    """Run the Monte Carlo of a paper's figure or table and hold its claims against ours.
+
+    Each number of ours has its Monte-Carlo standard error; the verdict allows three of them. The same seed gives the
+    same files whatever the number of jobs, interrupted or not.
+    """
+    if not names:
+        if output is not None or page is not None or trials is not None or quick:
+            raise UsageError("name a figure or table, or all; 'nlosctl reproduce' alone lists them")
+        _list(json)
+        return
+    if quick and trials is not None:
+        raise UsageError("--quick and --trials both say the number of trials; give one")
+    if page is not None and output is None:
+        raise UsageError("--page goes with -o FOLDER, where the results and pictures are")
+    from nlosctl.io.writers.targets import check_targets
+    from nlosctl.reproduce.catalogue import chosen_names, find_experiment
+    from nlosctl.reproduce.run import output_folder
+
+    experiments = [find_experiment(name) for name in chosen_names(names)]
+    check_targets([page], overwrite=overwrite, inputs=[])
+    folder = None if output is None else output_folder(output)
+    terminal = Terminal(quiet=quiet)
+    try:
+        outcomes = _run(
+            experiments, folder, terminal, quick=quick, trials=trials, seed=seed, jobs=jobs, overwrite=overwrite
+        )
+    except KeyboardInterrupt:
+        if folder is not None:
+            terminal.note(f"finished chunks are kept in {folder}: the same command goes on from there")
+        raise
+    missing = next((outcome.without_pictures for outcome in outcomes if outcome.without_pictures), None)
+    if missing:
+        terminal.note(f"no pictures: {missing}")
+    if page is not None:
+        from nlosctl.reproduce.page import write_page
+
+        write_page(Path(page), outcomes)
+    _tell(outcomes, json)
+
+
+def _run(
+    experiments: list[Experiment],
+    folder: Path | None,
+    terminal: Terminal,
+    *,
+    quick: bool,
+    trials: int | None,
+    seed: int,
+    jobs: int,
+    overwrite: bool,
+) -> list[Outcome]:
+    from nlosctl.pipeline.engine.workers import usable_jobs
+    from nlosctl.reproduce.run import run_experiment
+    from nlosctl.reproduce.sampling import worker_pool
+
+    outcomes = []
+    with worker_pool(usable_jobs(jobs)) as pool:
+        for experiment in experiments:
+            with terminal.progress(experiment.name, unit="trials") as progress:
+                outcome = run_experiment(
+                    experiment,
+                    seed=seed,
+                    trials=trials or (experiment.quick_trials if quick else experiment.trials),
+                    folder=folder,
+                    overwrite=overwrite,
+                    pool=pool,
+                    progress=progress,
+                )
+            outcomes.append(outcome)
+            _note(terminal, outcome)
+    return outcomes
+
+
+def _note(terminal: Terminal, outcome: Outcome) -> None:
+    total = outcome.trials * len(outcome.experiment.conditions)
+    there = ""
+    if outcome.resumed:
+        there = ", all there already" if outcome.resumed == total else f", {outcome.resumed} of them there already"
+    conditions = f"{outcome.trials} trials in each of {len(outcome.experiment.conditions)} conditions"
+    files = "".join(f"\n  {path}" for path in outcome.files)
+    terminal.note(f"{outcome.experiment.name}: {conditions}, seed {outcome.seed}{there}{files}")
+
+
+def _list(json: bool) -> None:
+    from nlosctl.reproduce.catalogue import experiment_names, find_experiment
+
+    rows = []
+    for experiment in map(find_experiment, experiment_names()):
+        rows.append(
+            {
+                "name": experiment.name,
+                "title": experiment.title,
+                "paper": experiment.paper.reference,
+                "conditions": len(experiment.conditions),
+                "trials": experiment.trials,
+                "quick_trials": experiment.quick_trials,
+            }
+        )
+    if json:
+        print_json(rows)
+    else:
+        print_table(rows, ["name", "title", "paper", "conditions", "trials"])
+
+
+def _tell(outcomes: list[Outcome], json: bool) -> None:
+    rows = [row for outcome in outcomes for row in outcome.rows]
+    if json:
+        print_json([_as_json(row) for row in rows])
+        return
+    print_table(
+        [
+            {
+                "name": row.experiment,
+                "claim": row.claim,
+                "paper": row.paper,
+                "ours": row.told,
+                "verdict": row.verdict or "beside the paper",
+            }
+            for row in rows
+        ],
+        ["name", "claim", "paper", "ours", "verdict"],
+    )
+
+
+def _as_json(row: ClaimRow) -> dict[str, Any]:
+    return {
+        "name": row.experiment,
+        "claim": row.claim,
+        "where": row.where,
+        "paper": row.paper,
+        "ours": row.ours if math.isfinite(row.ours) else None,
+        "standard_error": row.standard_error,
+        "unit": row.unit,
+        "verdict": row.verdict,
+        "note": row.note,
+    }

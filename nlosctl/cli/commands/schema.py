@@ -1,0 +1,77 @@
+"""``nlosctl schema``: what the tables look like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlosctl.cli.options.completion import complete_table
+from nlosctl.cli.options.declarations import Debug, Json
+from nlosctl.cli.shared.terminal import print_json, print_table
+from nlosctl.errors import DataError, UsageError, did_you_mean
+
+__all__ = ["schema"]
+
+
+def schema(
+    table: Annotated[
+        str | None,
+        typer.Argument(metavar="TABLE", autocompletion=complete_table, help="Name of a table; none: list them."),
+    ] = None,
+    json: Json = False,
+    write: Annotated[
+        str | None, typer.Option("--write", metavar="FOLDER", help="Write all tables as Frictionless schemas (JSON).")
+    ] = None,
+    debug: Debug = False,
+) -> None:
+    """Show the columns of a table: name, type, unit, meaning; with --json as a Frictionless Table Schema."""
+    from nlosctl.contract.tables import TABLES
+
+    if write is not None:
+        _write(write)
+        return
+    if table is None:
+        rows = [{"table": known.name, "title": known.title} for known in TABLES.values()]
+        if json:
+            print_json(rows)
+        else:
+            print_table(rows, ["table", "title"])
+        return
+    if table not in TABLES:
+        raise UsageError(f"no table {table!r}{did_you_mean(table, TABLES)}; there are: {', '.join(TABLES)}")
+    if json:
+        from nlosctl.io.schemas import table_schema
+
+        print_json(table_schema(TABLES[table]))
+        return
+    _show(table)
+
+
+def _show(name: str) -> None:
+    from nlosctl.contract.tables import TABLES
+
+    rows = [
+        {
+            "column": column.name,
+            "type": column.type,
+            "unit": column.unit,
+            "required": "required" if column.required else "",
+            "also": ", ".join(spelling.name for spelling in column.spellings),
+            "meaning": column.meaning,
+        }
+        for column in TABLES[name].columns
+    ]
+    print_table(rows, ["column", "type", "unit", "required", "also", "meaning"])
+
+
+def _write(folder: str) -> None:
+    from nlosctl.io.schemas import write_schemas
+
+    try:
+        written = write_schemas(Path(folder))
+    except OSError as error:
+        raise DataError(f"--write {folder}: can't be written: {error.strerror}") from error
+    for path in written:
+        typer.echo(str(path))

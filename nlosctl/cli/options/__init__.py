@@ -1,0 +1,1 @@
+"""Options: their declarations, where their values come from, completion."""

@@ -1,0 +1,54 @@
+"""Random numbers drawn from each snapshot's own seed: the same whoever else is in the block."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["random_keys", "random_order", "snapshot_seeds"]
+
+SeedArray = npt.NDArray[np.uint64]
+
+IntArray = npt.NDArray[np.int64]
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+def random_keys(seed: SeedArray, count: int, stream: int = 0) -> SeedArray:
+    """Return ``count`` independent 64-bit words (B, count) for each seed (B,); ``stream`` tells uses apart.
+
+    SplitMix64 (Steele, Lea, Flood 2014), as a counter-based generator.
+    """
+    start = _mix(seed + np.array([2 * stream + 1], dtype=np.uint64) * _GOLDEN)
+    steps = np.arange(1, count + 1, dtype=np.uint64) * _GOLDEN
+    return _mix(start[:, None] + steps)
+
+
+def random_order(seed: SeedArray, count: int, stream: int = 0) -> IntArray:
+    """Return a random permutation (B, count) of 0 .. count-1 for each seed (B,)."""
+    return np.argsort(random_keys(seed, count, stream), axis=1, kind="stable").astype(np.int64)
+
+
+def snapshot_seeds(seed: int, ids: npt.NDArray[np.int64] | Sequence[str]) -> SeedArray:
+    """Return a seed (S,) for each snapshot id, integers or text; equal for equal seed and id, else unrelated."""
+    keys = _scrambled(ids.astype(np.uint64)) if isinstance(ids, np.ndarray) else _digest(ids)
+    return _scrambled(keys ^ _scrambled(np.array([seed], dtype=np.int64).astype(np.uint64)))
+
+
+def _digest(ids: Sequence[str]) -> SeedArray:
+    digests = b"".join(hashlib.blake2b(text.encode(), digest_size=8).digest() for text in ids)
+    return np.frombuffer(digests, dtype="<u8").astype(np.uint64)
+
+
+def _scrambled(key: SeedArray) -> SeedArray:
+    """Return one step of SplitMix64 from each state (Steele, Lea, Flood 2014)."""
+    return _mix(key + _GOLDEN)
+
+
+def _mix(key: SeedArray) -> SeedArray:
+    key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return key ^ (key >> np.uint64(31))

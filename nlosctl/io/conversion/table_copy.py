@@ -1,0 +1,139 @@
+"""Tables from one format to another: rows pass as they are, in bounded memory, and the scene goes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pyarrow as pa
+
+from nlosctl.contract.scene import EarthFrame, Scene
+from nlosctl.contract.tables import ESTIMATES, KINDS, Table
+from nlosctl.errors import DataError
+from nlosctl.io.measurements.bad_rows import BadRow, BadRowSink, Problem, ProblemLog
+from nlosctl.io.measurements.column_mapping import kind_of_columns
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.readers.base import RawBatch, RawSource
+from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.scenes.scene_file import SCENE_KEY, find_scene, scene_to_toml
+
+__all__ = ["TableCopy"]
+
+_BATCH_ROWS = 131_072
+
+
+@dataclass
+class TableCopy:
+    """Copies the parts of one input; ``rows`` counts what has been copied."""
+
+    given: Input
+    scene_file: str | None = None
+    frame: EarthFrame | None = None
+    rows: int = 0
+
+    def __post_init__(self) -> None:
+        self.log = ProblemLog()
+        part = self.given.parts[0]
+        self._source = open_part(part, _BATCH_ROWS, True)
+        try:
+            if not self._source.names:
+                raise DataError(f"{part.name}: the table has no columns")
+            twice = sorted({name for name in self._source.names if self._source.names.count(name) > 1})
+            if twice:
+                raise DataError(
+                    f"{part.name}: column {twice[0]!r} is there twice; rename or drop one, or name the importer of "
+                    f"another program's file with --from ('nlosctl convert' lists them)"
+                )
+            self._schema = self._source.start(self._types(self._source), None)
+            self.scene = self._scene()
+        except BaseException:
+            self._source.close()
+            raise
+
+    @property
+    def schema(self) -> Any:
+        """The Arrow schema of the rows."""
+        return self._schema
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the input says of itself, and its scene."""
+        kept = {
+            key.decode(): value.decode("utf-8", "replace")
+            for key, value in self._source.metadata.items()
+            if key == b"nlosctl"
+        }
+        return kept if self.scene == Scene() else {**kept, SCENE_KEY.decode(): scene_to_toml(self.scene)}
+
+    def tables(self) -> Iterator[Any]:
+        """Yield the rows; raise DataError at the end where some can't be read and nobody takes them."""
+        for part in self.given.parts:
+            source = self._source
+            if part is not self.given.parts[0]:
+                source = open_part(part, _BATCH_ROWS, True)
+                if source.names != self._source.names:
+                    source.close()
+                    raise DataError(
+                        f"{part.name}: its columns are not those of {self.given.parts[0].name}; convert it by itself"
+                    )
+                source.start(self._types(source), None)
+            try:
+                for batch in source.batches():
+                    yield self._good(part.name, batch)
+            finally:
+                source.close()
+        self.log.raise_if_stopping()
+
+    def set_bad_rows_aside(self, sink: BadRowSink) -> None:
+        """Hand bad rows to ``sink`` and go on with the rest; call it before the rows are read."""
+        self.log = ProblemLog(sink)
+
+    def close(self) -> None:
+        """Close the input."""
+        self._source.close()
+
+    def _scene(self) -> Scene:
+        scene = find_scene(self.scene_file, self._source.metadata, self.given.path)
+        return scene if self.frame is None else replace(scene, frame=self.frame)
+
+    def _types(self, source: RawSource) -> dict[str, Any]:
+        """Return the contract's types of the columns, of the table that they are."""
+        estimates = all(column.name in source.names for column in ESTIMATES.required)
+        table: Table = ESTIMATES if estimates else KINDS[kind_of_columns(source.names)]
+        types: dict[str, Any] = {}
+        for column in table.columns:
+            names = (column.name, *(spelling.name for spelling in column.spellings))
+            types.update({name: column.type for name in names if name in source.names})
+        return types
+
+    def _good(self, file: str, batch: RawBatch) -> Any:
+        bad: dict[int, BadRow] = {}
+        numbers = batch.row_numbers()
+        for cell in batch.cell_faults:
+            line = None if batch.lines is None else int(batch.lines[cell.position])
+            problem = Problem(
+                file=file, row=int(numbers[cell.position]), line=line, column=cell.column, fault=cell.fault
+            )
+            cells = batch.table if batch.text is None else batch.text
+            values = {name: _text(cells.column(name)[cell.position].as_py()) for name in cells.schema.names}
+            bad.setdefault(cell.position, BadRow(problem=problem, values=values))
+        rows = [
+            BadRow(
+                problem=Problem(file=file, row=line.row, line=line.line, column=None, fault=line.fault),
+                values={},
+                raw_line=line.text,
+            )
+            for line in batch.line_faults
+        ]
+        if rows or bad:
+            self.log.add(sorted([*rows, *bad.values()], key=lambda row: row.problem.row or 0))
+        table = pa.Table.from_batches([batch.table]).rename_columns(self._schema.names)
+        if bad:
+            table = table.filter(pa.array([place not in bad for place in range(table.num_rows)]))
+        self.rows += table.num_rows
+        return table
+
+
+def _text(value: object) -> str | None:
+    return None if value is None else str(value)

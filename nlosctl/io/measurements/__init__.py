@@ -1,0 +1,1 @@
+"""From a reader to chunks of whole snapshots, every row checked."""

@@ -1,0 +1,1 @@
+"""Folders of part files: names, slices, manifest, resume."""

@@ -1,0 +1,52 @@
+"""Part files that are on their way into a single one: read back as they were written, and taken away."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from nlosctl.io.paths.locations import RemotePath, location
+from nlosctl.io.writers.atomic_file import writing
+
+__all__ = ["read_part", "scratch_folder"]
+
+
+def read_part(path: str) -> Any:
+    """Return an Arrow file as a table without metadata, and remove the file."""
+    place = location(path)
+    with pa.OSFile(path) if isinstance(place, Path) else place.open_native() as file, pa.ipc.open_file(file) as reader:
+        table = reader.read_all().replace_schema_metadata(None)
+    place.unlink()
+    return table
+
+
+@contextmanager
+def scratch_folder(target: str) -> Iterator[str]:
+    """Give a new hidden folder beside ``target`` (``-``: in the current folder); it goes at its end.
+
+    Raises DataError where it can't be made.
+    """
+    place = location(target)
+    if isinstance(place, RemotePath):
+        folder = place.with_name(f".nlosctl.{secrets.token_hex(8)}.parts")
+        try:
+            yield str(folder)
+        finally:
+            with suppress(OSError):
+                folder.remove_all()
+        return
+    with writing(target):
+        scratch = tempfile.mkdtemp(
+            prefix=".nlosctl.", suffix=".parts", dir=Path.cwd() if target == "-" else place.resolve().parent
+        )
+    try:
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)

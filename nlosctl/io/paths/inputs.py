@@ -1,0 +1,225 @@
+"""What the user named as input, expanded to groups of files: one group is one logical table."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from glob import glob, has_magic
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
+from urllib.parse import unquote
+
+from nlosctl.errors import DataError, UsageError
+from nlosctl.io.paths.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
+from nlosctl.io.paths.locations import (
+    Location,
+    Mark,
+    RemotePath,
+    location,
+    mark_of,
+    mark_of_status,
+    near_name,
+    require_utf8,
+)
+
+__all__ = ["Input", "Part", "expand_inputs"]
+
+_SPOOL_IN_MEMORY_BYTES = 64 << 20
+_HEAD_BYTES = 4096
+_HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One file of a group: its name as messages give it, its format, and a path or an open byte stream.
+
+    ``row_groups`` (first, behind the last) are those that count, of a Parquet file; None: all. ``keys`` are the
+    columns that the names of its folders tell (``year=2026``), None for a null. ``mark`` tells the file that is read
+    later from another that took its place.
+    """
+
+    name: str
+    format: FileFormat
+    path: Location | None = None
+    stream: IO[bytes] | None = None
+    row_groups: tuple[int, int] | None = None
+    keys: tuple[tuple[str, str | None], ...] = ()
+    mark: tuple[int, int, int] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """One logical table: a file, or the parts of a folder; ``name`` is what the user called it."""
+
+    name: str
+    parts: tuple[Part, ...]
+
+    @property
+    def path(self) -> Location | None:
+        """The file or folder beside which a scene may lie; None for stdin."""
+        return None if self.parts[0].path is None else location(self.name)
+
+
+def expand_inputs(
+    words: Sequence[str], input_format: FileFormat | None = None, stdin: IO[bytes] | None = None
+) -> list[Input]:
+    """Return the groups that ``words`` name: files, folders, globs, and ``-`` for stdin.
+
+    ``input_format`` overrides what extensions and first bytes tell; ``stdin`` replaces the real one. Raises
+    DataError for what is not there or holds no table, UsageError for an unknown extension or a file given twice.
+    """
+    groups = [group for word in words for group in _expand_word(word, input_format, stdin)]
+    if not groups:
+        raise UsageError("no input is given; name a file, a folder, a glob, or - for stdin")
+    names = [group.name for group in groups]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UsageError(f"input given twice: {', '.join(twice)}")
+    return groups
+
+
+def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | None) -> list[Input]:
+    if word == "-":
+        return [_standard_input(input_format, stdin)]
+    path = location(word)
+    if isinstance(path, RemotePath):
+        return _remote(path, input_format)
+    word = str(path) if "://" in word else word
+    if path.is_dir():
+        return [_folder(word, input_format)]
+    if path.is_file():
+        return [_file(word, input_format)]
+    if path.exists():  # a named pipe, as of <(...) in a shell
+        require_utf8(word)
+        return [_stream(word, word, path.open("rb"), input_format)]
+    if has_magic(word):
+        return _globbed(word, input_format)
+    raise DataError(f"{word}: there is no such file{near_name(path)}")
+
+
+def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
+    """Return what a URL names: a file, a folder (a prefix of names), or a pattern."""
+    name = str(path)
+    try:
+        if path.has_magic:
+            found = [(match, mark_of_status(status)) for match, status in path.glob_files()]
+            if not found:
+                raise DataError(f"{name}: no file matches this pattern")
+            return [_remote_file(match, mark, input_format) for match, mark in found]
+        if path.is_file():
+            return [_remote_file(path, mark_of_status(path.stat()), input_format)]
+        files = path.files(recursive=True)
+        if not files:
+            where = "" if path.has_bucket() else f": there is no {str(path.top)!r}"
+            raise DataError(f"{name}: there is no such file or folder{where}")
+    except OSError as error:
+        raise DataError(f"{name}: can't be read: {error.strerror or error}") from error
+    entries = [(entry, PurePosixPath(*steps), mark_of_status(status)) for entry, steps, status in files]
+    return [_of_parts(name, entries, input_format)]
+
+
+def _remote_file(path: RemotePath, mark: Mark, input_format: FileFormat | None) -> Input:
+    format = input_format or format_of_path(path.name)
+    return Input(name=str(path), parts=(Part(name=str(path), format=format, path=path, mark=mark),))
+
+
+def _file(name: str, input_format: FileFormat | None) -> Input:
+    return Input(name=name, parts=(_part(name, input_format or format_of_path(name), Path(name)),))
+
+
+def _part(name: str, format: FileFormat, path: Path) -> Part:
+    require_utf8(name)
+    return Part(name=name, format=format, path=path, mark=mark_of(path))
+
+
+def _folder(name: str, input_format: FileFormat | None) -> Input:
+    folder = Path(name)
+    files = ((path, PurePosixPath(path.relative_to(folder).as_posix())) for path in folder.rglob("*") if path.is_file())
+    return _of_parts(name, [(path, relative, None) for path, relative in files], input_format)
+
+
+def _of_parts(
+    name: str, files: Sequence[tuple[Location, PurePosixPath, Mark | None]], input_format: FileFormat | None
+) -> Input:
+    """Return a folder whose files are these, each with its path below the folder, and its mark where it is known."""
+    parts = []
+    for path, relative, mark in sorted(files, key=lambda file: str(file[1])):
+        known = known_format_of_path(path.name)
+        if known is not None and not _is_hidden(relative):
+            require_utf8(str(path))
+            part = Part(name=str(path), format=input_format or known, path=path, mark=mark or mark_of(path))
+            parts.append(replace(part, keys=_keys(relative.parts[:-1])))
+    if not parts:
+        raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
+    return Input(name=name, parts=tuple(parts))
+
+
+def _keys(folders: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
+    """Return the columns that folders named ``key=value`` tell, as Hive and Spark write them."""
+    pairs = [folder.partition("=") for folder in folders if "=" in folder.lstrip("=")]
+    return tuple((unquote(key), None if value == _HIVE_NULL else unquote(value)) for key, _, value in pairs)
+
+
+def _is_hidden(relative: PurePosixPath) -> bool:
+    return any(step.startswith((".", "_")) for step in relative.parts)
+
+
+def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
+    found = glob(pattern, recursive=True)  # noqa: PTH207 - the pattern may start anywhere, and names stay as given
+    matches = sorted(match for match in found if Path(match).is_file())
+    if not matches:
+        raise DataError(f"{pattern}: no file matches this pattern")
+    return [_file(match, input_format) for match in matches]
+
+
+def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) -> Input:
+    if stdin is None and sys.stdin is None:
+        raise DataError("standard input is closed; name a file, or open it again")
+    return _stream("-", "stdin", stdin if stdin is not None else sys.stdin.buffer, input_format)
+
+
+def _stream(input_name: str, name: str, source: IO[bytes], input_format: FileFormat | None) -> Input:
+    head = source.read(_HEAD_BYTES)  # as many as there are, however slowly they come
+    told = format_of_bytes(head)
+    found = input_format or told
+    if found is FileFormat.ARROW and told is FileFormat.ARROW_STREAM:
+        found = told
+    buffered: Any = io.BufferedReader(_Replayed(head, source, owned=input_name != "-"))
+    stream = _spool(buffered) if found.needs_seeking else buffered
+    return Input(name=input_name, parts=(Part(name=name, format=found, stream=stream),))
+
+
+class _Replayed(io.RawIOBase):
+    """A stream whose head was read already, from its beginning; closing it closes the stream if that is ``owned``."""
+
+    def __init__(self, head: bytes, rest: IO[bytes], *, owned: bool) -> None:
+        self._head, self._rest, self._owned = head, rest, owned
+
+    def close(self) -> None:
+        super().close()
+        if self._owned:
+            self._rest.close()
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        if self._head:
+            got, self._head = self._head[: len(buffer)], self._head[len(buffer) :]
+        else:
+            read: Any = getattr(self._rest, "read1", self._rest.read)
+            got = read(len(buffer))
+        buffer[: len(got)] = got
+        return len(got)
+
+
+def _spool(stream: IO[bytes]) -> IO[bytes]:
+    spooled = tempfile.SpooledTemporaryFile(max_size=_SPOOL_IN_MEMORY_BYTES)  # noqa: SIM115 - the reader closes it
+    shutil.copyfileobj(stream, spooled)
+    stream.close()
+    spooled.seek(0)
+    return spooled

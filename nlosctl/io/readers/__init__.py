@@ -1,0 +1,1 @@
+"""One reader per file format: its schema and its record batches."""

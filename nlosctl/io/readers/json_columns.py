@@ -1,0 +1,146 @@
+"""Values of JSON turned into columns; every value that doesn't fit is told by its row."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from nlosctl.contract.tables import ColumnType
+from nlosctl.io.readers.base import CellFault
+from nlosctl.io.readers.text_conversion import EXPECTED, arrow_type_of, shown
+
+__all__ = ["NameSurvey", "json_column", "json_text"]
+
+_EXACT_FLOAT = 2**53
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+
+
+class NameSurvey:
+    """The values seen under one name: their types, and whether the integers fit 64 bits and a float."""
+
+    def __init__(self) -> None:
+        self._kinds: set[type] = set()
+        self._first: type | None = None
+        self._in_int64 = self._in_float = True
+
+    def add(self, values: Sequence[Any]) -> None:
+        """Take more values."""
+        kinds = {type(value) for value in values} - {type(None)}
+        if self._first is None and kinds & {int, str}:
+            self._first = next(type(value) for value in values if type(value) in (int, str))
+        if int in kinds:
+            integers = [value for value in values if type(value) is int]
+            largest = max(max(integers), -min(integers))
+            self._in_int64 &= largest < 2**63
+            self._in_float &= largest <= _EXACT_FLOAT
+        self._kinds |= kinds
+
+    def identifier_type(self) -> ColumnType:
+        """Return integer where the first text or integer is one, else identifier."""
+        return "integer" if self._first is int else "identifier"
+
+    def own_type(self) -> ColumnType:
+        """Return the narrowest type that holds all values unchanged, for a column that the contract lacks."""
+        if self._kinds == {int} and self._in_int64:
+            return "integer"
+        if self._kinds in ({float}, {int, float}) and self._in_float:
+            return "number"
+        return "boolean" if self._kinds == {bool} else "text"
+
+
+def json_column(
+    values: Sequence[Any], wanted: ColumnType, name: str, contract: ColumnType | None
+) -> tuple[Any, list[CellFault]]:
+    """Return values as a column of type ``wanted``, null where they don't fit, and a fault for each of these.
+
+    ``contract`` is the contract's type of the column, None where the contract lacks it: text then holds
+    anything, as JSON.
+    """
+    read = _read_any if wanted == "text" and contract is None else _READERS[wanted]
+    kept, faults = [], []
+    for place, value in enumerate(values):
+        try:
+            kept.append(None if value is None else read(value))
+        except (ValueError, OverflowError):
+            kept.append(None)
+            fault = f"got {shown(value)}, expected {_expected(value, wanted, contract)}"
+            faults.append(CellFault(position=place, column=name, fault=fault))
+    return pa.array(kept, type=arrow_type_of(wanted)), faults
+
+
+def _expected(value: Any, wanted: ColumnType, contract: ColumnType | None) -> str:
+    if isinstance(value, str) and not _is_unicode(value):
+        return "Unicode text without half a surrogate pair"
+    if type(value) is int and not -(2**63) <= value < 2**63 and wanted != "number":
+        return "an integer within 64 bits; store it as text"
+    if type(value) is int and wanted == "number":
+        return "a number within 1e308"
+    if contract == "identifier":
+        here = f"{EXPECTED[wanted]} as before: " if isinstance(value, str | int) and not isinstance(value, bool) else ""
+        return f"{here}text or an integer, the same in all rows" if here else "text or an integer"
+    return EXPECTED[wanted]
+
+
+def _read_number(value: Any) -> float:
+    if type(value) not in (float, int):
+        raise ValueError
+    return float(value)
+
+
+def _read_integer(value: Any) -> int:
+    if type(value) is not int or not -(2**63) <= value < 2**63:
+        raise ValueError
+    return value
+
+
+def _read_boolean(value: Any) -> bool:
+    word = value.strip().lower() if isinstance(value, str) else None
+    if word in _BOOLEANS:
+        return _BOOLEANS[word]
+    if type(value) is bool or (type(value) is int and value in (0, 1)):
+        return bool(value)
+    raise ValueError
+
+
+def _read_name(value: Any) -> str | None:
+    if not isinstance(value, str) or not _is_unicode(value):
+        raise ValueError
+    return value or None
+
+
+def _read_text(value: Any) -> str | None:
+    return str(_read_integer(value)) if type(value) is int else _read_name(value)
+
+
+def _read_any(value: Any) -> str | None:
+    return _read_name(value) if isinstance(value, str) else json_text(value)
+
+
+def _is_unicode(text: str) -> bool:
+    if text.isascii():
+        return True
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+_READERS: dict[str, Callable[[Any], Any]] = {
+    "number": _read_number,
+    "integer": _read_integer,
+    "boolean": _read_boolean,
+    "text": _read_text,
+    "identifier": _read_name,
+}
+
+
+def json_text(value: Any) -> str | None:
+    """Return text as it is and other values as JSON; what UTF-8 can't hold is escaped."""
+    if value is None:
+        return None
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")

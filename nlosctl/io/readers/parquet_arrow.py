@@ -1,0 +1,229 @@
+"""Readers of the formats that carry types: Parquet, Arrow IPC file and Arrow IPC stream."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, cast
+
+import pyarrow as pa
+import pyarrow.parquet
+
+from nlosctl.contract.limits import limit
+from nlosctl.contract.tables import ColumnType
+from nlosctl.errors import DataError
+from nlosctl.io.paths.file_format import FileFormat
+from nlosctl.io.paths.inputs import Part
+from nlosctl.io.paths.locations import Location, pyarrow_source
+from nlosctl.io.readers.arrow_text import without_views
+from nlosctl.io.readers.base import RawBatch, readable, rebatch
+from nlosctl.io.readers.decompression import FREE_EXPANSION_BYTES, expansion_fault
+
+__all__ = ["ArrowSource", "ParquetSource", "fits_type", "parquet_end_value", "parquet_metadata"]
+
+_BUFFER_BYTES = 1 << 20
+
+_EXPECTED = {
+    "number": "numbers",
+    "integer": "integers",
+    "boolean": "true/false or 1/0",
+    "text": "text",
+    "identifier": "text or integers",
+}
+
+
+def fits_type(arrow_type: Any, wanted: ColumnType) -> bool:
+    """Return whether a column of ``arrow_type`` can hold what the contract wants."""
+    if pa.types.is_dictionary(arrow_type):
+        arrow_type = arrow_type.value_type
+    kinds = pa.types
+    if kinds.is_null(arrow_type):
+        return True
+    integer = kinds.is_integer(arrow_type)
+    text = kinds.is_string(arrow_type) or kinds.is_large_string(arrow_type) or kinds.is_string_view(arrow_type)
+    if wanted == "number":
+        return bool(integer or kinds.is_floating(arrow_type) or kinds.is_decimal(arrow_type))
+    if wanted == "boolean":
+        return bool(kinds.is_boolean(arrow_type) or integer)
+    return bool({"integer": integer, "text": text, "identifier": text or integer}[wanted])
+
+
+def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> None:
+    for column in schema:
+        wanted = types.get(column.name)
+        if wanted is not None and not fits_type(column.type, wanted):
+            raise DataError(
+                f"{name}, column {column.name!r}: wrong type: holds {column.type}, expected {_EXPECTED[wanted]}; "
+                f"convert the column, or read another under this name with --column"
+            )
+
+
+def _without_views(schema: Any) -> Any:
+    return pa.schema([column.with_type(without_views(column.type)) for column in schema], metadata=schema.metadata)
+
+
+def parquet_metadata(path: Location) -> Any:
+    """Return what the end of a Parquet file tells of it; it is read once for a number of openings of the same file."""
+    status = path.stat()
+    return _parquet_metadata(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _parquet_metadata(path: Location, size: int, modified: int) -> Any:
+    return pyarrow.parquet.read_metadata(pyarrow_source(path))
+
+
+class ParquetSource:
+    """A Parquet file, read in batches whatever the size of its row groups."""
+
+    def __init__(self, part: Part, batch_rows: int, use_threads: bool) -> None:
+        self._part, self._batch_rows, self._use_threads = part, batch_rows, use_threads
+        with readable(part.name, "Parquet file"):
+            self._file = self._open(())
+            self._schema = self._file.schema_arrow
+            self.names: tuple[str, ...] = tuple(self._schema.names)
+            self.metadata: Mapping[bytes, bytes] = {
+                **(self._schema.metadata or {}),
+                **(self._file.metadata.metadata or {}),  # what was added at the end of writing is here alone
+            }
+        self._columns: list[str] | None = None
+        self._refuse_bomb()
+
+    def _refuse_bomb(self) -> None:
+        """Refuse pages that unpack to far more than they are, before any is unpacked."""
+        metadata, most = self._file.metadata, limit("expansion")
+        groups = [metadata.row_group(place) for place in range(metadata.num_row_groups)]
+        unpacked = sum(group.total_byte_size for group in groups)
+        if unpacked <= FREE_EXPANSION_BYTES:
+            return
+        columns = range(metadata.num_columns)
+        packed = sum(group.column(place).total_compressed_size for group in groups for place in columns)
+        if unpacked > most * packed:
+            raise DataError(expansion_fault(self._part.name, most))
+
+    def _open(self, dictionary: Sequence[str]) -> Any:
+        path = self._part.path
+        return pa.parquet.ParquetFile(
+            self._part.stream if path is None else pyarrow_source(path),
+            metadata=None if path is None else parquet_metadata(path),
+            read_dictionary=list(dictionary),
+            pre_buffer=False,
+            buffer_size=_BUFFER_BYTES,
+        )
+
+    def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
+        """See RawSource; text is read dictionary-encoded where the contract knows the column."""
+        _check_types(self._part.name, self._schema, types)
+        self._columns = list(columns) if columns is not None else None
+        encoded = [
+            column.name
+            for column in self._schema
+            if types.get(column.name) in ("text", "identifier") and pa.types.is_string(column.type)
+        ]
+        if encoded:
+            with readable(self._part.name, "Parquet file"):
+                self._reopen(encoded)
+        self._schema = _without_views(self._file.schema_arrow.remove_metadata())
+        return self._schema if columns is None else pa.schema([self._schema.field(name) for name in columns])
+
+    def _reopen(self, encoded: Sequence[str]) -> None:
+        if self._part.stream is not None:
+            self._part.stream.seek(0)
+        else:
+            self._file.close(force=True)
+        self._file = self._open(encoded)
+
+    def batches(self) -> Iterator[RawBatch]:
+        """See RawSource."""
+        first, behind = self._part.row_groups or (0, self._file.metadata.num_row_groups)
+        row = 1 + sum(self._file.metadata.row_group(place).num_rows for place in range(first))
+        with readable(self._part.name, "Parquet file"):
+            for batch in rebatch(
+                self._file.iter_batches(
+                    self._batch_rows,
+                    row_groups=range(first, behind),
+                    columns=self._columns,
+                    use_threads=self._use_threads,
+                ),
+                self._batch_rows,
+            ):
+                batch.validate(full=True)
+                wanted = _without_views(batch.schema)
+                yield RawBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
+                row += batch.num_rows
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close(force=self._part.path is not None)
+        if self._part.stream is not None:
+            self._part.stream.close()
+
+
+def parquet_end_value(part: Part, column: str, place: int) -> Any:
+    """Return the value of ``column`` in the first (0) or last (-1) row of a part, or None where that takes more.
+
+    That is where the part is no Parquet file on disk, has no row, or the column is not there or null in that row.
+    """
+    if part.format is not FileFormat.PARQUET or part.path is None:
+        return None
+    told = parquet_metadata(part.path)
+    first, behind = part.row_groups or (0, told.num_row_groups)
+    if first == behind or column not in told.schema.to_arrow_schema().names:
+        return None
+    with readable(part.name, "Parquet file"), pa.parquet.ParquetFile(pyarrow_source(part.path), metadata=told) as file:
+        if place == 0:
+            batch = next(file.iter_batches(1, row_groups=[first], columns=[column], use_threads=False), None)
+        else:
+            batch = file.read_row_group(behind - 1, columns=[column], use_threads=False)
+        return None if batch is None or not batch.num_rows else batch.column(0)[place].as_py()
+
+
+def _opened(path: Location | None) -> Any:
+    source = pyarrow_source(cast(Location, path))
+    return pa.OSFile(source) if isinstance(source, str) else source
+
+
+class ArrowSource:
+    """An Arrow IPC file or stream."""
+
+    def __init__(self, part: Part, batch_rows: int) -> None:
+        self._part, self._batch_rows = part, batch_rows
+        with readable(part.name, "Arrow file"):
+            # not mapped into memory: a file that is cut short meanwhile would end the process
+            self._handle = part.stream if part.stream is not None else _opened(part.path)
+            opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
+            self._reader = opener(self._handle)
+            self._schema = _without_views(self._reader.schema)
+            self.names: tuple[str, ...] = tuple(self._schema.names)
+        self.metadata: Mapping[bytes, bytes] = self._schema.metadata or {}
+        self._columns: list[str] | None = None
+
+    def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
+        """See RawSource."""
+        _check_types(self._part.name, self._schema, types)
+        self._columns = list(columns) if columns is not None else None
+        schema = self._schema.remove_metadata()
+        return schema if columns is None else pa.schema([schema.field(name) for name in columns])
+
+    def batches(self) -> Iterator[RawBatch]:
+        """See RawSource."""
+        row = 1
+        with readable(self._part.name, "Arrow file"):
+            for batch in rebatch(self._record_batches(), self._batch_rows):
+                yield RawBatch(table=batch, first_row=row)
+                row += batch.num_rows
+
+    def _record_batches(self) -> Iterator[Any]:
+        if self._part.format is FileFormat.ARROW:
+            found: Iterator[Any] = (self._reader.get_batch(place) for place in range(self._reader.num_record_batches))
+        else:
+            found = iter(self._reader)
+        for batch in found:
+            batch.validate(full=True)  # offsets that point outside would be read as they are
+            batch = batch if self._columns is None else batch.select(self._columns)
+            wanted = _without_views(batch.schema)
+            yield batch if batch.schema.equals(wanted) else batch.cast(wanted)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._handle.close()

@@ -1,0 +1,193 @@
+"""Columns of text turned into typed ones; every value that doesn't fit is told by its row."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nlosctl.contract.tables import ColumnType
+from nlosctl.errors import DataError
+from nlosctl.io.readers.base import CellFault
+
+__all__ = [
+    "EXPECTED",
+    "arrow_type_of",
+    "convert_text",
+    "decode_utf8",
+    "identifier_type",
+    "infer_type",
+    "refuse_wrong_column",
+    "shown",
+    "wider_type",
+]
+
+EXPECTED = {
+    "number": "a number",
+    "integer": "an integer",
+    "boolean": "true/false or 1/0",
+    "text": "text",
+    "identifier": "text",
+}
+
+_EXPECTED_ALL = {"number": "numbers", "integer": "integers", "boolean": "true/false or 1/0"}
+_FEWEST_WRONG = 5
+_TRIED = 100
+
+_BLANKS = " \t\r\n\u00a0\u2007\u2009\u202f\u3000"
+
+_ARROW_TYPES = {
+    "number": pa.float64(),
+    "integer": pa.int64(),
+    "boolean": pa.bool_(),
+    "text": pa.string(),
+    "identifier": pa.string(),
+}
+
+
+def arrow_type_of(wanted: ColumnType) -> Any:
+    """Return the Arrow type that a text column of this contract type becomes."""
+    return _ARROW_TYPES[wanted]
+
+
+def shown(value: object) -> str:
+    """Return a value as messages show it: quoted if text, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def identifier_type(cells: Any) -> ColumnType:
+    """Return integer where all ``cells`` are integers written plainly (no leading zero or plus), else identifier."""
+    filled = cells.drop_null()
+    return "integer" if len(filled) and _integers(filled) == "plain" else "identifier"
+
+
+def infer_type(cells: Any) -> ColumnType | None:
+    """Return the narrowest type that holds all ``cells`` (text, null where empty) unchanged; None if all are null.
+
+    Numbers with leading zeros and integers that a float can't hold are text.
+    """
+    filled = cells.drop_null()
+    if len(filled) == 0:
+        return None
+    found = _infer(filled)
+    return found if found != "text" else _infer(_trimmed(filled))
+
+
+def _infer(filled: Any) -> ColumnType:
+    integers = _integers(filled)
+    if integers is not None:
+        return "integer" if integers == "plain" else "text"
+    if _cast(filled, pa.float64()) is not None:
+        whole = filled.filter(pc.invert(pc.match_substring(filled, ".")))
+        changed = pc.any(pc.match_substring_regex(whole, r"^[+-]?(0[0-9]|[0-9]{16})")).as_py()
+        return "text" if changed else "number"
+    words = pc.is_in(pc.utf8_lower(filled), value_set=pa.array(["true", "false"]))
+    return "boolean" if pc.all(words).as_py() else "text"
+
+
+def wider_type(one: ColumnType | None, other: ColumnType | None) -> ColumnType | None:
+    """Return the type that holds what both hold; None is that of nothing."""
+    if one is None or other is None or one == other:
+        return one or other
+    return "number" if {one, other} == {"integer", "number"} else "text"
+
+
+def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) -> None:
+    """Raise DataError where there are several ``cells`` and none of them fits the contract's type."""
+    if wanted in ("text", "identifier"):
+        return
+    for some in (cells.slice(0, _TRIED), cells):
+        if len(some) - some.null_count < _FEWEST_WRONG or len(convert_text(some, wanted, column)[0].drop_null()):
+            return
+    example = cells.drop_null()[0].as_py()
+    raise DataError(
+        f"{file}, column {column!r}: wrong type: holds text such as {shown(example)}, "
+        f"expected {_EXPECTED_ALL[wanted]}; convert the column, or read another under this name with --column"
+    )
+
+
+def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") -> tuple[Any, list[CellFault]]:
+    """Return the cells as the wanted type, null where they don't fit, and a fault for each of these."""
+    target = _ARROW_TYPES[wanted]
+    if wanted in ("text", "identifier"):
+        return cells, []
+    if wanted == "boolean":
+        converted = _booleans(cells)
+    else:
+        whole = _cast(cells, target)
+        if whole is not None:
+            return whole, []
+        cells = _trimmed(cells)
+        whole = _cast(cells, target)
+        if whole is not None:
+            return whole, []
+        converted = pa.array([_one(value, target) for value in cells.to_pylist()], type=target)
+    unfit = pc.and_(pc.is_valid(cells), pc.is_null(converted))
+    places = np.flatnonzero(unfit.to_numpy(zero_copy_only=False))
+    faults = [
+        CellFault(
+            position=int(place),
+            column=column,
+            fault=f"got {shown(cells[int(place)].as_py())}, expected {EXPECTED[wanted]}{hint}",
+        )
+        for place in places
+    ]
+    return converted, faults
+
+
+def decode_utf8(cells: Any, column: str) -> tuple[Any, list[CellFault]]:
+    """Return binary cells as text, null where they are not UTF-8, and a fault for each of these."""
+    try:
+        return cells.cast(pa.string()), []
+    except pa.ArrowInvalid:
+        pass
+    decoded: list[str | None] = []
+    faults = []
+    for place, value in enumerate(cells.to_pylist()):
+        try:
+            decoded.append(None if value is None else value.decode("utf-8"))
+        except UnicodeDecodeError as error:
+            decoded.append(None)
+            fault = f"got {shown(value)}, byte 0x{value[error.start]:02x} is not UTF-8; save the file as UTF-8"
+            faults.append(CellFault(position=place, column=column, fault=fault))
+    return pa.array(decoded, type=pa.string()), faults
+
+
+def _integers(filled: Any) -> Literal["plain", "odd"] | None:
+    """Return whether all are 64-bit integers, and written as such: plain is what the integer is as text again."""
+    integers = _cast(filled, pa.int64())
+    if integers is None:
+        return None
+    return "plain" if integers.cast(pa.string()).equals(filled) else "odd"
+
+
+def _cast(cells: Any, target: Any) -> Any:
+    try:
+        converted = cells.cast(target)
+    except pa.ArrowInvalid:
+        return None
+    if target == pa.int64() and pc.any(pc.match_substring(cells, "x", ignore_case=True)).as_py():
+        return None  # pyarrow takes 0x10 for 16: no other reader of such files would
+    return converted
+
+
+def _one(value: str | None, target: Any) -> Any:
+    if value is None:
+        return None
+    converted = _cast(pa.array([value]), target)
+    return None if converted is None else converted[0].as_py()
+
+
+def _trimmed(cells: Any) -> Any:
+    """Return text without the blanks around it; control characters, which Unicode counts as blanks too, stay."""
+    return pc.utf8_trim(cells, _BLANKS)
+
+
+def _booleans(cells: Any) -> Any:
+    lower = pc.utf8_lower(_trimmed(cells))
+    yes = pc.is_in(lower, value_set=pa.array(["true", "1"]))
+    known = pc.or_(yes, pc.is_in(lower, value_set=pa.array(["false", "0"])))
+    return pc.if_else(known, yes, pa.scalar(None, pa.bool_()))

@@ -1,0 +1,1 @@
+"""Layouts of result tables, and reading them again."""

@@ -1,0 +1,140 @@
+"""Estimates, flags and truth from Arrow tables, as the arrays that an evaluation takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.statuses import Status
+from nlosctl.contract.tables import TRUTH
+from nlosctl.errors import DataError
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.reader import PlainReader
+
+__all__ = [
+    "EstimateArrays",
+    "TruthTable",
+    "boolean_codes",
+    "estimate_arrays",
+    "group_codes",
+    "numbers",
+    "whole_snapshots",
+]
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+_TRUTH = ("truth_x_m", "truth_y_m")
+_STATUSES = pa.array([status.word for status in Status])
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateArrays:
+    """N estimates: position and truth (N, 2), covariance (N, 3) as xx, xy, yy, status and alternative (N,)."""
+
+    position_m: FloatArray
+    covariance_m2: FloatArray
+    status: npt.NDArray[np.uint8]
+    truth_m: FloatArray
+    alternative: IntArray
+
+
+class TruthTable:
+    """True positions by snapshot id, from a file of their own: the first row of each snapshot counts."""
+
+    def __init__(self, given: Input) -> None:
+        reader = PlainReader(given, TRUTH)
+        table = reader.read_all()
+        self._ids = _as_text(table.column("snapshot"))
+        self._truth_m = _stack(table, _TRUTH, given.name)
+
+    def look_up(self, ids: Any) -> FloatArray:
+        """Return the truth (N, 2) of snapshot ids (N,); NaN where there is none."""
+        places = pc.index_in(_as_text(ids), value_set=self._ids).combine_chunks()
+        found = np.asarray(places.is_valid())
+        truth_m = np.full((len(places), 2), np.nan)
+        truth_m[found] = self._truth_m[np.asarray(places.drop_null())]
+        return truth_m
+
+
+def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> EstimateArrays:
+    """Return the arrays of a table of estimates; ``truth`` stands in for its truth columns.
+
+    Raises DataError for a status word that is none, an absent alternative, a number too large, or where there is
+    no truth at all.
+    """
+    status = pc.index_in(table.column("status"), value_set=_STATUSES)
+    if status.null_count:
+        word = table.column("status").filter(pc.is_null(status))[0].as_py()
+        raise DataError(f"{name}, column 'status': {word!r} is no status; they are {', '.join(_STATUSES.to_pylist())}")
+    if table.column("alternative").null_count:
+        raise DataError(f"{name}, column 'alternative': holds empty cells, expected a number in every row")
+    for column in _TRUTH:
+        if truth is None and column not in table.column_names:
+            raise DataError(f"{name}: no column {column!r}; name a file with the truth by --truth FILE")
+    return EstimateArrays(
+        position_m=_stack(table, ("x_m", "y_m"), name),
+        covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), name, LARGEST_NUMBER**2),
+        status=np.asarray(status).astype(np.uint8),
+        truth_m=_stack(table, _TRUTH, name) if truth is None else truth.look_up(table.column("snapshot")),
+        alternative=np.asarray(table.column("alternative")).astype(np.int64),
+    )
+
+
+def boolean_codes(column: Any) -> npt.NDArray[np.int8]:
+    """Return a boolean column (N,) as 1 true, 0 false, -1 null."""
+    return np.asarray(pc.fill_null(column.cast(pa.int8()), -1))
+
+
+def numbers(column: Any) -> FloatArray:
+    """Return a column of numbers (N,), integers beyond 2^53 to the nearest; NaN is null."""
+    return np.asarray(column.cast(pa.float64(), safe=False), dtype=np.float64)
+
+
+def group_codes(table: Any, columns: Sequence[str]) -> tuple[IntArray, list[tuple[Any, ...]]]:
+    """Return the number (N,) of each row's group, and the values of ``columns`` that make each group."""
+    if not columns:
+        return np.zeros(table.num_rows, dtype=np.int64), [()]
+    keys = table.select(columns).append_column("place", pa.array(np.arange(table.num_rows)))
+    groups = keys.group_by(list(columns), use_threads=False).aggregate([("place", "min"), ("place", "list")])
+    groups = groups.sort_by("place_min")
+    codes = np.empty(table.num_rows, dtype=np.int64)
+    for number, places in enumerate(groups.column("place_list")):
+        codes[np.asarray(places.values)] = number
+    return codes, [tuple(row[name] for name in columns) for row in groups.select(columns).to_pylist()]
+
+
+def whole_snapshots(batches: Iterator[Any]) -> Iterator[Any]:
+    """Yield the rows of ``batches`` again, cut so that no snapshot is split between two tables."""
+    waiting: Any = None
+    for batch in batches:
+        table = batch if waiting is None else pa.concat_tables([waiting, batch]).combine_chunks()
+        ids = table.column("snapshot")
+        last = max(table.num_rows - 1, 0)
+        while last > 0 and ids[last - 1].equals(ids[table.num_rows - 1]):
+            last -= 1
+        if last > 0:
+            yield table.slice(0, last)
+        waiting = table.slice(last)
+    if waiting is not None and waiting.num_rows:
+        yield waiting
+
+
+def _stack(table: Any, names: Sequence[str], file: str, largest: float = LARGEST_NUMBER) -> FloatArray:
+    columns = [numbers(table.column(name)) for name in names]
+    for name, values in zip(names, columns, strict=True):
+        beyond = values[np.abs(values) > largest]
+        if beyond.size:
+            raise DataError(f"{file}, column {name!r}: got {beyond[0]:g}, expected numbers within {largest:g}")
+    return np.stack(columns, axis=1)
+
+
+def _as_text(ids: Any) -> Any:
+    return ids.cast(pa.string())

@@ -1,0 +1,269 @@
+"""Files that a picture is made of: what they hold, and their rows as plain arrays, thinned where they are many."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES
+from nlosctl.errors import DataError
+from nlosctl.io.measurements.column_mapping import kind_of_columns
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.results.evaluation_arrays import boolean_codes, numbers
+from nlosctl.io.results.reader import PlainReader
+from nlosctl.io.scenes.scene_file import find_scene
+
+__all__ = [
+    "DrawnFile",
+    "DrawnSnapshot",
+    "SampledRows",
+    "open_drawn",
+    "read_rows_of_snapshot",
+    "read_sampled",
+    "read_snapshot",
+]
+
+Columns = dict[str, npt.NDArray[Any]]
+
+_TABLES = {table.name: table for table in (SCORES, BOUND, ESTIMATES, FLAGS)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnFile:
+    """An input: its ``content`` (scores, bound, estimates, flags, measurements), kind of measurement, and columns."""
+
+    content: str
+    kind: str
+    names: tuple[str, ...]
+    scene: Scene
+    given: Input
+    spool: IO[bytes] | None = None
+
+    @property
+    def name(self) -> str:
+        """The name as the user gave it."""
+        return self.given.name
+
+    def input(self) -> Input:
+        """Return the input to be read from its beginning; it can be asked for again, standard input too."""
+        if self.spool is None:
+            return self.given
+        return _rewound(self.given, self.spool)
+
+    def close(self) -> None:
+        """Forget what standard input held."""
+        if self.spool is not None:
+            self.spool.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledRows:
+    """Columns (N,) of some rows by name: numbers, text as objects, booleans as 1, 0 and -1 (null).
+
+    ``total`` rows are in the file, those of one in ``step`` snapshots are here.
+    """
+
+    columns: Columns
+    total: int
+    step: int
+
+    @property
+    def count(self) -> int:
+        """The number of rows here."""
+        return len(next(iter(self.columns.values())))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnSnapshot:
+    """One snapshot of measurements: the contract's columns (K,), ``sensor`` as names, and all columns of the file.
+
+    ``left_out`` (K,) are rows that an earlier step flagged.
+    """
+
+    id: str
+    kind: str
+    scene: Scene
+    columns: Columns
+    sensor: Sequence[str]
+    left_out: npt.NDArray[np.bool_]
+    file_columns: Columns = field(default_factory=dict)
+
+
+def open_drawn(given: Input, scene_file: str | None, kind: str | None = None) -> DrawnFile:
+    """Return what an input holds, by its columns; raises DataError where it can't be read."""
+    spool = None
+    if given.parts[0].stream is not None:
+        spool = _spooled(given)
+        given_again = _rewound(given, spool)
+    else:
+        given_again = given
+    source = open_part(given_again.parts[0], 1024, False)
+    names, metadata = tuple(source.names), source.metadata
+    source.close()
+    return DrawnFile(
+        content=_content(names),
+        kind=kind or kind_of_columns(names),
+        names=names,
+        scene=find_scene(scene_file, metadata, given_again.path),
+        given=given,
+        spool=spool,
+    )
+
+
+def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> SampledRows:
+    """Return the ``wanted`` columns that the file has, of at most ``limit`` rows: whole snapshots, evenly spread.
+
+    ``wanted`` may end in ``*``. Snapshots are told by their neighbours having another id, so that those of
+    several methods or targets stay together.
+    """
+    reader = PlainReader(file.input(), _TABLES[file.content])
+    names = [name for name in reader.schema.names if _is_wanted(name, wanted)]
+    kept: list[Columns] = []
+    step, total, number, last = 1, 0, -1, None
+    for table in reader.batches():
+        if not table.num_rows:
+            continue
+        total += table.num_rows
+        numbers_of_rows, number, last = _snapshot_numbers(table, number, last)
+        chosen = _is_kept(numbers_of_rows, step)
+        rows = table.select(names).filter(pa.array(chosen))
+        kept.append({"": numbers_of_rows[chosen], **{name: as_array(rows.column(name)) for name in names}})
+        while limit is not None and sum(part[""].shape[0] for part in kept) > limit and number >= step:
+            step *= 2
+            kept = [_only(part, _is_kept(part[""], step)) for part in kept]
+    if not total:
+        raise DataError(f"{file.name}: no rows")
+    columns = {name: np.concatenate([part[name] for part in kept]) for name in names}
+    return SampledRows(columns=columns, total=total, step=step)
+
+
+def read_snapshot(file: DrawnFile, options: ReadOptions, snapshot: str | None) -> DrawnSnapshot:
+    """Return the measurements of one snapshot, the first unless named; raises DataError where there is none of it."""
+    reader = MeasurementReader([file.input()], options)
+    try:
+        for chunk in reader.chunks():
+            ids = [str(word) for word in chunk.snapshot.to_pylist()]
+            place = 0 if snapshot is None else ids.index(snapshot) if snapshot in ids else None
+            if place is None:
+                continue
+            rows = slice(int(chunk.offsets[place]), int(chunk.offsets[place + 1]))
+            table = chunk.table.slice(rows.start, rows.stop - rows.start)
+            columns = {name: values[rows] for name, values in chunk.columns.items()}
+            return DrawnSnapshot(
+                id=ids[place],
+                kind=reader.kind,
+                scene=reader.scene,
+                columns=columns,
+                sensor=[reader.sensor_names[code] for code in columns.get("sensor", ())],
+                left_out=chunk.left_out[rows],
+                file_columns={name: as_array(table.column(name)) for name in table.column_names},
+            )
+    finally:
+        reader.close()
+    raise DataError(f"{file.name}: no snapshot {snapshot!r}")
+
+
+def read_rows_of_snapshot(file: DrawnFile, snapshot: str | None) -> tuple[str, Columns]:
+    """Return the id and the columns (N,) of one snapshot of results, the first unless named."""
+    reader = PlainReader(file.input(), _TABLES[file.content])
+    found: list[Any] = []
+    wanted = snapshot
+    for table in reader.batches():
+        ids = table.column("snapshot").cast(pa.string())
+        if wanted is None and table.num_rows:
+            wanted = ids[0].as_py()
+        mine = table.filter(pc.equal(ids, wanted))
+        if mine.num_rows:
+            found.append(mine)
+        elif found:
+            break
+    if wanted is None or not found:
+        raise DataError(f"{file.name}: no snapshot {snapshot!r}")
+    rows = pa.concat_tables(found)
+    return wanted, {name: as_array(rows.column(name)) for name in rows.column_names}
+
+
+def as_array(column: Any) -> npt.NDArray[Any]:
+    """Return a column (N,) as numbers (null: NaN), booleans as 1, 0 and -1 (null), the rest as text (null: empty)."""
+    if pa.types.is_boolean(column.type):
+        return boolean_codes(column)
+    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+        return numbers(column)
+    encoded = pa.chunked_array(column.cast(pa.string())).combine_chunks().dictionary_encode()
+    words = np.array([*encoded.dictionary.to_pylist(), ""], dtype=object)
+    told: npt.NDArray[Any] = words[np.asarray(encoded.indices.fill_null(len(words) - 1))]
+    return told
+
+
+def _content(names: Sequence[str]) -> str:
+    there = set(names)
+    if "of" in there and there & {"rows", "snapshots"}:
+        return SCORES.name
+    for table in (BOUND, ESTIMATES):
+        if {column.name for column in table.required} <= there:
+            return table.name
+    if {column.name for column in FLAGS.required} <= there:
+        return FLAGS.name
+    return "measurements"
+
+
+def _is_wanted(name: str, wanted: Sequence[str]) -> bool:
+    return any(name == word or (word.endswith("*") and name.startswith(word[:-1])) for word in wanted)
+
+
+def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[npt.NDArray[np.int64], int, Any]:
+    """Return the number of each row's snapshot, counted through the file, and the last number and id."""
+    if "snapshot" not in table.column_names:
+        rows = np.arange(number + 1, number + 1 + table.num_rows)
+        return rows, int(rows[-1]), None
+    ids = table.column("snapshot").combine_chunks()
+    starts = np.ones(table.num_rows, dtype=np.int64)
+    starts[1:] = np.asarray(pc.not_equal(ids[1:], ids[:-1]).fill_null(True))
+    starts[0] = number < 0 or ids[0].as_py() != last
+    rows = number + np.cumsum(starts)
+    return rows, int(rows[-1]), ids[table.num_rows - 1].as_py()
+
+
+def _is_kept(number: npt.NDArray[np.int64], step: int) -> npt.NDArray[np.bool_]:
+    """Return which snapshots are kept where one in ``step`` (a power of 2) is.
+
+    Those whose number's multiple of the golden ratio has a fraction below 1 / step: evenly spread, and unlike every
+    step-th blind to no period of the file.
+    """
+    fraction = number.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    kept: npt.NDArray[np.bool_] = fraction <= np.uint64(2**64 // step - 1)
+    return kept
+
+
+def _only(part: Columns, chosen: npt.NDArray[np.bool_]) -> Columns:
+    return {name: values[chosen] for name, values in part.items()}
+
+
+def _spooled(given: Input) -> IO[bytes]:
+    stream = given.parts[0].stream
+    spool = tempfile.TemporaryFile()  # noqa: SIM115 - DrawnFile.close closes it
+    assert stream is not None  # noqa: S101 - asked before
+    shutil.copyfileobj(stream, spool)
+    stream.close()
+    spool.flush()
+    return spool
+
+
+def _rewound(given: Input, spool: IO[bytes]) -> Input:
+    spool.seek(0)
+    stream = io.BufferedReader(io.FileIO(os.dup(spool.fileno())))
+    return dataclasses.replace(given, parts=(dataclasses.replace(given.parts[0], stream=stream),))

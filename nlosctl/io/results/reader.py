@@ -1,0 +1,124 @@
+"""Result tables (estimates, flags) read back: batches of rows with the contract's columns in the contract's types."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.tables import KINDS, Table
+from nlosctl.errors import DataError, did_you_mean
+from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
+from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.readers.arrow_text import plain_type
+from nlosctl.io.readers.base import RawBatch, RawSource
+from nlosctl.io.readers.open_file import open_part
+
+__all__ = ["PlainReader"]
+
+_BATCH_ROWS = 131_072
+_CARRIED = {column.name: column.type for table in KINDS.values() for column in table.columns if column.carried}
+"""Truth and flags that results carry along: their types."""
+
+
+class PlainReader:
+    """Reads the parts of one input as one of several tables of the contract: the first whose columns are all there.
+
+    Columns that neither the tables nor measurements have come as they are. ``table`` and ``schema`` are there at once.
+    Raises DataError where the file is none of the tables, a column has a wrong type, or a cell can't be read.
+    """
+
+    def __init__(self, given: Input, *tables: Table) -> None:
+        self._given = given
+        self._log = ProblemLog()
+        source = open_part(given.parts[0], _BATCH_ROWS, True)
+        self.table = _table_of(given.parts[0], source, tables)
+        self._first = self._started(given.parts[0], source)
+        self.schema: Any = self._first[1]
+
+    def read_all(self) -> Any:
+        """Return all rows as one Arrow table; raise DataError where there is none. Call it, or ``batches``, once."""
+        batches = list(self.batches())
+        if not batches:
+            raise DataError(f"{self._given.name}: no rows")
+        return pa.concat_tables(batches)
+
+    def batches(self) -> Iterator[Any]:
+        """Yield Arrow tables in file order, with plain text for dictionary-encoded text; call it once."""
+        for part in self._given.parts:
+            source, schema = self._first if part is self._given.parts[0] else self._open(part)
+            try:
+                for batch in source.batches():
+                    self._take_faults(part, batch)
+                    table = pa.table(batch.table.columns, names=schema.names).cast(_plain(schema))
+                    _refuse_endless(part, table)
+                    yield table
+            finally:
+                source.close()
+        self._log.raise_if_stopping()
+
+    def close(self) -> None:
+        """Close what was opened with the reader, for where its rows are not asked for."""
+        self._first[0].close()
+
+    def _open(self, part: Part) -> tuple[RawSource, Any]:
+        source = open_part(part, _BATCH_ROWS, True)
+        _table_of(part, source, [self.table])
+        return self._started(part, source)
+
+    def _started(self, part: Part, source: RawSource) -> tuple[RawSource, Any]:
+        types = {**_CARRIED, **{column.name: column.type for column in self.table.columns}}
+        types = {name: kind for name, kind in types.items() if name in source.names}
+        try:
+            return source, source.start(types, None)
+        except BaseException:
+            source.close()
+            raise
+
+    def _take_faults(self, part: Part, batch: RawBatch) -> None:
+        numbers = batch.row_numbers()
+        found = [
+            Problem(file=part.name, row=int(numbers[fault.position]), line=None, column=fault.column, fault=fault.fault)
+            for fault in batch.cell_faults
+        ]
+        found += [
+            Problem(file=part.name, row=fault.row, line=None, column=None, fault=fault.fault)
+            for fault in batch.line_faults
+        ]
+        self._log.add([BadRow(problem=problem, values={}) for problem in found])
+
+
+def _refuse_endless(part: Part, table: Any) -> None:
+    """Raise DataError for a number that is infinite, or whose square would be."""
+    for field in table.schema:
+        if pa.types.is_floating(field.type):
+            values = table.column(field.name).drop_null().to_numpy()
+            largest = float(np.fmax.reduce(np.abs(values), initial=0.0))
+            if largest > LARGEST_NUMBER**2:
+                raise DataError(
+                    f"{part.name}, column {field.name!r}: got {largest:g}, expected finite numbers within "
+                    f"{LARGEST_NUMBER**2:g}"
+                )
+
+
+def _table_of(part: Part, source: RawSource, tables: Sequence[Table]) -> Table:
+    twice = sorted({name for name in source.names if source.names.count(name) > 1})
+    if twice:
+        source.close()
+        raise DataError(f"{part.name}: column {twice[0]!r} is there twice; rename or drop one")
+    for table in tables:
+        if all(column.name in source.names for column in table.required):
+            return table
+    source.close()
+    lacks = []
+    for table in tables:
+        missing = next(column.name for column in table.required if column.name not in source.names)
+        lacks.append(f"{table.name} need a column {missing!r}{did_you_mean(missing, source.names)}")
+    raise DataError(f"{part.name}: {'; '.join(lacks)}. The file has: {', '.join(source.names)}")
+
+
+def _plain(schema: Any) -> Any:
+    return pa.schema([pa.field(field.name, plain_type(field.type)) for field in schema])

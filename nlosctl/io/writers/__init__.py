@@ -1,0 +1,1 @@
+"""Tables to files: encoders, atomic files, all-or-nothing outputs."""

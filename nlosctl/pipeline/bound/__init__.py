@@ -1,0 +1,1 @@
+"""The Cramér-Rao bound of the snapshots of a file."""

@@ -1,0 +1,102 @@
+"""A run of the bound over measurements: the same face as a run of methods, so that both are written the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.paths.inputs import Input
+from nlosctl.pipeline.bound.bounds import BoundSettings, MapGrid, bounds_at_truth, bounds_on_map, result_schema
+from nlosctl.pipeline.engine.provenance import describe_inputs, file_metadata
+from nlosctl.pipeline.engine.writing import ChunkTables
+
+__all__ = ["BoundReport", "BoundRun"]
+
+
+@dataclass
+class BoundReport:
+    """How many positions there were, called ``what``, and how many of them have a bound."""
+
+    kind: str
+    map: str | None
+    what: str
+    positions: int = 0
+    bounded: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def snapshots(self) -> int:
+        """The positions, as the reports of other runs call them."""
+        return self.positions
+
+    def counts(self) -> dict[str, Any]:
+        """Return all counts as plain values, for `take`."""
+        return {"snapshots": self.positions, "bounded": self.bounded}
+
+    def take(self, counts: Mapping[str, Any]) -> None:
+        """Add the counts of another part of the run."""
+        self.positions += counts["snapshots"]
+        self.bounded += counts["bounded"]
+
+    def lines(self) -> list[str]:
+        """Return the summary."""
+        return [f"bound of {self.kind}: {self.bounded} of {self.positions} {self.what} have one"]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain values for JSON."""
+        return {"kind": self.kind, "map": self.map, self.what: self.positions, "bounded": self.bounded}
+
+
+class BoundRun:
+    """Bounds everything that a reader gives at its truth, or with ``grid`` over a map; ``map`` is the grid in words."""
+
+    def __init__(
+        self,
+        reader: MeasurementReader,
+        settings: BoundSettings,
+        grid: MapGrid | None = None,
+        map: str | None = None,
+    ) -> None:
+        self.reader, self._settings, self._grid, self._map = reader, settings, grid, map
+        what = "snapshots" if grid is None else "positions"
+        self.report = BoundReport(kind=reader.kind, map=map, what=what)
+
+    @property
+    def schemas(self) -> dict[str, Any]:
+        """The Arrow schema of the only table there is."""
+        return {"bound": result_schema(self.reader, self._grid)}
+
+    def again(self) -> Callable[[MeasurementReader], BoundRun]:
+        """Return what starts an equal run over another reader; it can be sent to another process."""
+        return partial(BoundRun, settings=self._settings, grid=self._grid, map=self._map)
+
+    def provenance(self) -> dict[str, Any]:
+        """Return what makes the results, as plain values."""
+        return {"map": self._map, "noise": self._settings.noise, "use_ranges": self._settings.use_ranges}
+
+    def choices(self) -> dict[str, Any]:
+        """Return what else must be the same for two runs to write the same tables: nothing."""
+        return {}
+
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+        """Return the metadata of the result file."""
+        described = describe_inputs(inputs, {}, with_hash=with_hash)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
+
+    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
+        """Yield the bounds, in input order; raises what reading raises."""
+        if self._grid is None:
+            tables = bounds_at_truth(self.reader, self._settings)
+        else:
+            tables = bounds_on_map(self.reader, self._grid, self._settings)
+        for table in tables:
+            self.report.positions += table.num_rows
+            self.report.bounded += table.num_rows - table.column("rms_m").null_count
+            yield ChunkTables(named={"bound": table}, rows=table.num_rows)
+
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add the reader's remarks to the report; nothing else is to be said."""
+        self.report.notes += remarks

@@ -1,0 +1,182 @@
+"""The Cramer-Rao bound of each snapshot at its truth, or of one set of measurements over a map of positions."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.errors import DataError, UsageError
+from nlosctl.evaluation.bounds import Bounds, bounds_of
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+from nlosctl.io.results.bound_table import bound_schema, bound_table, truth_positions
+from nlosctl.io.results.evaluation_arrays import boolean_codes
+from nlosctl.models.information import INFORMATION, Information
+from nlosctl.pipeline.solve.dense_blocks import dense_blocks
+
+__all__ = ["BoundSettings", "MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_POSITIONS_AT_ONCE = 4096
+_INFORMATION_PER_VARIANCE = {"gaussian": 1.0, "laplace": 2.0}
+"""Fisher information of a location, times the variance: 1 for Gaussian errors, 2 for Laplacian ones."""
+_MOST_VERTICES = 100_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapGrid:
+    """Positions (V,) on a grid, row by row from the least y; both ends included where the step meets them."""
+
+    x_min_m: float
+    x_max_m: float
+    y_min_m: float
+    y_max_m: float
+    step_m: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The numbers of vertices along x and along y."""
+        return self._count(self.x_min_m, self.x_max_m), self._count(self.y_min_m, self.y_max_m)
+
+    def pieces(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield x and y of the vertices, in pieces."""
+        along_x, along_y = self.shape
+        for start in range(0, along_x * along_y, _POSITIONS_AT_ONCE):
+            number = np.arange(start, min(start + _POSITIONS_AT_ONCE, along_x * along_y))
+            x: FloatArray = self.x_min_m + self.step_m * (number % along_x).astype(np.float64)
+            y: FloatArray = self.y_min_m + self.step_m * (number // along_x).astype(np.float64)
+            yield x, y
+
+    def _count(self, low: float, high: float) -> int:
+        return int(np.floor((high - low) / self.step_m + 1e-9)) + 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundSettings:
+    """What the bound is of: the errors' distribution of the stated stds, and whether ranges beside bearings count."""
+
+    noise: str = "gaussian"
+    use_ranges: bool = True
+
+    def __post_init__(self) -> None:
+        if self.noise not in _INFORMATION_PER_VARIANCE:
+            known = ", ".join(_INFORMATION_PER_VARIANCE)
+            raise UsageError(f"--noise must be one of {known}. Got {self.noise!r} instead.")
+
+    def apply(self, batch: Any) -> Any:
+        """Return the batch without the ranges of bearings where they don't count."""
+        if self.use_ranges or not isinstance(batch, BearingBatch):
+            return batch
+        return dataclasses.replace(batch, range_m=None, range_std_m=None)
+
+    def scaled(self, matrix: Symmetric2x2) -> Symmetric2x2:
+        """Return the information of the errors' distribution from that of Gaussian errors."""
+        scale = _INFORMATION_PER_VARIANCE[self.noise]
+        return Symmetric2x2(scale * matrix.xx, scale * matrix.xy, scale * matrix.yy)
+
+
+def parse_map(text: str) -> MapGrid:
+    """Return the grid of ``xmin,xmax,ymin,ymax,step`` in metres; raises UsageError."""
+    wanted = f"--map takes xmin,xmax,ymin,ymax,step in metres, rising and step above 0. Got {text!r} instead."
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise UsageError(wanted) from None
+    if len(numbers) != 5 or not np.isfinite(numbers).all():
+        raise UsageError(wanted)
+    x_min, x_max, y_min, y_max, step = numbers
+    if x_min > x_max or y_min > y_max or step <= 0.0:
+        raise UsageError(wanted)
+    grid = MapGrid(x_min_m=x_min, x_max_m=x_max, y_min_m=y_min, y_max_m=y_max, step_m=step)
+    if grid.shape[0] * grid.shape[1] > _MOST_VERTICES:
+        raise UsageError(f"--map {text} has {grid.shape[0] * grid.shape[1]} vertices, more than {_MOST_VERTICES}")
+    return grid
+
+
+def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
+    """Return the Arrow schema of the bounds."""
+    return bound_schema(reader.schema if grid is None else None)
+
+
+def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Iterator[Any]:
+    """Yield tables with the bound of each snapshot at its truth, in input order.
+
+    Null where the truth is, or where too few rows can see it. Rows that do not follow their stated path (``truth_los``
+    false) tell nothing of the position and are left out. Raises DataError where the input has no truth.
+    """
+    schema = result_schema(reader, None)
+    model = INFORMATION[_supported(reader)]
+    for chunk in reader.chunks():
+        x, y = truth_positions(chunk.table, chunk.offsets[:-1], chunk.source)
+        arrays = _no_bounds(x, y)
+        for block in dense_blocks(chunk.offsets, ~chunk.left_out & _may_be_direct(chunk), _POSITIONS_AT_ONCE):
+            if not block.row.shape[1]:
+                continue
+            seed = np.zeros(x.shape, dtype=np.uint64)
+            batch = block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
+            places = block.snapshot
+            batch = settings.apply(batch)
+            _write_bounds(arrays, places, model.at(batch, x[places], y[places]), settings)
+        yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
+
+
+def _may_be_direct(chunk: Chunk) -> npt.NDArray[np.bool_]:
+    if "truth_los" not in chunk.table.column_names:
+        return np.ones(chunk.table.num_rows, dtype=bool)
+    return np.asarray(boolean_codes(chunk.table.column("truth_los")) != 0)
+
+
+def bounds_on_map(reader: MeasurementReader, grid: MapGrid, settings: BoundSettings) -> Iterator[Any]:
+    """Yield tables with the bound at each vertex, of the sensors, paths and stds of the first snapshot.
+
+    Raises DataError where the input has no row.
+    """
+    schema = result_schema(reader, grid)
+    model = INFORMATION[_supported(reader)]
+    chunk = next(iter(reader.chunks()), None)
+    if chunk is None:
+        raise DataError("no snapshot to take sensors and paths from")
+    single = settings.apply(_first_snapshot(reader, chunk))
+    for x, y in grid.pieces():
+        arrays = _no_bounds(x, y)
+        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y), settings)
+        yield bound_table(arrays, schema)
+
+
+def _supported(reader: MeasurementReader) -> str:
+    if "truth_target" in reader.schema.names:
+        raise DataError("the rows are of several targets (truth_target); a bound is of one source")
+    if reader.kind not in INFORMATION:
+        raise UsageError(f"bound is there for {', '.join(INFORMATION)}, not for {reader.kind}")
+    return reader.kind
+
+
+def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> Any:
+    kept = ~chunk.left_out
+    kept[chunk.offsets[1] :] = False
+    seed = np.zeros(len(chunk.snapshot), dtype=np.uint64)
+    for block in dense_blocks(chunk.offsets[:2], kept[: chunk.offsets[1]], 1):
+        if block.row.shape[1]:
+            return block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
+    raise DataError(f"{chunk.source}: the first snapshot has no row that is used; a map takes its sensors from it")
+
+
+def _no_bounds(x: FloatArray, y: FloatArray) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of positions (B,) of which no bound is known yet."""
+    arrays: dict[str, npt.NDArray[Any]] = {"x_m": x, "y_m": y, "n_used": np.zeros(x.shape, dtype=np.int64)}
+    return arrays | {field.name: np.full(x.shape, np.nan) for field in dataclasses.fields(Bounds)}
+
+
+def _write_bounds(
+    arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information, settings: BoundSettings
+) -> None:
+    for name, values in vars(bounds_of(settings.scaled(information.matrix))).items():
+        arrays[name][places] = values
+    arrays["n_used"][places] = information.n_used

@@ -1,0 +1,1 @@
+"""Importers and map exporters at work on files."""

@@ -1,0 +1,69 @@
+"""Files of other programs as tables of measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from nlosctl import registry
+from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
+from nlosctl.contract.options import parse_options
+from nlosctl.contract.scene import EarthFrame, Scene
+from nlosctl.contract.tables import KINDS
+from nlosctl.errors import MethodError, NlosctlError
+from nlosctl.io.conversion.import_source import foreign_path, open_foreign
+from nlosctl.io.conversion.imported_table import imported_table
+from nlosctl.io.measurements.bad_rows import BadRowSink, ProblemLog
+from nlosctl.io.scenes.scene_file import find_scene
+
+__all__ = ["Import", "Imported"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imported:
+    """A table of measurements, its kind and its scene."""
+
+    table: Any
+    kind: str
+    scene: Scene
+
+
+class Import:
+    """Reads files with the importer called ``name``; ``bad_rows`` takes lines that do not fit, else they stop it."""
+
+    def __init__(
+        self,
+        name: str,
+        parameters: Mapping[str, Any],
+        *,
+        scene_file: str | None = None,
+        frame: EarthFrame | None = None,
+        bad_rows: BadRowSink | None = None,
+    ) -> None:
+        spec = registry.resolve_format(name, "import")
+        assert isinstance(spec, ImporterSpec)  # noqa: S101 - what the registry says
+        self._spec = spec
+        self._options = parse_options(spec.options, parameters, f"importer {spec.name!r}")
+        self._scene_file, self._frame = scene_file, frame
+        self.log = ProblemLog(bad_rows)
+
+    def read(self, word: str) -> Imported:
+        """Return a file (``-`` is stdin) as a table. Raises DataError, with the lines that do not fit."""
+        scene = find_scene(self._scene_file, {}, foreign_path(word))
+        if self._frame is not None:
+            scene = replace(scene, frame=self._frame)
+        kind = self._spec.kind(self._options)
+        name = "stdin" if word == "-" else word
+        with open_foreign(word) as stream:
+            rows = self._rows(ForeignFile(name=name, stream=stream, scene=scene))
+            table = imported_table(rows, KINDS[kind], self._spec.extra, name, self.log)
+        return Imported(table=table, kind=kind, scene=scene)
+
+    def _rows(self, file: ForeignFile) -> Iterator[Row | BadLine]:
+        try:
+            yield from self._spec.rows(file, self._options)
+        except (NlosctlError, OSError):
+            raise
+        except Exception as error:
+            raise MethodError(f"importer {self._spec.name!r} failed: {type(error).__name__}: {error}") from error

@@ -1,0 +1,198 @@
+"""Estimates for maps: positions and ellipses on earth, handed to an exporter as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import PurePosixPath
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl import registry
+from nlosctl.contract.formats import ExporterSpec, Places, PlacesWriter
+from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.options import parse_options
+from nlosctl.contract.scene import EarthFrame, parse_frame
+from nlosctl.errors import DataError, MethodError, NlosctlError
+from nlosctl.geometry.earth import EarthPlane
+from nlosctl.geometry.error_ellipses import error_ellipse
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.io.paths.locations import Location, location
+from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_from_toml
+from nlosctl.io.writers.atomic_file import writing
+from nlosctl.io.writers.byte_output import ByteOutput
+from nlosctl.io.writers.targets import check_targets
+
+__all__ = ["MapWriter", "exporter_of"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_ESTIMATED = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
+
+
+def exporter_of(target: str, name: str | None) -> str | None:
+    """Return the exporter that writes ``target``: called ``name``, or as the extension; None where it is a table."""
+    known = {entry.name for entry in registry.format_entries() if entry.kind == "export"}
+    if name is not None:
+        return name if name in known else None
+    extension = PurePosixPath(location(target).name).suffix.removeprefix(".").lower()
+    return extension if target != "-" and extension in known else None
+
+
+class MapWriter:
+    """Takes tables of estimates, as a `TableWriter` does, and gives them to an exporter; a context manager.
+
+    ``frame`` stands for the frame that the
+    estimates tell (their column ``frame``, else the scene in ``metadata``). Raises DataError where there is none.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        exporter: str,
+        parameters: Mapping[str, Any],
+        *,
+        overwrite: bool = False,
+        inputs: Sequence[Location] = (),
+        metadata: Mapping[str, str] | None = None,
+        frame: EarthFrame | None = None,
+    ) -> None:
+        spec = registry.resolve_format(exporter, "export")
+        assert isinstance(spec, ExporterSpec)  # noqa: S101 - what the registry says
+        self._spec, self.rows = spec, 0
+        self._options = parse_options(spec.options, parameters, f"exporter {spec.name!r}")
+        self._output = ByteOutput(target)
+        self._frame = frame or _frame_of(metadata or {})
+        self._writer: PlacesWriter | None = None
+        self._completed = False
+        check_targets([target], overwrite=overwrite, inputs=inputs)
+
+    def __enter__(self) -> MapWriter:
+        self._output.__enter__()
+        return self
+
+    @property
+    def passes_on(self) -> bool:
+        """Whether the map goes where it can't be taken back from, as of a `TableWriter`."""
+        return self._output.passes_on
+
+    def set_metadata(self, metadata: Mapping[str, str]) -> None:
+        """Take metadata, as a `TableWriter` does; maps have no room for it."""
+
+    def write(self, table: Any) -> None:
+        """Take estimates."""
+        if table.num_rows:
+            self.rows += table.num_rows
+            places = self._places(table)  # at fault before anything is written
+            with self._blamed():
+                self._started().write(places)
+
+    def complete(self) -> None:
+        """Write all that waits, as a `TableWriter` does."""
+        if not self._completed:
+            with self._blamed():
+                self._started().close()
+        self._completed = True
+        self._output.complete()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._output.end(kind, self.complete)
+
+    def _started(self) -> PlacesWriter:
+        if self._writer is None:
+            self._writer = self._spec.start(self._output.sink, self._options)
+        return self._writer
+
+    @contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """Tell an exporter's own fault as its own."""
+        try:
+            with writing(self._output.target):
+                yield
+        except (NlosctlError, OSError):
+            raise
+        except Exception as error:
+            raise MethodError(f"exporter {self._spec.name!r} failed: {type(error).__name__}: {error}") from error
+
+    def _places(self, table: Any) -> Places:
+        missing = [name for name in _ESTIMATED if name not in table.column_names]
+        if missing:
+            raise DataError(
+                f"{self._spec.name} takes estimates, and there is no column {missing[0]!r}; localize measurements first"
+            )
+        columns = {name: table.column(name).to_pylist() for name in table.column_names}
+        x, y, xx, xy, yy = (self._numbers(columns[name], name) for name in _ESTIMATED)
+        ellipse = error_ellipse(Symmetric2x2(xx, xy, yy))
+        share = float(getattr(self._options, "ellipse", 0.95))
+        scale = float(np.sqrt(-2.0 * np.log1p(-share)))
+        major, minor = scale * ellipse.semi_major_m, scale * ellipse.semi_minor_m
+        turn = np.linspace(0.0, 2.0 * np.pi, int(getattr(self._options, "vertices", 72)) + 1)
+        along, across = major[:, None] * np.cos(turn), minor[:, None] * np.sin(turn)
+        cos, sin = np.cos(ellipse.orientation_rad)[:, None], np.sin(ellipse.orientation_rad)[:, None]
+        ring_x, ring_y = x[:, None] + cos * along - sin * across, y[:, None] + sin * along + cos * across
+        north = np.full(x.shape, 0.5 * np.pi)
+        metres = bool(getattr(self._options, "metres", False))
+        if not metres:
+            x, y, ring_x, ring_y, north = self._on_earth(columns, x, y, ring_x, ring_y)
+        outline = np.stack([ring_x, ring_y], axis=2)
+        outline[~np.isfinite(outline).all(axis=(1, 2))] = np.nan
+        outline[:, -1] = outline[:, 0]
+        return Places(
+            columns=columns,
+            x=x,
+            y=y,
+            outline=outline,
+            probability=share,
+            semi_major_m=major,
+            semi_minor_m=minor,
+            major_azimuth_rad=north - ellipse.orientation_rad,
+            on_earth=not metres,
+        )
+
+    def _numbers(self, values: Sequence[Any], name: str) -> FloatArray:
+        try:
+            numbers = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise DataError(
+                f"{self._spec.name} takes estimates, expected numbers in the column {name!r}: {error}"
+            ) from None
+        if (np.abs(numbers) > LARGEST_NUMBER**2).any():
+            raise DataError(f"the column {name!r} holds numbers beyond {LARGEST_NUMBER**2:g}: these are no estimates")
+        return numbers
+
+    def _on_earth(
+        self, columns: Mapping[str, Sequence[Any]], x: FloatArray, y: FloatArray, ring_x: FloatArray, ring_y: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        lon, lat, north = (np.full(x.shape, np.nan) for _ in range(3))
+        ring_lon, ring_lat = np.full(ring_x.shape, np.nan), np.full(ring_x.shape, np.nan)
+        for plane, rows in self._planes(columns, x.shape[0]):
+            lat[rows], lon[rows] = plane.to_earth(x[rows], y[rows])
+            ring_lat[rows], ring_lon[rows] = plane.to_earth(ring_x[rows], ring_y[rows])
+            north[rows] = plane.north_rad(x[rows], y[rows])
+        return lon, lat, ring_lon, ring_lat, north
+
+    def _planes(self, columns: Mapping[str, Sequence[Any]], size: int) -> Iterator[tuple[EarthPlane, Any]]:
+        """Yield each plane, and the rows that lie in it."""
+        if self._frame is not None:
+            yield plane_of(self._frame), np.arange(size)
+            return
+        words = columns.get("frame", [None] * size)
+        for frame in dict.fromkeys(words):
+            if frame is None:
+                raise DataError(
+                    "the estimates have no place on earth: say where the plane lies, with --origin LAT,LON or --crs "
+                    "EPSG:CODE or [frame] in the scene (geojson also writes plain metres: --param metres=true)"
+                )
+            rows = np.array([place for place, word in enumerate(words) if word == frame])
+            yield plane_of(parse_frame(str(frame), "column 'frame'")), rows
+
+
+def _frame_of(metadata: Mapping[str, str]) -> EarthFrame | None:
+    text = metadata.get(SCENE_KEY.decode())
+    return None if text is None else scene_from_toml(text, "the scene in the table's metadata").frame

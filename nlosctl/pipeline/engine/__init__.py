@@ -1,0 +1,1 @@
+"""Parts of the input, processes, Dask, and the order of their results."""

@@ -1,0 +1,122 @@
+"""The work of a run cut into parts of its input: each gives part files and a record, alone and in any order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.survey import LookAhead
+from nlosctl.io.parts.run_folder import RunFolder, describe_file
+from nlosctl.io.paths.file_format import FileFormat
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.paths.locations import location
+from nlosctl.io.writers.output_set import OutputSet
+from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
+from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
+
+__all__ = ["BAD_ROWS", "PartWork"]
+
+BAD_ROWS = "bad_rows"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartWork:
+    """All that is needed to make any part of a run: words, options and names, no data; it can be sent anywhere.
+
+    ``roots`` are the folders of the tables by their names, ``names`` the part files in each; the part of that number
+    answers ``places`` (place of the input, place of the part within).
+    """
+
+    command: str
+    inputs: tuple[Input, ...]
+    options: ReadOptions
+    found: LookAhead
+    start: Callable[[MeasurementReader], Run]
+    roots: Mapping[str, str]
+    names: tuple[str, ...]
+    places: tuple[tuple[int, int], ...]
+    format: FileFormat
+    with_hash: bool
+
+    def make(self, number: int, jobs: int = 1) -> dict[str, Any]:
+        """Write the files of one part, remember that it is done, and return its record.
+
+        The files are whole under their names before the record is; made twice they are the same to the byte.
+        """
+        reader = self.reader(number)
+        run = self.start(reader)
+        return self.write(number, reader, run, run.tables(jobs), lambda: asdict(reader.spans[0]))
+
+    def reader(self, number: int) -> MeasurementReader:
+        """Return a reader of what one part answers."""
+        return MeasurementReader(self.inputs, self.options, found=self.found, only=self.places[number])
+
+    def write(
+        self,
+        number: int,
+        reader: MeasurementReader,
+        run: Run,
+        tables: Iterable[ChunkTables],
+        span: Callable[[], dict[str, Any]],
+    ) -> dict[str, Any]:
+        """Write the files of one part from its tables; see `make`.
+
+        Bad rows come from ``reader``. At the end ``reader`` and ``run`` have counted all
+        rows, and ``span`` gives that of the ids.
+        """
+        group, place = self.places[number]
+        given = self.inputs[group]
+        own = Input(name=given.name, parts=(given.parts[place],))
+
+        def metadata() -> dict[str, str]:
+            return run.metadata(self.command, [own], with_hash=self.with_hash)
+
+        with OutputSet() as outputs:
+            writers = {table: outputs.take(self._writer(table, number, run, metadata())) for table in self.roots}
+            if BAD_ROWS in writers:
+                reader.set_bad_rows_aside(BadRowWriter(writers[BAD_ROWS]))
+            sinks = {table: writer for table, writer in writers.items() if table != BAD_ROWS}
+            write_tables(tables, sinks, metadata, lambda rows: None)
+        files = {
+            table: describe_file(self.roots[table], self.names[number], writer.rows)
+            for table, writer in writers.items()
+        }
+        name = own.parts[0].name
+        record = {
+            "input": name,
+            "rows": reader.report.rows_by_file.get(name, 0),
+            "files": files,
+            "counts": run.report.counts(),
+            "span": span(),
+        }
+        RunFolder(self.roots).keep(number, record)
+        return record
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether an input or an output is not on this machine."""
+        paths = [part.path for given in self.inputs for part in given.parts]
+        return any(not isinstance(path, Path) for path in [*paths, *map(location, self.roots.values())])
+
+    def with_absolute_paths(self) -> PartWork:
+        """Return the same work for a process with another current folder; the inputs keep the names they go by."""
+        inputs = tuple(
+            replace(
+                given,
+                parts=tuple(replace(part, path=part.path and part.path.absolute()) for part in given.parts),
+            )
+            for given in self.inputs
+        )
+        roots = {table: str(location(root).absolute()) for table, root in self.roots.items()}
+        return replace(self, inputs=inputs, roots=roots)
+
+    def _writer(self, table: str, number: int, run: Run, metadata: Mapping[str, str]) -> TableWriter:
+        schema = BadRowWriter.schema(self.found.schema.names) if table == BAD_ROWS else run.schemas[table]
+        target = location(self.roots[table]) / self.names[number]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        return TableWriter(
+            str(target), schema, format=self.format, overwrite=True, metadata={} if table == BAD_ROWS else metadata
+        )

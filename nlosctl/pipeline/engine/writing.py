@@ -1,0 +1,117 @@
+"""From a run to what takes its tables, whatever the run is of and whatever takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.paths.inputs import Input
+
+__all__ = ["ChunkTables", "Report", "Run", "Sink", "write_tables"]
+
+
+class Sink(Protocol):
+    """Takes one of the tables of a run."""
+
+    def write(self, table: Any) -> None:
+        """Take rows."""
+
+    def set_metadata(self, metadata: Mapping[str, str]) -> None:
+        """Take what there is to say of the whole table."""
+
+
+class Report(Protocol):
+    """What a run did, as counts that can be added up and as words."""
+
+    notes: list[str]
+
+    @property
+    def snapshots(self) -> int:
+        """How many snapshots there were."""
+
+    def counts(self) -> dict[str, Any]:
+        """Return all counts as plain values, for `take`."""
+
+    def take(self, counts: Mapping[str, Any]) -> None:
+        """Add the counts of another part of the run."""
+
+    def lines(self) -> list[str]:
+        """Return the summary."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain values for JSON."""
+
+
+class Run(Protocol):
+    """Measurements to tables: a run of methods, or of the bound."""
+
+    @property
+    def reader(self) -> MeasurementReader:
+        """What the run reads."""
+
+    @property
+    def report(self) -> Report:
+        """What the run did; complete when ``tables`` has ended."""
+
+    @property
+    def schemas(self) -> Mapping[str, Any]:
+        """The Arrow schema of every table that can be asked for, by its name."""
+
+    def again(self) -> Callable[[MeasurementReader], Run]:
+        """Return what starts an equal run, of one job, over another reader; it can be sent to another process."""
+
+    def provenance(self) -> dict[str, Any]:
+        """Return what makes the results, as plain values."""
+
+    def choices(self) -> dict[str, Any]:
+        """Return what else must be the same for two runs to write the same tables, as plain values."""
+
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+        """Return the metadata of the result files."""
+
+    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order, by this number of processes (None: as it was told)."""
+
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add to the report what its counts say, and the reader's remarks."""
+
+
+def write_tables(
+    tables: Iterable[ChunkTables],
+    sinks: Mapping[str, Sink],
+    metadata: Callable[[], Mapping[str, str]],
+    progress: Callable[[int], None],
+) -> None:
+    """Hand each table to the sink of its name, and the metadata when all is known.
+
+    ``progress`` is told how many rows of the input have been done.
+    """
+    rows = 0
+    for chunk in tables:
+        for name, sink in sinks.items():
+            sink.write(chunk.named[name])
+        rows += chunk.rows
+        progress(rows)
+    closing = metadata()
+    for sink in sinks.values():
+        sink.set_metadata(closing)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChunkTables:
+    """The Arrow tables of one chunk by name, those that are wanted; ``rows`` is how many input rows they answer."""
+
+    named: Mapping[str, Any]
+    rows: int
+
+    @property
+    def estimates(self) -> Any | None:
+        """The estimates, None if not wanted."""
+        return self.named.get("estimates")
+
+    @property
+    def flags(self) -> Any | None:
+        """The flags, None if not wanted."""
+        return self.named.get("flags")

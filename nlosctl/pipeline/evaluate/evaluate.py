@@ -1,0 +1,162 @@
+"""Estimates or flags held against the truth, file by file, in bounded memory but for one error per row."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlosctl.contract.tables import ESTIMATES, FLAGS
+from nlosctl.errors import DataError
+from nlosctl.evaluation.detection import DetectionScores
+from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
+from nlosctl.evaluation.flags import FlagScores
+from nlosctl.evaluation.targets import TargetScores
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.evaluation_arrays import (
+    TruthTable,
+    boolean_codes,
+    estimate_arrays,
+    group_codes,
+    numbers,
+    whole_snapshots,
+)
+from nlosctl.io.results.reader import PlainReader
+
+__all__ = ["Evaluation", "evaluate_inputs", "group_title", "grouping_columns", "is_label", "present"]
+
+_LABELS = ("file", "source", "method")
+
+Readers = Sequence[tuple[Input, PlainReader]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """What was evaluated (``estimates`` or ``flags``): the figures of each group, and of all together.
+
+    NaN: nothing to say; infinite: rows without a fix reach into the percentile.
+    """
+
+    of: str
+    groups: list[dict[str, Any]]
+    overall: dict[str, Any]
+
+
+def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
+    """Evaluate files of estimates (or of flags), by method, ``sweep_*`` column and, if there are several, by file.
+
+    ``truth`` stands in for the truth columns of estimates. Without ``best_alternative`` only alternative 0 counts.
+    Raises DataError where a file is neither, or has no truth.
+    """
+    with ExitStack() as opened:
+        readers = [(given, opened.enter_context(closing(PlainReader(given, ESTIMATES, FLAGS)))) for given in inputs]
+        tables = {reader.table.name for _, reader in readers}
+        if len(tables) > 1:
+            raise DataError("the inputs are estimates and flags; evaluate them one by one")
+        if tables == {FLAGS.name}:
+            return _evaluate_flags(readers)
+        return _evaluate_estimates(readers, truth, best_alternative)
+
+
+def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
+    scores = EstimateScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        grouping = grouping_columns(reader.schema.names)
+        for table in whole_snapshots(reader.batches()):
+            arrays = estimate_arrays(table, truth, given.name)
+            rows = EstimateRows(
+                position_m=arrays.position_m,
+                covariance_m2=arrays.covariance_m2,
+                status=arrays.status,
+                truth_m=arrays.truth_m,
+            )
+            group, keys = group_codes(table, grouping)
+            if best_alternative:
+                same = [group_codes(table, ["snapshot", "target"])[0], group]
+                counted = nearest_alternatives(rows.error_m, arrays.alternative, *same)
+            else:
+                counted = np.flatnonzero(arrays.alternative == 0)
+            scores.add(rows.take(counted), group[counted], [_named(readers, given, key) for key in keys])
+    return present("estimates", scores, readers, grouping)
+
+
+def _evaluate_flags(readers: Readers) -> Evaluation:
+    """Evaluate indirect-path flags where the first file has them with their truth, else line-of-sight flags."""
+    if {"ip", "truth_ip"} <= set(readers[0][1].schema.names):
+        return _evaluate_detection(readers)
+    scores = FlagScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        _require_columns(given, reader, "los", "truth_los")
+        grouping = grouping_columns(reader.schema.names)
+        for table in reader.batches():
+            group, keys = group_codes(table, grouping)
+            los, truth_los = boolean_codes(table.column("los")), boolean_codes(table.column("truth_los"))
+            scores.add(los, truth_los, group, [_named(readers, given, key) for key in keys])
+    return present("flags", scores, readers, grouping)
+
+
+def _evaluate_detection(readers: Readers) -> Evaluation:
+    scores = DetectionScores()
+    grouping: list[str] = []
+    for given, reader in readers:
+        _require_columns(given, reader, "ip", "truth_ip")
+        grouping = grouping_columns(reader.schema.names)
+        for table in reader.batches():
+            group, keys = group_codes(table, grouping)
+            ip, truth_ip = boolean_codes(table.column("ip")), boolean_codes(table.column("truth_ip"))
+            p_value = numbers(table.column("p_value")) if "p_value" in table.column_names else None
+            scores.add(ip, truth_ip, p_value, group, [_named(readers, given, key) for key in keys])
+    return present("flags", scores, readers, grouping)
+
+
+def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
+    for name in names:
+        if name not in reader.schema.names:
+            raise DataError(
+                f"{given.name}: no column {name!r}: flags are evaluated by 'ip' against 'truth_ip', "
+                "or by 'los' against 'truth_los'"
+            )
+
+
+def is_label(name: str) -> bool:
+    """Whether a key of a group says whose figures they are, and is none itself."""
+    return name in _LABELS or name.startswith("sweep_")
+
+
+def group_title(group: Mapping[str, Any]) -> str:
+    """Return in words whose figures a group holds: file, source, method, ``sweep_*``; empty where there is but one."""
+    labels = [str(group[label]) for label in _LABELS if label in group]
+    labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
+    return " ".join(labels)
+
+
+def grouping_columns(names: Sequence[str]) -> list[str]:
+    """Return the columns by whose values results are told apart: source, method, ``sweep_*``."""
+    return [name for name in names if name in ("source", "method") or name.startswith("sweep_")]
+
+
+def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, ...]:
+    return (given.name, *key) if len(readers) > 1 else key
+
+
+def present(
+    of: str,
+    scores: EstimateScores | FlagScores | DetectionScores | TargetScores,
+    readers: Sequence[Any],
+    grouping: Sequence[str],
+) -> Evaluation:
+    """Return the scores as plain values; their keys are the file, where there are several, and the grouping columns."""
+    names = (["file"] if len(readers) > 1 else []) + list(grouping)
+    groups: list[dict[str, Any]] = []
+    for key, summary in scores.result().items():
+        assert isinstance(key, tuple)  # noqa: S101 - made above
+        groups.append({**dict(zip(names, key, strict=True)), **dataclasses.asdict(summary)})
+    if not groups:
+        raise DataError(f"{', '.join(given.name for given, _ in readers)}: no rows to evaluate")
+    return Evaluation(of=of, groups=groups, overall=dataclasses.asdict(scores.overall()))

@@ -1,0 +1,98 @@
+"""Conditions on figures, as ``evaluate --fail-if`` takes them: ``rmse_m>5``, ``ml:rmse_m>5``."""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.pipeline.evaluate.evaluate import group_title, is_label
+
+__all__ = ["Condition", "parse_condition"]
+
+_OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    ">=": operator.ge,
+    "<=": operator.le,
+    "==": operator.eq,
+    "!=": operator.ne,
+    ">": operator.gt,
+    "<": operator.lt,
+}
+_FORM = re.compile(r"\s*(?:([^:<>=!]+):)?\s*([A-Za-z_]\w*)\s*(>=|<=|==|!=|>|<)\s*([-+.\w]+)\s*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """A figure compared with a number; ``words`` are those of the command line, ``method`` whose figure is meant."""
+
+    words: str
+    method: str | None
+    name: str
+    sign: str
+    limit: float
+
+    def reasons(self, groups: Sequence[Mapping[str, Any]]) -> list[str]:
+        """Return why the condition is met, in words: a line for each of the ``groups`` of figures that meets it.
+
+        A figure that is not known (NaN) meets every condition: what can't be shown to hold fails.
+        Raises UsageError where no group is of the method, or has a figure of the name.
+        """
+        reasons = []
+        for group in self._meant(groups):
+            figures = {**group, **_status_counts(group)}
+            known = [key for key, figure in figures.items() if _is_figure(key, figure)]
+            if self.name not in known:
+                near, there = did_you_mean(self.name, known), ", ".join(known)
+                raise UsageError(f"--fail-if {self.words}: no figure {self.name!r}{near}; there are: {there}")
+            value = figures[self.name]
+            if math.isnan(value) or _OPERATORS[self.sign](value, self.limit):
+                whose = f" of {group_title(group)}" if group_title(group) else ""
+                told = "unknown" if math.isnan(value) else f"{value:.6g}"
+                reasons.append(f"{self.name}{whose} is {told}, which meets {self.words!r}")
+        return reasons
+
+    def _meant(self, groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+        if self.method is None:
+            return groups
+        meant = [group for group in groups if group.get("method") == self.method]
+        if not meant:
+            known = list(dict.fromkeys(str(group["method"]) for group in groups if "method" in group))
+            raise UsageError(
+                f"--fail-if {self.words}: no method {self.method!r} in the input{did_you_mean(self.method, known)}; "
+                f"there are: {', '.join(known) or 'none'}"
+            )
+        return meant
+
+
+def parse_condition(words: str) -> Condition:
+    """Return the condition that ``words`` say; raise UsageError where they have another form."""
+    match = _FORM.fullmatch(words)
+    if match is None:
+        raise UsageError(
+            f"--fail-if takes [METHOD:]FIGURE>NUMBER (or <, >=, <=, ==, !=), such as 'rmse_m>5'. Got {words!r} instead."
+        )
+    method, name, sign, text = match.groups()
+    try:
+        limit = float(text)
+    except ValueError:
+        raise UsageError(f"--fail-if {words}: {text!r} is not a number") from None
+    if math.isnan(limit):
+        raise UsageError(f"--fail-if {words}: nothing compares with {text!r}; give a number")
+    return Condition(words=words, method=None if method is None else method.strip(), name=name, sign=sign, limit=limit)
+
+
+def _status_counts(group: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many rows have each status, as ``status_ok`` and the like: figures of estimates as others are."""
+    if "statuses" not in group:
+        return {}
+    return {f"status_{status.word}": group["statuses"].get(status.word, 0) for status in Status}
+
+
+def _is_figure(name: str, value: object) -> bool:
+    """Whether a value of a group is a figure: a number that is none of the labels which tell groups apart."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and not is_label(name)

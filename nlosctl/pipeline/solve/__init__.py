@@ -1,0 +1,1 @@
+"""From chunks to dense blocks, to a method, and back."""

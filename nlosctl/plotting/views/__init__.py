@@ -1,0 +1,1 @@
+"""The views of `plot`, a file each."""

@@ -1,0 +1,59 @@
+"""The Cramer-Rao bound over the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlosctl.contract.tables import BOUND
+from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.io.results.plot_inputs import read_sampled
+from nlosctl.plotting.figures import axis_label, figure_style
+from nlosctl.plotting.maps import draw_map
+from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, finish_map, scene_sensors
+from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.views.close_ups import map_size_in
+
+__all__ = ["draw_bound_map"]
+
+_QUANTITIES = {
+    "rms_m": "RMS error at least",
+    "cep50_m": "CEP50 at least",
+    "semi_major_m": "semi-major axis at least",
+    "semi_minor_m": "semi-minor axis at least",
+    "n_used": "rows that see the position",
+}
+_LOG_FROM = 10.0
+
+
+@figure_style()
+def draw_bound_map(request: Request) -> Picture:
+    """Draw a map of ``bound --map``: its RMS, or the quantity that ``y`` names."""
+    quantity = request.y or "rms_m"
+    if quantity not in _QUANTITIES:
+        near, known = did_you_mean(quantity, _QUANTITIES), ", ".join(_QUANTITIES)
+        raise UsageError(f"--y: a map shows one of {known}. Got {quantity!r} instead{near}.")
+    file = request.of("bound")[0]
+    columns = read_sampled(file, ("x_m", "y_m", quantity), None).columns
+    x, column = np.unique(columns["x_m"], return_inverse=True)
+    y, row = np.unique(columns["y_m"], return_inverse=True)
+    if x.size * y.size > 4 * columns["x_m"].size:
+        raise DataError(f"{file.name}: the positions are on no grid; a map is made by 'nlosctl bound --map'")
+    values = np.full((y.size, x.size), np.nan)
+    values[row, column] = columns[quantity]
+    good = values[np.isfinite(values)]
+    log = bool(good.size and good.min() > 0.0 and good.max() > _LOG_FROM * good.min()) and not request.linear
+    extent = Extent()
+    extent.include(np.array([[x[0], y[0]], [x[-1], y[-1]]]))
+    figure, (axes,) = request.figure(size_in=map_size_in(extent))
+    unit = BOUND.column(quantity).unit
+    draw_map(axes, x, y, values, axis_label(_QUANTITIES[quantity], unit), log=log)
+    draw_reflectors(axes, file.scene.reflectors)
+    names, sensors = scene_sensors(file.scene)
+    low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
+    close = np.flatnonzero(((sensors >= 2.0 * low - high) & (sensors <= 2.0 * high - low)).all(axis=1))
+    if close.size:
+        draw_sensors(axes, [names[place] for place in close], sensors[close])
+        extent.include(sensors[close])
+    finish_map(axes, extent)
+    notes = [] if np.isfinite(values).all() else ["white: no bound, too few rows see the position"]
+    return Picture(figure=figure, notes=notes)

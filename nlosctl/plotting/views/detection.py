@@ -1,0 +1,174 @@
+"""Flags against their truth: the curve over all thresholds, where the flags are on it, and calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.errors import DataError
+from nlosctl.evaluation.calibration import reliability
+from nlosctl.evaluation.detection import RocCurve, kolmogorov_smirnov, roc_curve
+from nlosctl.io.results.plot_inputs import DrawnFile, read_sampled
+from nlosctl.plotting.figures import axis_label, figure_style, series_style
+from nlosctl.plotting.library import Axes
+from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.series import Series, draw_series, place_legend
+from nlosctl.plotting.views.estimates import thinning_note
+from nlosctl.plotting.views.snapshot_rows import labels_of_rows
+
+__all__ = ["draw_detection_view"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+_CURVE_POINTS = 2000
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Detector:
+    """Flags of one method: which rows it called positive, which are, and its score (low: positive), NaN unknown."""
+
+    label: str
+    called: BoolArray
+    positive: BoolArray
+    score: FloatArray
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """P_fa and P_d of the flags as they are; NaN where there is no such row."""
+        with np.errstate(invalid="ignore"):
+            return tuple(  # type: ignore[return-value]
+                float(np.divide(np.count_nonzero(self.called & part), np.count_nonzero(part)))
+                for part in (~self.positive, self.positive)
+            )
+
+    @property
+    def curve(self) -> RocCurve:
+        """The curve over all thresholds, empty where there are no scores."""
+        if np.isnan(self.score).all():
+            return RocCurve(np.empty(0), np.empty(0))
+        return roc_curve(self.score, self.positive)
+
+
+@figure_style()
+def draw_detection_view(request: Request) -> Picture:
+    """Draw ROC and calibration of indirect-path flags (ip, p_value) or line-of-sight flags (los, los_probability)."""
+    detectors, notes = [], []
+    files = request.of("flags")
+    of_paths = all({"ip", "truth_ip"} <= set(file.names) for file in files)
+    for file in files:
+        found, thinned = _detectors(file, of_paths, file.name if len(files) > 1 else "", request.max_rows)
+        detectors += found
+        notes += thinned
+    with_scores = any(detector.curve.p_fa.size for detector in detectors)
+    figure, panels = request.figure(1, 2 if with_scores else 1, size_in=(9.4 if with_scores else 5.2, 4.4))
+    _draw_curves(panels[0], detectors, of_paths)
+    if with_scores:
+        draw = _draw_p_values if of_paths else _draw_reliability
+        draw(panels[1], [detector for detector in detectors if detector.curve.p_fa.size])
+    else:
+        notes.append(f"the flags have no {'p_value' if of_paths else 'los_probability'}: no curve, no calibration")
+    return Picture(figure=figure, notes=notes)
+
+
+def _detectors(file: DrawnFile, of_paths: bool, prefix: str, limit: int) -> tuple[list[_Detector], list[str]]:
+    flag, truth, score = ("ip", "truth_ip", "p_value") if of_paths else ("los", "truth_los", "los_probability")
+    rows = read_sampled(file, (flag, truth, score, "method", "source", "sweep_*"), limit)
+    columns = rows.columns
+    judged = np.flatnonzero((columns[flag] >= 0) & (columns[truth] >= 0))
+    if not judged.size:
+        raise DataError(f"{file.name}: no row has both {flag} and {truth}")
+    columns = {name: values[judged] for name, values in columns.items()}
+    scores = columns.get(score, np.full(judged.size, np.nan))
+    labels = np.array(labels_of_rows(columns, judged.size, prefix))
+    found = [
+        _Detector(
+            label=str(label),
+            called=columns[flag][mine] == 1,
+            positive=columns[truth][mine] == 1,
+            score=scores[mine] if of_paths else 1.0 - scores[mine],
+        )
+        for label in dict.fromkeys(labels.tolist())
+        for mine in [labels == label]
+    ]
+    return found, thinning_note(file, rows)
+
+
+def _draw_curves(axes: Axes, detectors: list[_Detector], of_paths: bool) -> None:
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
+    for place, detector in enumerate(detectors):
+        look = series_style(place)
+        curve = detector.curve
+        area = f"AUC {curve.area:.3f}" if curve.p_fa.size else ""
+        label = ": ".join(filter(None, (detector.label, area)))
+        if curve.p_fa.size:
+            kept = np.unique(np.linspace(0, curve.p_fa.size - 1, _CURVE_POINTS).astype(np.int64))
+            axes.plot(curve.p_fa[kept], curve.p_d[kept], color=look.color, linestyle=look.line, label=label)
+        axes.plot(
+            *detector.point,
+            linestyle="none",
+            marker=look.marker,
+            markersize=6.5,
+            color=look.color,
+            markerfacecolor=look.color if look.filled else "white",
+            label=f"{detector.label} as flagged".strip() if curve.p_fa.size else f"{label or 'as'} flagged",
+            zorder=3.0,
+        )
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    what = (
+        ("direct paths called indirect", "indirect paths called so")
+        if of_paths
+        else ("other rows called line of sight", "line-of-sight rows called so")
+    )
+    axes.set_xlabel(axis_label(f"$P_{{fa}}$: {what[0]}", ""))
+    axes.set_ylabel(axis_label(f"$P_d$: {what[1]}", ""))
+    axes.legend(loc="lower right")
+
+
+def _draw_p_values(axes: Axes, detectors: list[_Detector]) -> None:
+    """Draw the distribution of the direct paths' p-values; on the diagonal where they are what they say."""
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
+    for place, detector in enumerate(detectors):
+        values = np.sort(detector.score[~detector.positive & ~np.isnan(detector.score)])
+        if not values.size:
+            continue
+        distance, chance = kolmogorov_smirnov(values)
+        kept = np.unique(np.linspace(0, values.size - 1, min(values.size, _CURVE_POINTS)).astype(np.int64))
+        look = series_style(place)
+        label = ": ".join(filter(None, (detector.label, f"KS {distance:.3f}, by chance {chance:.2g}")))
+        axes.plot(
+            values[kept],
+            (kept + 1) / values.size,
+            drawstyle="steps-post",
+            color=look.color,
+            linestyle=look.line,
+            label=label,
+        )
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel(axis_label("p-value", ""))
+    axes.set_ylabel(axis_label("share of the direct paths below", ""))
+    axes.legend(loc="lower right")
+
+
+def _draw_reliability(axes: Axes, detectors: list[_Detector]) -> None:
+    """Draw how often rows are in line of sight, by the probability that was stated."""
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
+    told = [(detector.label, reliability(1.0 - detector.score, detector.positive)) for detector in detectors]
+    draw_series(
+        axes,
+        [Series(label=label or "flags", x=one.stated, y=one.share, error=one.std_error) for label, one in told],
+        legend=False,
+    )
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel(axis_label("stated probability of line of sight", ""))
+    axes.set_ylabel(axis_label("share in line of sight", ""))
+    if len(told) > 1:
+        place_legend(axes)

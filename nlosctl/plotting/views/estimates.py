@@ -1,0 +1,155 @@
+"""All estimates of a file over its scene, a panel for each method; their density where they are many."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.errors import DataError
+from nlosctl.io.results.plot_inputs import DrawnFile, SampledRows, read_sampled
+from nlosctl.plotting.figures import axis_label, figure_style, series_style
+from nlosctl.plotting.library import Axes, LogNorm
+from nlosctl.plotting.plane import Extent, draw_ellipses, draw_reflectors, draw_sensors, finish_map, scene_sensors
+from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.series import place_legend
+from nlosctl.plotting.views.close_ups import map_size_in
+from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
+
+__all__ = ["draw_estimates_view", "thinning_note"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_DENSE_FROM = 3000
+_ELLIPSES_TO = 60
+_MOST_PANELS = 9
+_CELLS = 120
+_MOST_TRUTHS = 200
+_COLUMNS = ("x_m", "y_m", "cov_*", "alternative", "method", "source", "sweep_*", "truth_x_m", "truth_y_m")
+_FAR_QUANTILES = (0.005, 0.995)
+
+
+@figure_style()
+def draw_estimates_view(request: Request) -> Picture:
+    """Draw the best alternatives of every estimate with a position."""
+    files = request.of("estimates")
+    clouds: dict[str, tuple[FloatArray, FloatArray]] = {}
+    truths, notes = [], []
+    for file in files:
+        rows = read_sampled(file, _COLUMNS, request.max_rows)
+        notes += thinning_note(file, rows)
+        for label, chosen in _groups(rows, file.name if len(files) > 1 else "").items():
+            covariance = np.stack([rows.columns[f"cov_{part}_m2"] for part in ("xx", "xy", "yy")], axis=1)
+            clouds[label] = (positions_of(rows.columns, "x_m", "y_m")[chosen], covariance[chosen])
+        if {"truth_x_m", "truth_y_m"} <= rows.columns.keys():
+            truths.append(np.unique(positions_of(rows.columns, "truth_x_m", "truth_y_m"), axis=0))
+    if not clouds:
+        raise DataError(f"{', '.join(file.name for file in files)}: no estimate has a position")
+    labels = list(clouds)[:_MOST_PANELS]
+    if len(clouds) > len(labels):
+        notes.append(f"{len(labels)} of {len(clouds)} groups are drawn")
+    truth = np.concatenate(truths) if truths else np.empty((0, 2))
+    extent, far = _extent(files[0], [clouds[label][0] for label in labels], truth)
+    columns = min(len(labels), 3)
+    lines = -(-len(labels) // columns)
+    figure, panels = request.figure(lines, columns, size_in=map_size_in(extent, columns, lines))
+    for place, (axes, label) in enumerate(zip(panels, labels, strict=False)):
+        _draw_cloud(axes, files[0], place, label, *clouds[label], truth, extent)
+    for axes in panels[len(labels) :]:
+        axes.set_visible(False)
+    place_legend(panels[columns - 1], beside=True)
+    if far:
+        notes.append(f"{far} estimates lie outside the picture")
+    return Picture(figure=figure, notes=notes)
+
+
+def thinning_note(file: DrawnFile, rows: SampledRows) -> list[str]:
+    """Return a note where only some snapshots are drawn."""
+    if rows.step == 1:
+        return []
+    return [f"{file.name}: 1 of {rows.step} snapshots is drawn, {rows.count} of {rows.total} rows (--max-rows)"]
+
+
+def _groups(rows: SampledRows, prefix: str) -> dict[str, npt.NDArray[np.int64]]:
+    """Return the rows of each label that are best alternatives with a position."""
+    position = positions_of(rows.columns, "x_m", "y_m")
+    good = np.isfinite(position).all(axis=1) & (rows.columns["alternative"] == 0.0)
+    places = np.flatnonzero(good)
+    labels = np.array(labels_of_rows({name: rows.columns[name][places] for name in rows.columns}, places.size, prefix))
+    return {str(label): places[labels == label] for label in dict.fromkeys(labels.tolist())}
+
+
+def _extent(file: DrawnFile, clouds: list[FloatArray], truth: FloatArray) -> tuple[Extent, int]:
+    """Return what is in view: all but the farthest points of large clouds, and how many these are."""
+    extent = Extent()
+    extent.include(scene_sensors(file.scene)[1])
+    extent.include(truth)
+    for cloud in clouds:
+        if cloud.shape[0] < 200:
+            extent.include(cloud)
+        else:
+            extent.include(np.quantile(cloud, _FAR_QUANTILES, axis=0))
+    low, high = extent.framed()
+    return extent, sum(int(np.count_nonzero(((cloud < low) | (cloud > high)).any(axis=1))) for cloud in clouds)
+
+
+def _draw_cloud(
+    axes: Axes,
+    file: DrawnFile,
+    place: int,
+    label: str,
+    position: FloatArray,
+    covariance: FloatArray,
+    truth: FloatArray,
+    extent: Extent,
+) -> None:
+    look = series_style(place + 1)
+    axes.set_title(f"{label or 'estimates'} ({position.shape[0]})")
+    if position.shape[0] > _DENSE_FROM:
+        _draw_density(axes, position, extent)
+    else:
+        if position.shape[0] <= _ELLIPSES_TO:
+            draw_ellipses(axes, position, covariance, look, extent)
+        axes.plot(
+            *position.T,
+            linestyle="none",
+            marker=look.marker,
+            markersize=4.0 if position.shape[0] < 200 else 2.0,
+            color=look.color,
+            markerfacecolor="none",
+            markeredgewidth=0.7,
+            label="_nolegend_",
+            zorder=2.5,
+        )
+    if 0 < truth.shape[0] <= _MOST_TRUTHS:
+        few = truth.shape[0] <= 5
+        axes.plot(
+            *truth.T,
+            linestyle="none",
+            marker="*" if few else "+",
+            markersize=9 if few else 4,
+            color="black",
+            markerfacecolor="white",
+            label="truth",
+            zorder=3.8 if few else 2.0,
+        )
+    draw_reflectors(axes, file.scene.reflectors)
+    names, sensors = scene_sensors(file.scene)
+    if names:
+        draw_sensors(axes, names, sensors)
+    finish_map(axes, extent)
+
+
+def _draw_density(axes: Axes, position: FloatArray, extent: Extent) -> None:
+    """Draw how many estimates fall into each square of a grid over the view, on a logarithmic scale."""
+    low, high = extent.framed()
+    side = float(np.max(high - low)) / _CELLS
+    edges = [np.arange(low[axis], high[axis] + side, side) for axis in (0, 1)]
+    counts, *_ = np.histogram2d(position[:, 0], position[:, 1], bins=(edges[0], edges[1]))
+    shown = np.ma.masked_equal(counts.T, 0.0)
+    mesh = axes.pcolormesh(
+        *edges, shown, cmap="cividis_r", norm=LogNorm(1.0, max(float(counts.max()), 2.0)), rasterized=True
+    )
+    bar = axes.figure.colorbar(mesh, cax=axes.inset_axes((0.03, 0.035, 0.4, 0.025)), orientation="horizontal")
+    bar.ax.tick_params(labelsize=6.5, length=2, top=True, labeltop=True, bottom=False, labelbottom=False)
+    bar.ax.set_title(axis_label("estimates per cell", ""), fontsize=6.5, pad=12)
+    bar.ax.grid(visible=False)

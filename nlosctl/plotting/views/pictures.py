@@ -1,0 +1,60 @@
+"""Which view suits some files, and the picture of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from textwrap import fill
+
+from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.io.results.plot_inputs import DrawnFile
+from nlosctl.plotting.catalogue import VIEWS
+from nlosctl.plotting.fitting_views import fitting_views
+from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.views.bound import draw_bound_map
+from nlosctl.plotting.views.detection import draw_detection_view
+from nlosctl.plotting.views.echoes import draw_echo_view
+from nlosctl.plotting.views.errors import draw_error_cdf, draw_sweep
+from nlosctl.plotting.views.estimates import draw_estimates_view
+from nlosctl.plotting.views.scene import draw_scene_view
+from nlosctl.plotting.views.triplets import draw_triplet_view
+
+__all__ = ["choose_view", "draw_picture"]
+
+_LETTERS_PER_IN = 15
+
+_DRAW: dict[str, Callable[[Request], Picture]] = {
+    "scene": draw_scene_view,
+    "estimates": draw_estimates_view,
+    "cdf": draw_error_cdf,
+    "sweep": draw_sweep,
+    "roc": draw_detection_view,
+    "map": draw_bound_map,
+    "echoes": draw_echo_view,
+    "triplets": draw_triplet_view,
+}
+
+
+def choose_view(files: Sequence[DrawnFile], wanted: str | None, *, one_snapshot: bool = False) -> str:
+    """Return the ``wanted`` view, or the first that suits the files; UsageError where there is none such."""
+    fitting = fitting_views(files, one_snapshot=one_snapshot)
+    if wanted is None:
+        if not fitting:
+            held = ", ".join(f"{file.name} ({file.content})" for file in files)
+            raise UsageError(f"no view suits {held} together; 'nlosctl plot --views' lists what each takes")
+        return fitting[0]
+    if wanted not in VIEWS:
+        raise UsageError(f"no view {wanted!r}{did_you_mean(wanted, VIEWS)}; there are: {', '.join(VIEWS)}")
+    if wanted not in fitting:
+        held = ", ".join(f"{file.name} has {file.content}" for file in files)
+        suits = f"; these suit: {', '.join(fitting)}" if fitting else ""
+        raise UsageError(f"--view {wanted} takes {VIEWS[wanted].takes}; {held}{suits}")
+    return wanted
+
+
+def draw_picture(request: Request, view: str) -> Picture:
+    """Return the picture of a view, its notes under it; raises DataError for faults of the files."""
+    picture = _DRAW[view](request)
+    if picture.notes:
+        width = int(_LETTERS_PER_IN * picture.figure.get_figwidth())
+        picture.figure.supxlabel("\n".join(fill(note, width) for note in picture.notes), fontsize=7, color="#505050")
+    return picture

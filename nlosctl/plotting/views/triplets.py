@@ -1,0 +1,170 @@
+"""Triplets of one snapshot: both rays, the ellipse of equal path length, and the three points where they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.errors import DataError
+from nlosctl.geometry.triplets import AXES, baseline_frames
+from nlosctl.io.results.plot_inputs import DrawnSnapshot
+from nlosctl.plotting.figures import SeriesStyle, figure_style, series_style
+from nlosctl.plotting.library import Axes, Ellipse
+from nlosctl.plotting.plane import Extent
+from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.views.close_ups import draw_with_close_up
+from nlosctl.plotting.views.scene import first_measurements
+from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
+
+__all__ = ["draw_triplet_view"]
+
+FloatArray = npt.NDArray[np.float64]
+Columns = Mapping[str, npt.NDArray[Any]]
+
+_MOST_PATHS = 4
+_POINT_MARKERS = ("o", "v", "<")
+_POINT_WORDS = ("1: the rays cross", "2: departing ray on the ellipse", "3: arriving ray on the ellipse")
+_FARTHEST = 4.0
+"""A point this many path lengths away (rays nearly parallel) is told, not drawn."""
+
+
+@figure_style()
+def draw_triplet_view(request: Request) -> Picture:
+    """Draw the first few paths of a snapshot, or those that are named."""
+    measured = first_measurements(request)
+    assert measured is not None  # noqa: S101 - the view is chosen by such a file
+    names = _path_names(measured)
+    rows, notes = _chosen(names, request.paths)
+    _, found = estimate_rows_of(request.of("estimates"), measured.id)
+    found = _of_paths(found, [names[row] for row in rows])
+
+    def draw(axes: Axes) -> tuple[Extent, Extent, list[str]]:
+        extent, focus, told = Extent(), Extent(), list(notes)
+        draw_truth(axes, {name: values[rows] for name, values in measured.file_columns.items()}, focus)
+        told += draw_estimates_of_snapshot(axes, found, focus)
+        for node, label, marker in (("tx", "transmitter", "D"), ("rx", "receiver", "^")):
+            _draw_node(axes, measured, rows, node, label, marker, extent)
+        for place, row in enumerate(rows):
+            told += _draw_path(axes, measured, row, names[row], series_style(place + 2), (extent, focus))
+        extent.include_all(focus)
+        for marker, words in zip(_POINT_MARKERS, _POINT_WORDS, strict=True):
+            axes.plot([], [], linestyle="none", marker=marker, color="black", markerfacecolor="white", label=words)
+        return extent, focus, told
+
+    return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
+
+
+def _path_names(measured: DrawnSnapshot) -> list[str]:
+    names = measured.file_columns.get("path", np.arange(measured.left_out.size, dtype=np.float64))
+    return [f"{name:g}" if isinstance(name, float) else str(name) for name in names]
+
+
+def _chosen(names: Sequence[str], wanted: Sequence[str]) -> tuple[list[int], list[str]]:
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        raise DataError(f"--path {unknown[0]}: the snapshot has no such path; it has {', '.join(names)}")
+    rows = [row for row, name in enumerate(names) if not wanted or name in wanted]
+    if wanted or len(rows) <= _MOST_PATHS:
+        return rows, []
+    return rows[:_MOST_PATHS], [f"the first {_MOST_PATHS} of {len(rows)} paths are drawn; --path names others"]
+
+
+def _of_paths(found: Sequence[tuple[str, Columns]], names: Sequence[str]) -> list[tuple[str, Columns]]:
+    """Return the estimates of the drawn paths, where they are solved path by path."""
+    kept = []
+    for prefix, columns in found:
+        if "path" in columns:
+            told = [f"{name:g}" if isinstance(name, float) else str(name) for name in columns["path"]]
+            mine = np.array([name in names or name == "nan" for name in told])
+            columns = {name: values[mine] for name, values in columns.items()}
+        if next(iter(columns.values())).size:
+            kept.append((prefix, columns))
+    return kept
+
+
+def _draw_node(
+    axes: Axes, measured: DrawnSnapshot, rows: Sequence[int], node: str, label: str, marker: str, extent: Extent
+) -> None:
+    places = np.stack([measured.columns[f"{node}_{axis}_m"][rows] for axis in AXES], axis=1)
+    places = np.unique(places, axis=0)
+    axes.plot(*places.T, linestyle="none", marker=marker, markersize=7, color="black", label=label, zorder=4.0)
+    extent.include(places)
+
+
+def _draw_path(
+    axes: Axes, measured: DrawnSnapshot, row: int, name: str, look: SeriesStyle, views: tuple[Extent, Extent]
+) -> list[str]:
+    extent, focus = views
+    columns = {key: values[[row]] for key, values in measured.columns.items()}
+    tx, rx = (np.array([columns[f"{node}_x_m"][0], columns[f"{node}_y_m"][0]]) for node in ("tx", "rx"))
+    frame = baseline_frames(*(columns[f"{node}_{axis}_m"] for node in ("tx", "rx") for axis in AXES))
+    length = float(columns["path_length_m"][0])
+    rays = frame.rays(columns["dod_rad"], columns["doa_rad"], columns["path_length_m"])
+    in_frame = [[rays.coordinate(number, axis).value_m for axis in AXES] for number in (1, 2, 3)]
+    points = [np.array(frame.to_global(*point)).ravel() for point in in_frame]
+    has_ellipse = bool(rays.has_ellipse[0])
+    drawn = [bool(np.isfinite(point).all()) and (number == 0 or has_ellipse) for number, point in enumerate(points)]
+    drawn[0] = drawn[0] and float(np.hypot(*(points[0] - tx))) < _FARTHEST * length
+    label = f"path {name}{_verdict(measured, row)}"
+    for start, angle, reached in ((tx, "dod_rad", (0, 1)), (rx, "doa_rad", (0, 2))):
+        along = np.array([np.cos(columns[angle][0]), np.sin(columns[angle][0])])
+        reach = [float((points[number] - start) @ along) for number in reached if drawn[number]]
+        end = start + along * 1.06 * max([*reach, 0.5 * length])
+        behind = start + along * 1.06 * min([*reach, 0.0])
+        axes.plot(
+            *np.stack([start, end]).T, color=look.color, linestyle=look.line, linewidth=1.2, label=label, zorder=2.4
+        )
+        axes.plot(*np.stack([start, behind]).T, color=look.color, linestyle=":", linewidth=0.8, zorder=2.3)
+        extent.include(np.stack([end, behind]))
+        label = "_nolegend_"
+    if has_ellipse:
+        _draw_path_ellipse(axes, 0.5 * (tx + rx), rx - tx, length, look, extent)
+    for number, point in enumerate(points):
+        if drawn[number]:
+            axes.plot(
+                *point,
+                marker=_POINT_MARKERS[number],
+                markersize=7.5 - number,
+                color=look.color,
+                markerfacecolor="white",
+                markeredgewidth=1.3,
+                linestyle="none",
+                zorder=3.4,
+            )
+            focus.include(point[None])
+    notes = [] if drawn[0] else [f"path {name}: the rays cross nowhere near (nearly parallel)"]
+    return notes if has_ellipse else [*notes, f"path {name}: no ellipse, it is not longer than the baseline"]
+
+
+def _verdict(measured: DrawnSnapshot, row: int) -> str:
+    if "ip" not in measured.file_columns:
+        return ""
+    return {1: ", called indirect", 0: ", called direct"}.get(int(measured.file_columns["ip"][row]), ", not judged")
+
+
+def _draw_path_ellipse(
+    axes: Axes, center: FloatArray, baseline: FloatArray, length: float, look: SeriesStyle, extent: Extent
+) -> None:
+    half_minor = 0.5 * np.sqrt(length**2 - float(baseline @ baseline))
+    angle = float(np.arctan2(baseline[1], baseline[0]))
+    axes.add_patch(
+        Ellipse(
+            (float(center[0]), float(center[1])),
+            length,
+            2.0 * half_minor,
+            angle=float(np.degrees(angle)),
+            fill=False,
+            edgecolor=look.color,
+            linestyle=look.line,
+            linewidth=0.7,
+            alpha=0.8,
+            zorder=2.0,
+        )
+    )
+    reach = np.hypot(
+        0.5 * length * np.array([np.cos(angle), np.sin(angle)]), half_minor * np.array([np.sin(angle), np.cos(angle)])
+    )
+    extent.include(center[None], reach[None])

@@ -1,0 +1,1 @@
+"""Liang, Wang, Song, and Gao: figures and tables."""

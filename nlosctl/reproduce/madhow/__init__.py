@@ -1,0 +1,1 @@
+"""Ananthasubramaniam and Madhow: figures."""

@@ -1,0 +1,1 @@
+"""Shen and Molisch: figures and tables."""

@@ -1,0 +1,1 @@
+"""Song, Willett and Zhou: figures."""

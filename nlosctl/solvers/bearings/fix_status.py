@@ -1,0 +1,182 @@
+"""What every bearings method does with its fix: is it an answer at all, what does it cost, what is left over?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.results import Flags, Solution, single_estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.circular_reflection import ReflectedPath
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines, Survey
+from nlosctl.solvers.bearings.near_sensor_covariance import Widened, widen_near_sensors
+
+__all__ = ["CONDITION_LIMIT", "finish_bearings_fix", "judge_fixes", "nearly_singular"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
+
+CONDITION_LIMIT = 1e6
+"""Largest condition number of the lines' normals with which they still count as crossing."""
+
+_RELATIVE_MINIMUM_RANGE = 1e-5
+
+_ROUNDING = 1e-12
+"""Relative size of what rounding leaves of a coordinate."""
+
+
+def nearly_singular(normal: Symmetric2x2) -> BoolArray:
+    """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
+    smaller, larger = normal.eigenvalues()
+    return ~(smaller * CONDITION_LIMIT**2 > larger)
+
+
+def judge_fixes(
+    lines: SightLines,
+    x: FloatArray,
+    y: FloatArray,
+    survey: Survey,
+    covariance: Symmetric2x2,
+    minimum_range_m: float,
+    paths: ReflectedPath | None = None,
+) -> StatusArray:
+    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their survey and covariance.
+
+    degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
+    an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
+    infeasible: where the scene does not allow it (`SightLines.outside_scene`), or all bearings are under the horizon.
+    """
+    farthest = survey.farthest_m
+    with np.errstate(invalid="ignore", over="ignore"):
+        sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
+        uncertain = ~sure | nearly_singular(covariance)
+        # Sensors all in one place have no size to go by but that of their coordinates.
+        rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
+        least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
+        on_sensor = survey.nearest_m <= least_m
+    status = np.full(x.shape, Status.OK, dtype=np.uint8)
+    status[lines.outside_scene(x, y, paths) | lines.all_under_horizon()] = Status.INFEASIBLE
+    status[survey.behind] = Status.BEHIND
+    status[uncertain | on_sensor] = Status.DEGENERATE
+    return status
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is said of fixes (B,): status, covariance, and cost as half the chi-square."""
+
+    status: StatusArray
+    covariance: Symmetric2x2
+    cost: FloatArray
+
+
+def finish_bearings_fix(
+    batch: BearingBatch,
+    lines: SightLines,
+    x: FloatArray,
+    y: FloatArray,
+    covariance: Symmetric2x2 | None,
+    normal: Symmetric2x2,
+    *,
+    widened: Widened | None = None,
+    min_range_m: float,
+    converged: BoolArray | None = None,
+    held: StatusArray | None = None,
+) -> Solution:
+    """Return the solution of fixes x, y (B,) about the local origin that use every row.
+
+    ``covariance`` (B,) is the inverse Fisher information unless given, with ``widened`` to make it that of fixes near a
+    sensor. ``normal`` is the unweighted normal matrix of
+    the lines (B,), which tells whether they cross at all; ``converged`` (B,) is given by iterative methods, ``held``
+    (B,) by constrained ones: the status that stands in for ok and infeasible. The cost is half the chi-square.
+    """
+    verdict = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held, widened)
+    found = verdict.covariance
+    estimates = single_estimates(
+        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
+        covariance_m2=np.stack([found.xx, found.xy, found.yy], axis=1),
+        cost=verdict.cost,
+        n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
+        status=verdict.status,
+    )
+    return Solution(
+        estimates=estimates, flags=bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
+    )
+
+
+def judge_ends(
+    lines: SightLines,
+    x: FloatArray,
+    y: FloatArray,
+    covariance: Symmetric2x2 | None,
+    normal: Symmetric2x2,
+    min_range_m: float,
+    converged: BoolArray | None = None,
+    held: StatusArray | None = None,
+    widened: Widened | None = None,
+) -> Verdict:
+    """Return what is said of fixes; arguments as in `finish_bearings_fix`."""
+    paths = lines.paths_from(x, y)
+    survey = lines.survey(x, y, paths)
+    if covariance is None or widened is None:
+        covariance = lines.information(x, y, paths).inverse()
+        widened = _widened_information(lines, x, y)
+    covariance = widen_near_sensors(covariance, survey.nearest_m, widened)
+    status = judge_fixes(lines, x, y, survey, covariance, min_range_m, paths)
+    if converged is not None:
+        open_ends = np.flatnonzero(~converged & (status <= Status.BOUNDARY))
+        if open_ends.size:
+            on_sensor = _likelier_on_sensor(lines.take(open_ends), x[open_ends], y[open_ends])
+            status[open_ends] = np.where(on_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)
+    if held is not None:
+        status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), held, status)
+    status[nearly_singular(normal)] = Status.DEGENERATE
+    if lines.origin_x.shape[1] < 2:
+        status[:] = Status.TOO_FEW
+    return Verdict(status, covariance, 0.5 * survey.chi_square)
+
+
+def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> BoolArray:
+    """Return whether points (B,) are less likely than those on their nearest origins, where there is no smooth optimum.
+
+    On an origin means as close as a fix would be degenerate, in the direction of its ray. The origins of circle rows,
+    which are unfolded at one point of the circle, are no sensors.
+    """
+    rows, range_m, here = np.arange(x.shape[0]), lines.range_m(x, y), lines.survey(x, y)
+    if lines.circles is not None:
+        lines.circles.place_in(range_m, np.full(lines.circles.snapshot.shape, np.inf))
+    nearest = np.argmin(range_m, axis=1)
+    away_m = _RELATIVE_MINIMUM_RANGE * here.farthest_m
+    on_x = lines.origin_x[rows, nearest] + away_m * lines.cosine[rows, nearest]
+    on_y = lines.origin_y[rows, nearest] + away_m * lines.sine[rows, nearest]
+    likelier: BoolArray = (lines.survey(on_x, on_y).chi_square < here.chi_square) & np.isfinite(range_m.min(axis=1))
+    return likelier
+
+
+def _widened_information(lines: SightLines, x: FloatArray, y: FloatArray) -> Widened:
+    def widened(rows: IntArray, extra_m2: FloatArray) -> Symmetric2x2:
+        return lines.take(rows).information(x[rows], y[rows], extra_m2=extra_m2).inverse()
+
+    return widened
+
+
+def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:
+    """Return the flags of fixes (B,): ``used``, ``residual_rad``, and ``under_horizon`` where the scene has circles."""
+    answered = (status <= Status.BOUNDARY)[:, None]
+    residual = lines.bearing_residual_rad(x, y)
+    used = np.broadcast_to(answered, residual.shape).copy()
+    columns: dict[str, npt.NDArray[np.generic]] = {"residual_rad": np.where(answered, residual, np.nan)}
+    if batch.range_m is not None:
+        columns["residual_m"] = np.where(answered, batch.range_m - lines.range_m(x, y), np.nan)
+    if batch.scene.has_circles:
+        under = np.zeros(residual.shape, dtype=bool)
+        if lines.circles is not None:
+            lines.circles.place_in(under, lines.circles.under_horizon())
+        columns["under_horizon"] = under
+    return Flags(used=used, columns=columns)

@@ -1,0 +1,139 @@
+"""Maximum likelihood of bearings and ranges together, all rows trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.results import Solution, single_estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes
+from nlosctl.solvers.bearings.ray_crossings import end_rays
+from nlosctl.solvers.bearings.row_terms import DirectBearings
+from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
+from nlosctl.solvers.optimization.problem import Evaluation
+
+__all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns", "row_residuals"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
+    """Return range and standard deviation (B, K) in metres, both NaN in rows without; None where no row has them."""
+    if not use_ranges or batch.range_m is None or batch.range_std_m is None:
+        return None
+    known = np.isfinite(batch.range_m) & np.isfinite(batch.range_std_m)
+    if not known.any():
+        return None
+    return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
+
+
+def row_residuals(batch: BearingBatch, lines: SightLines, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
+    """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where the batch has ranges.
+
+    A mirrored row's range is the unfolded length.
+    """
+    residuals = {"residual_rad": lines.bearing_residual_rad(x, y)}
+    if batch.range_m is not None:
+        residuals["residual_m"] = batch.range_m - lines.range_m(x, y)
+    return residuals
+
+
+@dataclass(frozen=True)
+class RangedBearingProblem:
+    """Half the chi-square of bearings and ranges, as a function of a point about the local origin."""
+
+    rows: DirectBearings
+
+    def take(self, rows: IntArray) -> RangedBearingProblem:
+        """Return the problems of some snapshots."""
+        return RangedBearingProblem(self.rows.take(rows))
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        """Return cost, gradient and second derivatives, exact or, where not positive, Gauss-Newton's."""
+        cost, gradient_x, gradient_y = (np.zeros(x.shape) for _ in range(3))
+        exact, gauss = ([np.zeros(x.shape) for _ in range(3)] for _ in range(2))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for k in range(self.rows.weight.shape[1]):
+                row = self.rows.terms(k, x, y)
+                cost += row.misfit
+                gradient_x += row.gradient_x
+                gradient_y += row.gradient_y
+                for totals, matrix in ((exact, row.hessian), (gauss, row.gauss)):
+                    for total, part in zip(totals, (matrix.xx, matrix.xy, matrix.yy), strict=True):
+                        total += part
+        return Evaluation.of_newton(cost, gradient_x, gradient_y, Symmetric2x2(*exact), Symmetric2x2(*gauss))
+
+    def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+        """Return the Fisher information (B,) of bearings and ranges together at points (B,)."""
+        totals = [np.zeros(x.shape) for _ in range(3)]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for k in range(self.rows.weight.shape[1]):
+                gauss = self.rows.terms(k, x, y).gauss
+                for total, part in zip(totals, (gauss.xx, gauss.xy, gauss.yy), strict=True):
+                    total += part
+        return Symmetric2x2(*totals)
+
+
+def fit_ranged_bearings(
+    batch: BearingBatch,
+    lines: SightLines,
+    start_x: FloatArray,
+    start_y: FloatArray,
+    ranges: tuple[FloatArray, FloatArray],
+    *,
+    lognormal: bool,
+    min_range_m: float,
+    max_iterations: int,
+) -> Solution:
+    """Return the maximum-likelihood solution of rows with bearings and, where not NaN, ranges (B, K).
+
+    The better end of two searches: from ``start`` (B,) (of the bearings alone), and from the mean of the rays' ends,
+    weighted by their spread. The covariance is the inverse of the joint information, the cost half the chi-square.
+    """
+    smallest = np.full(start_x.shape, np.finfo(np.float64).tiny)
+    problem = RangedBearingProblem(DirectBearings.of(lines, smallest, *ranges, lognormal=lognormal))
+    first = minimize(problem, start_x, start_y, max_iterations=max_iterations)
+    second = minimize(problem, *_mean_end(lines, *ranges), max_iterations=max_iterations)
+    best = _better(first, second)
+    x, y = np.where(best, second.x, first.x), np.where(best, second.y, first.y)
+    converged = np.where(best, second.converged, first.converged)
+    covariance = problem.information(x, y).inverse()
+    status = judge_fixes(lines, x, y, lines.survey(x, y), covariance, min_range_m)
+    status[~converged & (status <= Status.BOUNDARY)] = Status.NOT_CONVERGED
+    estimates = single_estimates(
+        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
+        covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
+        cost=np.where(best, second.cost, first.cost),
+        n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
+        status=status,
+    )
+    if not batch.want_flags:
+        return Solution(estimates=estimates)
+    return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y))
+
+
+def _mean_end(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    ends = end_rays(lines, range_m)
+    spread = lines.std_rad * range_m
+    weight = np.where(ends.valid, 1.0 / (spread * spread + std_m * std_m), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = sum_measurements(weight)
+        x = sum_measurements(np.where(ends.valid, weight * ends.x, 0.0)) / total
+        y = sum_measurements(np.where(ends.valid, weight * ends.y, 0.0)) / total
+    return x, y
+
+
+def _better(first: Minimum, second: Minimum) -> BoolArray:
+    """Return where the second end is better: it settled and the other did not, or its cost is less."""
+    with np.errstate(invalid="ignore"):
+        cheaper: BoolArray = (second.converged == first.converged) & (second.cost < first.cost)
+    return (second.converged & ~first.converged) | cheaper

@@ -1,0 +1,116 @@
+"""Linear fits of a point to lines: least squares and Stansfield (Song, Willett, Zhou 2013, Sections 2.2, 2.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.blocks import gather_rows, sum_measurements
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.bearings.near_sensor_covariance import Widened
+
+__all__ = [
+    "LineFit",
+    "fit_focused",
+    "fit_least_squares",
+    "fit_stansfield",
+    "sandwich_covariance",
+    "widened_sandwich",
+]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LineFit:
+    """Points (B,) about the local origin, and the normal matrix that they solve."""
+
+    x: FloatArray
+    y: FloatArray
+    normal: Symmetric2x2
+
+    def take(self, rows: IntArray) -> LineFit:
+        """Return the fits of some snapshots."""
+        normal = Symmetric2x2(self.normal.xx[rows], self.normal.xy[rows], self.normal.yy[rows])
+        return LineFit(self.x[rows], self.y[rows], normal)
+
+
+def fit_least_squares(lines: SightLines) -> LineFit:
+    """Return the point with the least sum of squared distances to the lines, equations (18), (19).
+
+    x and y are not finite where the lines are exactly parallel.
+    """
+    return _solve(lines.sine, -lines.cosine, lines)
+
+
+def fit_stansfield(lines: SightLines, first: LineFit) -> LineFit:
+    """Return Stansfield's fix: lines weighted by 1 / (std range)^2, the ranges taken at ``first``; equation (15).
+
+    x and y are not finite where ``first`` is not.
+    """
+    return _solve_weighted(lines.range_m(first.x, first.y), lines)
+
+
+def fit_focused(lines: SightLines, first: LineFit) -> LineFit:
+    """Return Stansfield's fix with the spread of each ray tube at ``first`` in place of its range.
+
+    The same as Stansfield's where no row is seen on a circle. x and y are not finite where ``first`` is not, or lies
+    on a focus.
+    """
+    return _solve_weighted(lines.spread_m(first.x, first.y), lines)
+
+
+def sandwich_covariance(
+    lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None, extra_m2: FloatArray | None = None
+) -> Symmetric2x2:
+    """Return the covariance (B,) of a fit whose weights need not match the errors of the lines.
+
+    N^-1 M N^-1, with N the normal matrix and M that of the weighted lines' errors, std times spread at the fit. The
+    weights are 1 (least squares), or 1 / (std ``weighed_m``)^2 with the ranges or spreads (B, K) taken at a first fix
+    (Stansfield). With ``extra_m2`` (B,) the squared spreads at the fit are that much larger.
+    """
+    spread = lines.spread_m(fit.x, fit.y)
+    if extra_m2 is not None:
+        spread = np.sqrt(spread * spread + extra_m2[:, None])
+    spread = lines.std_rad * spread
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if weighed_m is not None:
+            spread /= (lines.std_rad * weighed_m) ** 2
+        normal_x, normal_y = spread * lines.sine, -spread * lines.cosine
+        middle = Symmetric2x2(
+            sum_measurements(normal_x * normal_x),
+            sum_measurements(normal_x * normal_y),
+            sum_measurements(normal_y * normal_y),
+        )
+    return fit.normal.inverse().congruence(middle)
+
+
+def widened_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None) -> Widened:
+    """Return the sandwich with squared spreads increased, as a function of snapshots and increase."""
+
+    def widened(rows: IntArray, extra_m2: FloatArray) -> Symmetric2x2:
+        weighed = None if weighed_m is None else gather_rows(weighed_m, rows)
+        return sandwich_covariance(lines.take(rows), fit.take(rows), weighed, extra_m2)
+
+    return widened
+
+
+def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = 1.0 / (lines.std_rad * spread_m)
+        return _solve(weight * lines.sine, -weight * lines.cosine, lines)
+
+
+def _solve(normal_x: FloatArray, normal_y: FloatArray, lines: SightLines) -> LineFit:
+    offset = normal_x * lines.origin_x + normal_y * lines.origin_y
+    normal = Symmetric2x2(
+        sum_measurements(normal_x * normal_x),
+        sum_measurements(normal_x * normal_y),
+        sum_measurements(normal_y * normal_y),
+    )
+    x, y = normal.solve(sum_measurements(normal_x * offset), sum_measurements(normal_y * offset))
+    return LineFit(x, y, normal)

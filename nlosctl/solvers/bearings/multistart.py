@@ -1,0 +1,127 @@
+"""Maximum likelihood where several paths are possible: many starts, the distinct optima ranked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
+
+__all__ = ["MAX_ALTERNATIVES", "Ends", "find_ends", "pairwise_crossings"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+MAX_ALTERNATIVES = 10
+"""The largest number of optima that are kept of a snapshot."""
+
+_MOST_PAIRS = 15
+_DISTINCT = 0.1
+"""Optima closer than this (standard deviations) are one."""
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where maximum likelihood ended: E points, by snapshot, best first; each snapshot has at least one.
+
+    ``snapshot`` (E,) is the place in the block, None where each snapshot has just one. ``lines`` are the rays of each
+    point's snapshot (E, K), ``x``, ``y`` the points about its local origin, ``converged`` whether they are smooth
+    optima. ``rival_cost`` (E,) is the least cost at which another start of the snapshot stopped at a caustic, where the
+    likelihood ends with a jump and has no smooth optimum; infinite where none did. ``evaluations`` counts all model
+    evaluations of the snapshot.
+    """
+
+    snapshot: IntArray | None
+    lines: SightLines
+    x: FloatArray
+    y: FloatArray
+    converged: BoolArray
+    rival_cost: FloatArray
+    evaluations: IntArray
+
+
+def find_ends(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
+    """Return the optima reached from a start (B,) each, and from all crossings where a row may take several paths."""
+    several = np.zeros(start_x.shape, dtype=bool)
+    if lines.circles is not None and lines.origin_x.shape[1] > 1:
+        several[lines.circles.snapshot[lines.circles.has_choice]] = True
+    if not several.any():
+        x, y = lines.inside_circles(start_x, start_y)
+        minimum = minimize(bearing_problem(lines), x, y, max_iterations=max_iterations)
+        nothing = np.full(x.shape, np.inf)
+        return Ends(None, lines, minimum.x, minimum.y, minimum.converged, nothing, minimum.evaluations)
+    more_x, more_y = pairwise_crossings(lines)
+    all_x = np.concatenate([start_x[None], np.where(several, more_x, np.nan)])
+    all_y = np.concatenate([start_y[None], np.where(several, more_y, np.nan)])
+    return _ends_from_many(lines, all_x, all_y, max_iterations)
+
+
+def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
+    """Return where the lines of pairs of rows cross, shapes (P, B); not finite where they are parallel.
+
+    All pairs of up to six rows; of more rows the first fifteen in order of their distance in the list.
+    """
+    measurements = lines.origin_x.shape[1]
+    pairs = sorted(combinations(range(measurements), 2), key=lambda pair: (pair[1] - pair[0], pair[0]))[:_MOST_PAIRS]
+    crossings = []
+    for i, j in pairs:
+        determinant = lines.cosine[:, i] * lines.sine[:, j] - lines.sine[:, i] * lines.cosine[:, j]
+        dx, dy = lines.origin_x[:, j] - lines.origin_x[:, i], lines.origin_y[:, j] - lines.origin_y[:, i]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = (dx * lines.sine[:, j] - dy * lines.cosine[:, j]) / determinant
+            x = lines.origin_x[:, i] + along * lines.cosine[:, i]
+            crossings.append((x, lines.origin_y[:, i] + along * lines.sine[:, i]))
+    return np.stack([x for x, _ in crossings]), np.stack([y for _, y in crossings])
+
+
+def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
+    """Return the distinct ends reached from starts (S, B), which may be not finite."""
+    starts, snapshots = start_x.shape
+    many = lines.take(np.tile(np.arange(snapshots), starts))
+    x, y = many.inside_circles(start_x.ravel(), start_y.ravel())
+    minimum = minimize(bearing_problem(many), x, y, max_iterations=max_iterations)
+    shape = start_x.shape
+    cost = np.where(minimum.converged, minimum.cost, np.inf).reshape(shape)
+    stopped = np.where(minimum.converged | np.isnan(minimum.cost), np.inf, minimum.cost).reshape(shape)
+    order = np.argsort(cost, axis=0, kind="stable")
+
+    def ranked(values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        return np.take_along_axis(values.reshape(shape), order, axis=0)
+
+    x, y, cost = ranked(minimum.x), ranked(minimum.y), np.take_along_axis(cost, order, axis=0)
+    metric = Symmetric2x2(*(ranked(part) for part in minimum.hessian))
+    kept = np.isfinite(cost) & ~_repeated(x, y, cost, metric)
+    kept &= np.cumsum(kept, axis=0) <= MAX_ALTERNATIVES
+    kept[0] = True
+    snapshot, rank = np.nonzero(kept.T)
+    return Ends(
+        snapshot,
+        lines.take(snapshot),
+        x[rank, snapshot],
+        y[rank, snapshot],
+        np.isfinite(cost)[rank, snapshot],
+        stopped.min(axis=0)[snapshot],
+        minimum.evaluations.reshape(shape).sum(axis=0)[snapshot],
+    )
+
+
+def _repeated(x: FloatArray, y: FloatArray, cost: FloatArray, metric: Symmetric2x2) -> BoolArray:
+    """Return which of the ends (S, B), in order of their cost, are the same optimum as one before them."""
+    repeated = np.zeros(cost.shape, dtype=bool)
+    for later in range(1, cost.shape[0]):
+        for earlier in range(later):
+            dx, dy = x[later] - x[earlier], y[later] - y[earlier]
+            xx, xy, yy = metric.xx[earlier], metric.xy[earlier], metric.yy[earlier]
+            with np.errstate(invalid="ignore", over="ignore"):
+                near = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy <= _DISTINCT**2
+            repeated[later] |= near & np.isfinite(cost[earlier]) & ~repeated[earlier]
+    return repeated

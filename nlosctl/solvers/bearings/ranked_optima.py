@@ -1,0 +1,90 @@
+"""Solutions with several estimates of a snapshot: judged one by one, ranked, and compared with each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.results import Estimates, Solution
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_ends
+from nlosctl.solvers.bearings.multistart import Ends
+
+__all__ = ["finish_alternatives"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
+
+
+def finish_alternatives(
+    batch: BearingBatch,
+    ends: Ends,
+    snapshot: IntArray,
+    normal: Symmetric2x2,
+    *,
+    min_range_m: float,
+    ambiguous_within: float,
+    held: StatusArray | None = None,
+) -> Solution:
+    """Return the solution of ends of which a ``snapshot`` (E,) may have several; ``normal`` (B,) is that of the lines.
+
+    Ends without an answer are left out unless a snapshot has no other. The first is ``ambiguous`` where the next is
+    less than ``ambiguous_within`` nats worse, or another start stopped at a caustic within that; it counts as not
+    converged where one stopped at a caustic more than that below it.
+    """
+    of_end = Symmetric2x2(normal.xx[snapshot], normal.xy[snapshot], normal.yy[snapshot])
+    verdict = judge_ends(ends.lines, ends.x, ends.y, None, of_end, min_range_m, ends.converged, held)
+    status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
+    rows, alternative = _rank(snapshot, status, cost)
+    status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
+    _compare(status, cost, alternative, ends.rival_cost[rows], ambiguous_within)
+    x, y, lines = ends.x[rows], ends.y[rows], ends.lines.take(rows)
+    position = np.stack([x + lines.center_x, y + lines.center_y], axis=1)
+    spread = np.stack([covariance.xx[rows], covariance.xy[rows], covariance.yy[rows]], axis=1)
+    answered = status <= Status.BOUNDARY
+    estimates = Estimates(
+        row=snapshot,
+        target=np.zeros_like(snapshot),
+        alternative=alternative,
+        position_m=np.where(answered[:, None], position, np.nan),
+        covariance_m2=np.where((status <= Status.INFEASIBLE)[:, None], spread, np.nan),
+        cost=np.where(answered, cost, np.nan),
+        n_used=np.where(answered, batch.measurements, 0),
+        status=status,
+    )
+    flags = None
+    if batch.want_flags:
+        best = np.flatnonzero(alternative == 0)
+        flags = bearing_flags(batch, lines.take(best), status[best], x[best], y[best])
+    return Solution(estimates=estimates, flags=flags)
+
+
+def _rank(snapshot: IntArray, status: StatusArray, cost: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return which ends to keep, by snapshot and best first, and their rank; those without an answer come last."""
+    answered = status <= Status.BOUNDARY
+    order = np.lexsort((np.where(answered, cost, np.inf), ~answered, snapshot))
+    first = np.ones(order.shape, dtype=bool)
+    first[1:] = snapshot[order][1:] != snapshot[order][:-1]
+    kept = first | answered[order]
+    order, first = order[kept], first[kept]
+    place = np.arange(order.shape[0])
+    return order, place - np.maximum.accumulate(np.where(first, place, 0))
+
+
+def _compare(
+    status: StatusArray, cost: FloatArray, alternative: IntArray, rival_cost: FloatArray, ambiguous_within: float
+) -> None:
+    """Write ambiguous and not converged into the status of the first of each snapshot's ends."""
+    best = alternative == 0
+    answered = best & (status <= Status.BOUNDARY)
+    runner_up = np.where(alternative[1:] == 1, cost[1:], np.inf)
+    runner_up = np.minimum(np.append(runner_up, np.inf), rival_cost)
+    with np.errstate(invalid="ignore"):
+        close = runner_up - cost <= ambiguous_within
+        beaten = rival_cost < cost - ambiguous_within
+    status[answered & close & (status == Status.OK)] = Status.AMBIGUOUS
+    status[answered & beaten] = Status.NOT_CONVERGED

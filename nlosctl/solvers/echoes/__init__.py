@@ -1,0 +1,1 @@
+"""Behind `identify-los`: candidates, their assignment, clusters."""

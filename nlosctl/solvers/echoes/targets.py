@@ -1,0 +1,189 @@
+"""Targets found among unlabelled echoes, one snapshot at a time: located, and told to each row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.regions import Region
+from nlosctl.models.ranges import range_circles
+from nlosctl.models.search_regions import search_region
+from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
+from nlosctl.solvers.echoes.type_sets import Gate
+from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
+
+__all__ = ["IDENTIFICATION_FLAGS", "Found", "IdentificationOptions", "identify"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+IDENTIFICATION_FLAGS = ("los", "target", "residual_m")
+_ARRAYS = ("row", "target", "alternative", "position_m", "covariance_m2", "cost", "n_used", "status")
+_MAX_ITERATIONS = 100
+
+Found = IntArray | Status
+"""Echoes (T, N) of the targets found, -1 where a sensor has none of a target; or the status that says why not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentificationOptions:
+    """Parameters that all methods of ``identify-los`` have."""
+
+    gap_tolerance_m: float = option(
+        20.0, unit="m", minimum=0.0, meaning="circles that miss each other by at most this have a point in the gap"
+    )
+    field_margin_m: float = option(
+        20.0, unit="m", minimum=0.0, meaning="points up to this far outside the search field are kept"
+    )
+    max_echoes: int = option(100, minimum=1, meaning="most echoes of one sensor in a snapshot; more are an error")
+    min_range_m: float = option(
+        0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
+    )
+
+
+def identify(batch: RangeBatch, options: IdentificationOptions, find: Callable[[Echoes, Gate], Found]) -> Solution:
+    """Return the targets that ``find`` finds in each snapshot, each located by range least squares.
+
+    A snapshot without a target, or of fewer than three sensors, has one estimate that says so. A row that several
+    targets take is told to be of the first of them.
+    """
+    parts: list[Estimates] = []
+    targets: list[_Target] = []
+    everything = [read_echoes(batch, snapshot, options.max_echoes) for snapshot in range(batch.size)]
+    region = _regions(batch, everything)
+    for snapshot, echoes in enumerate(everything):
+        gate = Gate(region.take(np.array([snapshot])), options.field_margin_m)
+        found = Status.TOO_FEW if echoes.sensors < 3 else find(echoes, gate)
+        if isinstance(found, Status) or not found.shape[0]:
+            parts.append(_nothing(snapshot, found if isinstance(found, Status) else Status.NO_TARGET))
+            continue
+        targets += [
+            _Target(snapshot, number, _rows(echoes, echo), echoes.center_x, echoes.center_y)
+            for number, echo in enumerate(found)
+        ]
+    residuals: dict[_Target, FloatArray] = {}
+    for count in sorted({len(target.rows) for target in targets}):
+        chosen = [target for target in targets if len(target.rows) == count]
+        estimates, left_over = _locate(batch, chosen, region, options)
+        parts.append(estimates)
+        residuals.update(zip(chosen, left_over, strict=True))
+    return Solution(estimates=_join(parts), flags=_flags(batch, targets, residuals) if batch.want_flags else None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """A found target: its snapshot, its number there, the rows of its echoes, and the snapshot's local origin."""
+
+    snapshot: int
+    number: int
+    rows: IntArray
+    center_x: float
+    center_y: float
+
+
+def _regions(batch: RangeBatch, everything: list[Echoes]) -> Region:
+    """Return the search regions (B,) about the local origins of the echoes."""
+    center_x = np.array([echoes.center_x for echoes in everything])
+    center_y = np.array([echoes.center_y for echoes in everything])
+    return search_region(batch.field, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], center_x, center_y)
+
+
+def _rows(echoes: Echoes, echo: IntArray) -> IntArray:
+    seen = np.flatnonzero(echo >= 0)
+    return echoes.row[seen, echo[seen]]
+
+
+def _locate(
+    batch: RangeBatch, targets: list[_Target], region: Region, options: IdentificationOptions
+) -> tuple[Estimates, FloatArray]:
+    """Return the estimates (and alternatives) of targets of n echoes each, and the residuals (T, n).
+
+    An optimum outside the field and its margin gives way to one inside.
+    """
+    snapshot = np.array([target.snapshot for target in targets])
+    dense = _targets_batch(batch, snapshot, np.array([target.rows for target in targets]))
+    circles = range_circles(dense)
+    one, other = optimize_ranges(circles, _MAX_ITERATIONS)
+    offset_x = circles.center_x - np.array([target.center_x for target in targets])
+    offset_y = circles.center_y - np.array([target.center_y for target in targets])
+    own_region = region.take(snapshot)
+    inside = [
+        own_region.edge_distance_m(optimum.x + offset_x, optimum.y + offset_y) >= -options.field_margin_m
+        for optimum in (one, other)
+    ]
+    estimates = finish_range_fix(
+        dense,
+        circles,
+        replace(one, converged=one.converged & (inside[0] | ~inside[1])),
+        replace(other, converged=other.converged & (inside[1] | ~inside[0])),
+        min_range_m=options.min_range_m,
+        ambiguous_within=options.ambiguous_within,
+    ).estimates
+    best = estimates.position_m[estimates.alternative == 0]
+    residual = circles.residual_m(best[:, 0] - circles.center_x, best[:, 1] - circles.center_y)
+    number = np.array([target.number for target in targets])
+    return replace(estimates, row=snapshot[estimates.row], target=number[estimates.row]), residual
+
+
+def _flags(batch: RangeBatch, targets: list[_Target], residuals: dict[_Target, FloatArray]) -> Flags:
+    """Return the flags; where targets share a row, the first of them speaks."""
+    shape = batch.range_m.shape
+    los, number, residual = np.zeros(shape, dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
+    for target in reversed(targets):
+        los[target.snapshot, target.rows] = True
+        number[target.snapshot, target.rows] = target.number
+        residual[target.snapshot, target.rows] = residuals[target]
+    columns = {"los": los, "target": number, "residual_m": residual}
+    return Flags(used=los & np.isfinite(residual), columns=columns)
+
+
+def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> RangeBatch:
+    """Return a batch whose snapshots are targets: ``rows`` (T, n) of the snapshots (T,)."""
+    place = snapshot[:, None], rows
+    return replace(
+        batch,
+        seed=batch.seed[snapshot],
+        want_flags=False,
+        sensor=np.asfortranarray(batch.sensor[place]),
+        sensor_xy_m=np.asfortranarray(batch.sensor_xy_m[place]),
+        range_m=np.asfortranarray(batch.range_m[place]),
+        range_std_m=np.asfortranarray(batch.range_std_m[place]),
+        path=np.asfortranarray(batch.path[place]),
+        sensor_height_m=np.asfortranarray(batch.sensor_height_m[place]),
+    )
+
+
+def _nothing(snapshot: int, status: Status) -> Estimates:
+    nothing = np.full((1, 3), np.nan)
+    estimates = single_estimates(
+        position_m=nothing[:, :2],
+        covariance_m2=nothing,
+        cost=nothing[:, 0],
+        n_used=np.zeros(1, dtype=np.int64),
+        status=np.full(1, status, dtype=np.uint8),
+    )
+    return replace(estimates, row=np.full(1, snapshot, dtype=np.int64))
+
+
+def _no_estimates() -> Estimates:
+    one = _nothing(0, Status.NO_TARGET)
+    return Estimates(**{name: getattr(one, name)[:0] for name in _ARRAYS})
+
+
+def _join(parts: list[Estimates]) -> Estimates:
+    """Return all estimates in order of snapshot, target and alternative."""
+    parts = [_no_estimates(), *parts]
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    order = np.lexsort((joined["alternative"], joined["target"], joined["row"]))
+    return Estimates(**{name: values[order] for name, values in joined.items()})

@@ -1,0 +1,1 @@
+"""Behind `mixture-ml`: the mixture likelihood, its modes, its posterior."""

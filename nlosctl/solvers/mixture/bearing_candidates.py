@@ -1,0 +1,85 @@
+"""Candidates of a block of bearings within the search field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.scene import Scene
+from nlosctl.models.wall_rows import hidden_by_walls
+from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs, cross_rays, end_rays
+from nlosctl.solvers.mixture.outlier_model import OutlierModel
+
+__all__ = ["BearingCandidates"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class BearingCandidates:
+    """Where to start from: crossings of all pairs that may both be direct, and the ends of rays that have a range.
+
+    ``first`` and ``second`` (P,) or (B, P) are the pairs of rows; ``range_m`` (B, K) is NaN in rows without one, None
+    where no row has one.
+    """
+
+    model: OutlierModel
+    first: IntArray
+    second: IntArray
+    range_m: FloatArray | None
+    scene: Scene | None
+    sensor_x: FloatArray
+    sensor_y: FloatArray
+
+    @classmethod
+    def of(
+        cls, batch: BearingBatch, model: OutlierModel, *, max_pairs: int, exclude_behind_walls: bool
+    ) -> BearingCandidates:
+        """Return the candidates of a grouped batch with its model."""
+        first, second = choose_pairs(batch.seed, batch.measurements, max_pairs)
+        return cls(
+            model,
+            first,
+            second,
+            model.measured_m,
+            batch.scene if exclude_behind_walls else None,
+            batch.sensor_xy_m[..., 0] - model.lines.center_x[:, None],
+            batch.sensor_xy_m[..., 1] - model.lines.center_y[:, None],
+        )
+
+    @property
+    def count(self) -> int:
+        """The number of candidates of each snapshot."""
+        ends = 0 if self.range_m is None else self.range_m.shape[1]
+        return int(self.first.shape[-1]) + ends
+
+    def points(self, rows: IntArray) -> Candidates:
+        """Return the candidates of some snapshots."""
+        lines = self.model.lines.take(rows)
+        share, leader = self.model.share[rows], self.model.leader[rows]
+        first, second = (place if place.ndim == 1 else place[rows] for place in (self.first, self.second))
+        crossings = cross_rays(lines, first, second)
+        if first.ndim == 1:
+            may = (share[:, first] > 0.0) & (share[:, second] > 0.0) & (leader[:, first] != leader[:, second])
+        else:
+            snapshot = np.arange(rows.shape[0])[:, None]
+            may = (share[snapshot, first] > 0.0) & (share[snapshot, second] > 0.0)
+            may &= leader[snapshot, first] != leader[snapshot, second]
+        parts = [Candidates(crossings.x, crossings.y, crossings.valid & may)]
+        if self.range_m is not None:
+            ends = end_rays(lines, self.range_m[rows])
+            parts.append(Candidates(ends.x, ends.y, ends.valid & (share > 0.0)))
+        return Candidates.join(parts)
+
+    def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which points (b, P) of some snapshots are in the search field, and not hidden where that counts."""
+        allowed = self.model.region.take(rows).contains(x, y)
+        if self.scene is not None:
+            center_x, center_y = self.model.lines.center_x[rows], self.model.lines.center_y[rows]
+            allowed &= ~hidden_by_walls(self.scene, self.sensor_x[rows], self.sensor_y[rows], x, y, center_x, center_y)
+        return allowed

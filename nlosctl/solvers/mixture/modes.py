@@ -1,0 +1,256 @@
+"""The modes of a mixture likelihood: score all candidates, follow the best few downhill, rank what is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.bearings.ray_crossings import Candidates
+from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, Starts, choose_starts, leave_out_slope
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
+from nlosctl.solvers.optimization.problem import Evaluation
+
+__all__ = ["Modes", "find_modes"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+Allowed = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
+
+_POINTS = 8192
+"""So many points are scored at once, that temporaries stay in the cache."""
+
+_SECTION = 1 << 18
+"""So many points are kept at once: long blocks with many candidates are searched in sections."""
+
+_TIE_DIGITS = 5
+"""Costs that agree to so many digits after the point, in nats, are equal."""
+
+_DRAWN = 0.1
+"""A start that has come to within so many standard deviations of a known mode leads there."""
+
+_SAME = 0.05
+"""Modes closer than so many standard deviations are one."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Up to T modes (B, T) of each snapshot, the most likely first.
+
+    x, y in metres about the local origin; ``cost`` in nats, infinite where there is no such mode. ``hessian`` holds
+    the second derivatives of the cost. ``candidates`` (B,) tells whether there was any candidate, ``held`` (B,) that
+    every way downhill left the search field and the points are where it was held back at the edge.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    hessian: Symmetric2x2
+    candidates: BoolArray
+    held: BoolArray
+
+
+def find_modes(
+    mixture: Mixture,
+    candidates: Callable[[IntArray], Candidates],
+    points: int,
+    allowed: Allowed,
+    *,
+    most: int,
+    gap: float,
+) -> Modes:
+    """Return the modes of B mixtures, at most ``most`` each.
+
+    ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` tells
+    which points (b, P) are in the search field. Candidates costlier than the best by more than ``gap`` nats are not
+    followed, nor those on the slope of a mode that is known.
+    """
+    size = mixture.obstructed.shape[0]
+    search = _Search(mixture, allowed, _Found.nothing(size, most))
+    if points > 0:
+        section = max(1, _SECTION // points)
+        for first in range(0, size, section):
+            rows = np.arange(first, min(first + section, size))
+            search.run(_score(mixture, candidates, allowed, rows, points), rows, gap)
+        search.hold_back()
+    return _rank(search.found)
+
+
+def _score(
+    mixture: Mixture,
+    candidates: Callable[[IntArray], Candidates],
+    allowed: Allowed,
+    rows: IntArray,
+    points: int,
+) -> Scores:
+    """Return the candidates of some snapshots with their cost, infinite where there is none."""
+    scored = []
+    block = max(1, _POINTS // points)
+    for first in range(0, rows.shape[0], block):
+        part = rows[first : first + block]
+        found = candidates(part)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+            cost = mixture.take(part).score(found.x, found.y)
+            cost[~(found.valid & allowed(part, found.x, found.y))] = np.inf
+        scored.append((found.x, found.y, cost))
+    return Scores(*(np.concatenate([part[number].T for part in scored], axis=1).T for number in range(3)))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What was followed (B, T): where from, whether at all, and the ends, of infinite cost where there is none.
+
+    ``settled`` tells which ends are smooth minima, ``held`` (B,) where the starts were held back at the field's edge.
+    """
+
+    start_x: FloatArray
+    start_y: FloatArray
+    usable: BoolArray
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    hessian: Symmetric2x2
+    settled: BoolArray
+    held: BoolArray
+
+    @classmethod
+    def nothing(cls, size: int, most: int) -> _Found:
+        start_x, start_y, x, y, xx, xy, yy = (np.full((size, most), np.nan) for _ in range(7))
+        usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
+        cost, held = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
+        return cls(start_x, start_y, usable, x, y, cost, Symmetric2x2(xx, xy, yy), settled, held)
+
+    def begin(self, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray) -> None:
+        """Keep starts (N,) of some snapshots."""
+        self.start_x[snapshot, place], self.start_y[snapshot, place] = x, y
+        self.usable[snapshot, place] = True
+
+    def finish(
+        self, end: Minimum, least_cost: FloatArray, snapshot: IntArray, place: IntArray, inside: BoolArray
+    ) -> None:
+        """Keep where starts (N,) came to rest, if that is ``inside`` the field."""
+        good = np.isfinite(end.cost) & inside
+        self.cost[snapshot, place] = np.where(good, end.cost + least_cost, np.inf)
+        self.settled[snapshot, place] = good & end.converged
+        own = (self.x, self.y, self.hessian.xx, self.hessian.xy, self.hessian.yy)
+        for part, value in zip(own, (end.x, end.y, end.hessian.xx, end.hessian.xy, end.hessian.yy), strict=True):
+            part[snapshot, place] = value
+
+    def first(self, snapshot: IntArray) -> Mode:
+        """Return the modes to which the first starts of some snapshots led; NaN where they did not settle."""
+        settled = self.settled[snapshot, 0]
+        parts = (self.x, self.y, self.cost, self.hessian.xx, self.hessian.xy, self.hessian.yy)
+        x, y, cost, xx, xy, yy = (np.where(settled, part[snapshot, 0], np.nan) for part in parts)
+        return Mode(x, y, cost, Symmetric2x2(xx, xy, yy))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The mixtures of a block, which points are in the field, and what has been found."""
+
+    mixture: Mixture
+    allowed: Allowed
+    found: _Found
+
+    def run(self, scores: Scores, rows: IntArray, gap: float) -> None:
+        """Follow the best candidate of each of the snapshots ``rows``, then others that don't lead to its mode."""
+        place, best = scores.lowest()
+        some = np.flatnonzero(np.isfinite(best))
+        rows, scores, place, best = rows[some], scores.take(some), place[some], best[some]
+        self._follow_best(rows, *scores.at(place))
+        more = self.found.cost.shape[1] - 1
+        if more:
+            scores.leave_out(place)
+            leave_out_slope(scores, self.found.first(rows))
+            self._follow_others(choose_starts(self.mixture, rows, scores, best + gap, more))
+
+    def hold_back(self) -> None:
+        """Follow the starts again where every way downhill left the field, held back at its edge."""
+        found = self.found
+        lost: BoolArray = np.any(found.usable, axis=1) & ~np.any(np.isfinite(found.cost), axis=1)
+        snapshot, place = np.nonzero(found.usable & lost[:, None])
+        if snapshot.size:
+            found.held[lost] = True
+            problem = _Bounded(self.mixture.take(snapshot), snapshot, self.allowed)
+            end = minimize(problem, found.start_x[snapshot, place], found.start_y[snapshot, place])
+            self._finish(end, snapshot, place)
+
+    def _follow_best(self, rows: IntArray, x: FloatArray, y: FloatArray) -> None:
+        place = np.zeros_like(rows)
+        self.found.begin(rows, place, x, y)
+        self._finish(minimize(self.mixture.take_rows(rows), x, y), rows, place)
+
+    def _follow_others(self, starts: Starts) -> None:
+        """Follow starts, each until it is seen to lead to the mode that is known."""
+        snapshot, place = starts.snapshot, starts.place + 1
+        self.found.begin(snapshot, place, starts.x, starts.y)
+        known = self.found.first(snapshot)
+
+        def drawn(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+            hessian = Symmetric2x2(known.hessian.xx[rows], known.hessian.xy[rows], known.hessian.yy[rows])
+            return _squared_length(hessian, x - known.x[rows], y - known.y[rows]) < _DRAWN * _DRAWN
+
+        end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=drawn)
+        new = np.flatnonzero(~drawn(np.arange(snapshot.shape[0]), end.x, end.y))
+        self._finish(end.take(new), snapshot[new], place[new])
+
+    def _finish(self, end: Minimum, snapshot: IntArray, place: IntArray) -> None:
+        inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
+        self.found.finish(end, self.mixture.least_cost[snapshot], snapshot, place, inside)
+
+
+def _squared_length(matrix: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
+    with np.errstate(invalid="ignore", over="ignore"):
+        squared: FloatArray = matrix.xx * dx * dx + 2.0 * matrix.xy * dx * dy + matrix.yy * dy * dy
+    return squared
+
+
+@dataclass(frozen=True)
+class _Bounded:
+    """Mixtures (N,) of some snapshots whose cost is infinite outside the search field."""
+
+    mixture: Mixture
+    snapshot: IntArray
+    allowed: Allowed
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        at = self.mixture.evaluate(x, y)
+        inside = self.allowed(self.snapshot, x[:, None], y[:, None])[:, 0]
+        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian, at.exact)
+
+    def take(self, rows: IntArray) -> _Bounded:
+        return _Bounded(self.mixture.take(rows), self.snapshot[rows], self.allowed)
+
+
+def _rank(found: _Found) -> Modes:
+    """Return what was found by rising cost, without repetitions."""
+    hessian = found.hessian
+    parts = [found.x, found.y, hessian.xx, hessian.xy, hessian.yy]
+    parts, cost = _sort(parts, found.cost)
+    x, y, xx, xy, yy = parts
+    repeated = np.zeros(cost.shape, dtype=bool)
+    for t in range(cost.shape[1] - 1):
+        if not np.isfinite(cost[:, t + 1]).any():
+            break
+        dx, dy = x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None]
+        hessian = Symmetric2x2(xx[:, t, None], xy[:, t, None], yy[:, t, None])
+        repeated[:, t + 1 :] |= _squared_length(hessian, dx, dy) < _SAME * _SAME
+    cost[repeated] = np.inf
+    (x, y, xx, xy, yy), cost = _sort(parts, cost)
+    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), np.asarray(found.usable.any(axis=1)), found.held)
+
+
+def _sort(parts: list[FloatArray], cost: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """Return arrays (B, T), of which the first two are x and y, by rising cost.
+
+    Modes that are equally likely but for rounding come by their distance: where two circles cross, both crossings are
+    equally likely when every other row is an outlier.
+    """
+    x, y = parts[:2]
+    order = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
+    return [np.take_along_axis(part, order, axis=1) for part in parts], np.take_along_axis(cost, order, axis=1)

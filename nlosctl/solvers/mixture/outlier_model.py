@@ -1,0 +1,145 @@
+"""The outlier model of a block of bearings: shares, densities, groups of paths, minimum ranges, the search field."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from math import log, pi, radians, sqrt
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import erf
+
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.geometry.blocks import gather_rows, max_measurements, sum_measurements
+from nlosctl.geometry.regions import Region
+from nlosctl.models.bearings import SightLines, sight_lines
+from nlosctl.models.search_regions import search_region
+from nlosctl.solvers.bearings.fix_status import nearly_singular
+from nlosctl.solvers.bearings.joint_range_bearing import range_columns
+from nlosctl.solvers.bearings.line_fits import fit_least_squares
+from nlosctl.solvers.bearings.row_terms import DirectBearings
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
+from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
+
+__all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+_MINIMUM_RANGE_SHARE = 0.005
+"""Minimum range, unless given, in units of the larger side of the box of the sensors."""
+
+
+@dataclass(frozen=True)
+class OutlierModel:
+    """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
+
+    ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the
+    diagonal of the search field, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN
+    in rows without a range, None where no row has one.
+    """
+
+    lines: SightLines
+    mixture: Mixture
+    leader: IntArray
+    share: FloatArray
+    region: Region
+    minimum_range_m: FloatArray
+    extent_m: FloatArray
+    sensor_extent_m: FloatArray
+    measured_m: FloatArray | None
+    range_std_m: FloatArray | None
+
+    def take(self, rows: IntArray) -> OutlierModel:
+        """Return the model of some snapshots."""
+        return OutlierModel(
+            lines=self.lines.take(rows),
+            mixture=self.mixture.take(rows),
+            leader=gather_rows(self.leader, rows),
+            share=gather_rows(self.share, rows),
+            region=self.region.take(rows),
+            minimum_range_m=self.minimum_range_m[rows],
+            extent_m=self.extent_m[rows],
+            sensor_extent_m=self.sensor_extent_m[rows],
+            measured_m=None if self.measured_m is None else gather_rows(self.measured_m, rows),
+            range_std_m=None if self.range_std_m is None else gather_rows(self.range_std_m, rows),
+        )
+
+    def uninformative(self) -> BoolArray:
+        """Return where the rows (B,) can't say where a source is, whatever they read.
+
+        That is: parallel lines, or all sensors at one place, and no range.
+        """
+        nothing = nearly_singular(fit_least_squares(self.lines).normal)
+        nothing |= _larger_side(self.lines.origin_x, self.lines.origin_y) <= 0.0
+        if self.measured_m is not None:
+            nothing &= np.isnan(self.measured_m).all(axis=1)
+        return nothing
+
+
+def has_several_paths(batch: BearingBatch) -> BoolArray:
+    """Return in which snapshots (B,) some sensor has several paths, of which at most one is direct."""
+    several: BoolArray = np.asarray((_groups(batch).size > 1).any(axis=1))
+    return several
+
+
+def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
+    """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
+    groups = _groups(batch)
+    names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
+    arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
+    sorted_arrays: dict[str, Any] = {
+        name: sort_rows(array, groups) for name, array in arrays.items() if array is not None
+    }
+    return dataclasses.replace(batch, **sorted_arrays), groups
+
+
+def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutlierOptions) -> OutlierModel:
+    """Return the model of a grouped batch: outlier share alpha and density 1 / field of view, equation (23).
+
+    The direct density is (1), Gaussian and truncated to a right angle on either side. A row with a range has the
+    product of both densities, as an outlier too: its range is then uniform over the search field's diagonal.
+    """
+    lines = sight_lines(batch)
+    sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
+    region = search_region(batch.field, sensor_x, sensor_y, lines.center_x, lines.center_y)
+    xmin, xmax, ymin, ymax = region.bounds_m
+    extent = np.hypot(xmax - xmin, ymax - ymin)
+    sensor_extent = _larger_side(sensor_x, sensor_y)
+    least = options.min_range_m
+    minimum = _MINIMUM_RANGE_SHARE * sensor_extent if least is None else np.full(extent.shape, least)
+    minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
+    share = sort_rows(path_shares(groups, options.path_prior), groups)
+    fov = radians(options.field_of_view_deg)
+    with np.errstate(divide="ignore"):
+        log_direct = np.log(share * (1.0 - options.alpha)) - np.log(
+            lines.std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * lines.std_rad))
+        )
+    log_nlos = np.full(extent.shape, -batch.measurements * log(fov))
+    ranges = range_columns(batch, options.use_ranges)
+    if ranges is not None:
+        known = np.isfinite(ranges[0])
+        with np.errstate(divide="ignore"):
+            log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
+            log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
+    rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=options.range_noise == "lognormal")
+    mixture = Mixture.of(rows, log_direct, np.full(extent.shape, options.alpha), groups.last, log_nlos)
+    leader = sort_rows(groups.leader, groups)
+    return OutlierModel(
+        lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
+    )
+
+
+def _groups(batch: BearingBatch) -> PathGroups:
+    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
+    return group_paths(keys, batch.path)
+
+
+def _larger_side(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the larger side (B,) of the box of points (B, K)."""
+    return np.maximum(max_measurements(x) + max_measurements(-x), max_measurements(y) + max_measurements(-y))

@@ -1,0 +1,202 @@
+"""Ranges of one source of which some are outliers: the rows of the mixture, its model, and where to start from."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from math import log, pi, sqrt
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.fields import SensorsField
+from nlosctl.geometry.blocks import gather_rows, max_measurements
+from nlosctl.geometry.circle_crossings import cross_circles
+from nlosctl.geometry.regions import BoxRegion, Region
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.ranges import RangeCircles, range_circles
+from nlosctl.models.search_regions import search_region
+from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
+from nlosctl.solvers.optimization.problem import RowDerivatives
+
+__all__ = ["DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class DirectRanges:
+    """Rows (B, K) of ranges as the mixture needs them: Gaussian about the distance from the sensor."""
+
+    circles: RangeCircles
+
+    def take(self, rows: IntArray) -> DirectRanges:
+        """Return the rows of some snapshots; a snapshot may be named several times."""
+        part = self.circles
+        return DirectRanges(
+            RangeCircles(
+                center_x=part.center_x[rows],
+                center_y=part.center_y[rows],
+                sensor_x=gather_rows(part.sensor_x, rows),
+                sensor_y=gather_rows(part.sensor_y, rows),
+                range_m=gather_rows(part.range_m, rows),
+                std_m=gather_rows(part.std_m, rows),
+                height=None if part.height is None else gather_rows(part.height, rows),
+            )
+        )
+
+    def misfit(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square of row ``k`` at points (B, P)."""
+        misfit, across = x - self.circles.sensor_x[:, k, None], y - self.circles.sensor_y[:, k, None]
+        misfit *= misfit
+        across *= across
+        misfit += across
+        if self.circles.height is not None:
+            misfit += self.circles.height[:, k, None] ** 2
+        np.sqrt(misfit, out=misfit)
+        misfit -= self.circles.range_m[:, k, None]
+        misfit *= sqrt(0.5) / self.circles.std_m[:, k, None]
+        misfit *= misfit
+        return misfit
+
+    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+        """Return half the chi-square of row ``k`` at points (B,), and its derivatives."""
+        part = self.circles
+        dx, dy = x - part.sensor_x[:, k], y - part.sensor_y[:, k]
+        height = 0.0 if part.height is None else part.height[:, k]
+        distance = np.maximum(np.sqrt(dx * dx + dy * dy + height * height), np.finfo(np.float64).tiny)
+        precision = 1.0 / part.std_m[:, k]
+        scaled = (distance - part.range_m[:, k]) * precision
+        u, v = dx / distance, dy / distance
+        gain, bend = precision * precision, scaled * precision / distance
+        gauss = Symmetric2x2(gain * u * u, gain * u * v, gain * v * v)
+        hessian = Symmetric2x2(
+            gauss.xx + bend * (1.0 - u * u), gauss.xy - bend * u * v, gauss.yy + bend * (1.0 - v * v)
+        )
+        return RowDerivatives(0.5 * scaled * scaled, scaled * precision * u, scaled * precision * v, gauss, hessian)
+
+
+@dataclass(frozen=True)
+class RangeOutlierModel:
+    """A block of ranges with all that the mixture needs; shapes (B,) and (B, K).
+
+    ``share`` is each row's probability to be the direct one of its group, given that one is.
+    """
+
+    circles: RangeCircles
+    mixture: Mixture
+    leader: IntArray
+    share: FloatArray
+    region: Region
+
+
+def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
+    """Return the batch with the numbered paths of each sensor next to each other, and its groups in the file's order.
+
+    Rows without a path number are repeated measurements, each in a group of its own.
+    """
+    alone = np.where(batch.path < 0, np.arange(batch.measurements), -1)
+    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_height_m, alone]
+    groups = group_paths(keys, batch.path)
+    names = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "sensor_height_m")
+    arrays: dict[str, Any] = {name: sort_rows(getattr(batch, name), groups) for name in names}
+    return dataclasses.replace(batch, **arrays), groups
+
+
+def range_outlier_model(
+    batch: RangeBatch, groups: PathGroups, *, alpha: float, nlos_density_per_m: float | None, path_prior: str
+) -> RangeOutlierModel:
+    """Return the model of a grouped batch: a share ``alpha`` of outliers, whose range has a uniform density.
+
+    The density is one over the diagonal of the search field where none is given.
+    """
+    circles = range_circles(batch)
+    region = _region(batch, circles)
+    xmin, xmax, ymin, ymax = region.bounds_m
+    extent = np.hypot(xmax - xmin, ymax - ymin)
+    log_density = np.full(extent.shape, log(nlos_density_per_m)) if nlos_density_per_m else -np.log(extent)
+    share = sort_rows(path_shares(groups, path_prior), groups)
+    with np.errstate(divide="ignore"):
+        log_direct = np.log(share * (1.0 - alpha)) - np.log(circles.std_m * sqrt(2.0 * pi)) - log_density[:, None]
+    mixture = Mixture.of(
+        DirectRanges(circles),
+        log_direct,
+        np.full(extent.shape, alpha),
+        groups.last,
+        batch.measurements * log_density,
+    )
+    return RangeOutlierModel(circles, mixture, sort_rows(groups.leader, groups), share, region)
+
+
+def _region(batch: RangeBatch, circles: RangeCircles) -> Region:
+    """Return the search regions; ranges reach where they reach, so a field of the sensors holds the longest of them."""
+    sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
+    region = search_region(batch.field, sensor_x, sensor_y, circles.center_x, circles.center_y)
+    if not isinstance(batch.field, SensorsField):
+        return region
+    reach = max_measurements(batch.range_m)
+    x, y = circles.sensor_x, circles.sensor_y
+    xmin, xmax, ymin, ymax = region.bounds_m
+    return BoxRegion(
+        np.minimum(xmin, -max_measurements(-x) - reach),
+        np.maximum(xmax, max_measurements(x) + reach),
+        np.minimum(ymin, -max_measurements(-y) - reach),
+        np.maximum(ymax, max_measurements(y) + reach),
+    )
+
+
+@dataclass(frozen=True)
+class RangeCandidates:
+    """Where to start from: both crossings of the circles of all pairs of rows that may both be direct.
+
+    ``first`` and ``second`` (P,) or (B, P) are the pairs. ``degenerate`` (B,) tells where all sensors are at one place.
+    """
+
+    model: RangeOutlierModel
+    first: IntArray
+    second: IntArray
+    degenerate: BoolArray
+
+    @classmethod
+    def of(cls, batch: RangeBatch, model: RangeOutlierModel, max_pairs: int) -> RangeCandidates:
+        """Return the candidates of a grouped batch with its model."""
+        first, second = choose_pairs(batch.seed, batch.measurements, max_pairs)
+        x, y = model.circles.sensor_x, model.circles.sensor_y
+        away = np.maximum(np.abs(x - x[:, :1]), np.abs(y - y[:, :1]))
+        return cls(model, first, second, max_measurements(away) == 0.0)
+
+    @property
+    def count(self) -> int:
+        """The number of candidates of each snapshot."""
+        return 2 * int(self.first.shape[-1])
+
+    def points(self, rows: IntArray) -> Candidates:
+        """Return the candidates of some snapshots; circles that miss each other have one between them."""
+        circles = self.model.circles
+        first, second = (place if place.ndim == 1 else place[rows] for place in (self.first, self.second))
+        squared = circles.squared_in_plane()
+
+        def gather(values: npt.NDArray[ScalarT], place: IntArray) -> npt.NDArray[ScalarT]:
+            return values[rows[:, None], place]
+
+        centers = [
+            np.stack([gather(circles.sensor_x, place), gather(circles.sensor_y, place)], axis=-1)
+            for place in (first, second)
+        ]
+        radii = [np.sqrt(np.maximum(gather(squared, place), 0.0)) for place in (first, second)]
+        points = cross_circles(centers[0], radii[0], centers[1], radii[1], gap_tolerance=np.inf)
+        may = (gather(self.model.share, first) > 0.0) & (gather(self.model.share, second) > 0.0)
+        may &= gather(self.model.leader, first) != gather(self.model.leader, second)
+        x, y = (np.concatenate([points[..., 0, axis], points[..., 1, axis]], axis=1) for axis in (0, 1))
+        return Candidates(x, y, np.isfinite(x) & np.concatenate([may, may], axis=1))
+
+    def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which points (b, P) of some snapshots are in the search field."""
+        return self.model.region.take(rows).contains(x, y)

@@ -1,0 +1,150 @@
+"""Ranked alternatives of each snapshot as a solution: statuses, estimates, flags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.results import Estimates, Flags
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.modes import Modes
+from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
+
+__all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
+
+_CHANCE = 2
+"""So many rows always agree on some point."""
+
+_ROUNDING = 1e-10
+"""Determinants of covariances below this share of xx yy are rounding: the information was singular."""
+
+
+@dataclass(frozen=True)
+class RankedFixes:
+    """Up to T fixes (B, T) of each snapshot, the most likely first; ``cost`` is infinite where there is none."""
+
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    covariance: Symmetric2x2
+    n_used: IntArray
+
+
+def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:
+    """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
+    snapshot, place = np.nonzero(np.isfinite(modes.cost))
+    probability, information = mixture.take(snapshot).responsibilities(
+        modes.x[snapshot, place], modes.y[snapshot, place]
+    )
+    covariance = information.inverse()
+    parts = [np.full(modes.cost.shape, np.nan) for _ in range(3)]
+    for part, values in zip(parts, (covariance.xx, covariance.xy, covariance.yy), strict=True):
+        part[snapshot, place] = values
+    n_used = np.zeros(modes.cost.shape, dtype=np.int64)
+    n_used[snapshot, place] = np.count_nonzero(probability > 0.5, axis=1)
+    best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
+    best[snapshot[place == 0]] = probability[place == 0]
+    return RankedFixes(modes.x, modes.y, modes.cost, Symmetric2x2(*parts), n_used), best
+
+
+def ranked_status(
+    fixes: RankedFixes,
+    candidates: BoolArray,
+    degenerate: BoolArray,
+    ambiguous_within: float,
+    held: BoolArray | None = None,
+    *,
+    unordered: BoolArray | None = None,
+    ambiguous_rows: int = 0,
+) -> StatusArray:
+    """Return the status (B,).
+
+    ambiguous: another fix is within ``ambiguous_within`` nats; or, where ``unordered`` (B,) says that sensors have
+    several paths in no known order, at most ``ambiguous_rows`` rows fewer agree on it: how many sensors see the source
+    and how many its image in a mirror does not tell which is which.
+
+    ``candidates`` (B,) tells whether there was any point to start from in the search field; a fix that rests on no row
+    (all are held to be outliers) is none either. ``degenerate`` (B,)
+    whether the rows can't say where the source is, whatever they read, ``held`` (B,) whether the fixes were held back
+    at the edge of the search field.
+    """
+    status = np.full(candidates.shape, Status.OK, dtype=np.uint8)
+    covariance = fixes.covariance
+    with np.errstate(invalid="ignore"):
+        if fixes.cost.shape[1] > 1:
+            status[fixes.cost[:, 1] - fixes.cost[:, 0] <= ambiguous_within] = Status.AMBIGUOUS
+            if unordered is not None:
+                others = np.where(np.isfinite(fixes.cost), fixes.n_used, 0)[:, 1:].max(axis=1)
+                rivalled = (others > _CHANCE) & (others >= fixes.n_used[:, 0] - ambiguous_rows)
+                status[unordered & rivalled] = Status.AMBIGUOUS
+    status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
+    if held is not None:
+        status[held] = Status.BOUNDARY
+    status[~np.isfinite(fixes.cost[:, 0])] = Status.NOT_CONVERGED
+    status[np.isfinite(fixes.cost[:, 0]) & (fixes.n_used[:, 0] == 0)] = Status.NO_CANDIDATE
+    status[~candidates] = Status.NO_CANDIDATE
+    status[degenerate] = Status.DEGENERATE
+    return status
+
+
+def ranked_estimates(
+    fixes: RankedFixes, status: StatusArray, center_x: FloatArray, center_y: FloatArray, covariance_kind: str
+) -> Estimates:
+    """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status."""
+    answered = status <= Status.BOUNDARY
+    covariance = fixes.covariance
+    written = np.isfinite(fixes.cost) & answered[:, None] & _sound(covariance)
+    written &= (status != Status.BOUNDARY)[:, None]
+    written[:, 0] = True
+    row, alternative = np.nonzero(written)
+    has_position = answered[row]
+
+    def pick(values: FloatArray) -> FloatArray:
+        return np.where(has_position, values[row, alternative], np.nan)
+
+    spread = np.stack([pick(covariance.xx), pick(covariance.xy), pick(covariance.yy)], axis=1)
+    before = np.cumsum(written, axis=1) - 1
+    return Estimates(
+        row=row.astype(np.int64),
+        target=np.zeros(row.shape, dtype=np.int64),
+        alternative=before[row, alternative].astype(np.int64),
+        position_m=np.stack([pick(fixes.x) + center_x[row], pick(fixes.y) + center_y[row]], axis=1),
+        covariance_m2=np.where((status <= Status.INFEASIBLE)[row][:, None], spread, np.nan),
+        cost=pick(fixes.cost),
+        n_used=np.where(has_position, fixes.n_used[row, alternative], 0),
+        status=status[row],
+        covariance_kind=covariance_kind,
+    )
+
+
+def _sound(covariance: Symmetric2x2) -> BoolArray:
+    """Return which covariances are of an ellipse, with more to their determinant than rounding."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)
+        sound &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+    return sound
+
+
+def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:
+    """Return the flags of the best fix: ``los`` (B, K), which is also ``used``, and columns of numbers (B, K).
+
+    They come in the order of the groups and go in that of the file. A snapshot without an answer uses no row and says
+    nothing of any.
+    """
+    los = restore_rows(los, groups)
+    answered = (status <= Status.BOUNDARY)[:, None]
+    said = np.full(los.shape, None, dtype=object)
+    np.copyto(said, los, where=np.broadcast_to(answered, los.shape))
+    columns: dict[str, npt.NDArray[np.generic]] = {"los": said}
+    columns.update({name: np.where(answered, restore_rows(values, groups), np.nan) for name, values in numbers.items()})
+    return Flags(used=los & answered, columns=columns)

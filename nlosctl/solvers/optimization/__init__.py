@@ -1,0 +1,1 @@
+"""Iterations that every likelihood shares."""

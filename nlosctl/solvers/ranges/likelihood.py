@@ -1,0 +1,135 @@
+"""Ranges as batched least-squares problems: of the ranges, and of their squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.blocks import sum_measurements, take_rows
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.optimization.problem import Evaluation
+
+__all__ = ["RangeProblem", "SquaredRangeProblem"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_LEAST_SHARE = 0.01
+"""Newton's matrix is trusted when its determinant is at least this share of Gauss-Newton's."""
+
+
+@dataclass(frozen=True)
+class RangeProblem:
+    """Half the chi-square of ranges (B, K) as a function of a point about the local origin; equation (8)."""
+
+    sensor_x: FloatArray
+    sensor_y: FloatArray
+    range_m: FloatArray
+    inverse_std: FloatArray
+    height: FloatArray | None
+
+    @classmethod
+    def of_circles(cls, circles: RangeCircles) -> RangeProblem:
+        """Return the problem of a block of circles."""
+        return cls(circles.sensor_x, circles.sensor_y, circles.range_m, 1.0 / circles.std_m, circles.height)
+
+    def take(self, rows: IntArray) -> RangeProblem:
+        """Return the problems of some rows, in Fortran order."""
+        return RangeProblem(
+            take_rows(self.sensor_x, rows),
+            take_rows(self.sensor_y, rows),
+            take_rows(self.range_m, rows),
+            take_rows(self.inverse_std, rows),
+            None if self.height is None else take_rows(self.height, rows),
+        )
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        """Return cost, gradient and Newton's matrix, or the Gauss-Newton matrix where that is not positive definite.
+
+        The gradient of a range is the unit vector u from its sensor; Newton's matrix adds the residual times the
+        bending of the range, (I - u u') / range. Without it a fit with large residuals, such as a mirror image,
+        creeps. One measurement after the other, so that all temporaries stay in the near caches.
+        """
+        cost, gradient_x, gradient_y, xx, xy, yy, bend, bent_xx, bent_xy, bent_yy = (
+            np.zeros(x.shape) for _ in range(10)
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for k in range(self.sensor_x.shape[1]):
+                inverse_std = self.inverse_std[:, k]
+                dx, dy = x - self.sensor_x[:, k], y - self.sensor_y[:, k]
+                distance = dx * dx + dy * dy
+                if self.height is not None:
+                    distance += self.height[:, k] * self.height[:, k]
+                np.sqrt(distance, out=distance)
+                residual = (distance - self.range_m[:, k]) * inverse_std
+                scale = inverse_std / distance
+                slope_x, slope_y = dx * scale, dy * scale
+                share = residual / (inverse_std * distance)
+                cost += residual * residual
+                gradient_x += residual * slope_x
+                gradient_y += residual * slope_y
+                product_xx, product_xy, product_yy = slope_x * slope_x, slope_x * slope_y, slope_y * slope_y
+                xx += product_xx
+                xy += product_xy
+                yy += product_yy
+                bend += residual * scale
+                bent_xx += share * product_xx
+                bent_xy += share * product_xy
+                bent_yy += share * product_yy
+            simple = Symmetric2x2(xx, xy, yy)
+            newton = Symmetric2x2(xx + bend - bent_xx, xy - bent_xy, yy + bend - bent_yy)
+            return Evaluation.of_newton(0.5 * cost, gradient_x, gradient_y, newton, simple, _LEAST_SHARE)
+
+
+@dataclass(frozen=True)
+class SquaredRangeProblem:
+    """Half the weighted sum of squared differences of squared ranges (B, K); equation (9)."""
+
+    sensor_x: FloatArray
+    sensor_y: FloatArray
+    squared_range: FloatArray
+    inverse_scale: FloatArray
+
+    @classmethod
+    def of_circles(cls, circles: RangeCircles) -> SquaredRangeProblem:
+        """Return the problem of a block of circles, with weights proportional to 1 / std^2.
+
+        The differences are divided by 2 std times the snapshot's mean range, which makes them about as large as
+        scaled residuals of ranges are.
+        """
+        mean_range = sum_measurements(circles.range_m) / circles.range_m.shape[1]
+        scale = 2.0 * circles.std_m * mean_range[:, None]
+        return cls(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / scale)
+
+    def take(self, rows: IntArray) -> SquaredRangeProblem:
+        """Return the problems of some rows, in Fortran order."""
+        return SquaredRangeProblem(
+            *(
+                take_rows(array, rows)
+                for array in (self.sensor_x, self.sensor_y, self.squared_range, self.inverse_scale)
+            )
+        )
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        """Return cost, gradient and Gauss-Newton matrix."""
+        dx, dy = x[:, None] - self.sensor_x, y[:, None] - self.sensor_y
+        residual = (dx * dx + dy * dy - self.squared_range) * self.inverse_scale
+        dx *= 2.0 * self.inverse_scale
+        dy *= 2.0 * self.inverse_scale
+        return _gauss_newton(residual, dx, dy)
+
+
+def _gauss_newton(residual: FloatArray, slope_x: FloatArray, slope_y: FloatArray) -> Evaluation:
+    return Evaluation(
+        0.5 * sum_measurements(residual * residual),
+        sum_measurements(residual * slope_x),
+        sum_measurements(residual * slope_y),
+        Symmetric2x2(
+            sum_measurements(slope_x * slope_x),
+            sum_measurements(slope_x * slope_y),
+            sum_measurements(slope_y * slope_y),
+        ),
+    )

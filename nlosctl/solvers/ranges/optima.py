@@ -1,0 +1,190 @@
+"""What range methods do with an optimum and its mirror image: which is the answer, and is it one?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.results import Estimates, Flags, Solution
+from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
+from nlosctl.solvers.ranges.likelihood import RangeProblem
+from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
+
+__all__ = ["RangeOptimum", "finish_range_fix", "optimize_ranges"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+StatusArray = npt.NDArray[np.uint8]
+
+_RELATIVE_MINIMUM_RANGE = 1e-6
+_ROUNDING = 1e-10
+"""Determinants of covariances below this share of xx yy are rounding: the information was singular."""
+
+_DISTINCT_STANDARD_DEVIATIONS = 1e-3
+"""Optima nearer to each other than this are one, found twice."""
+
+
+@dataclass(frozen=True)
+class RangeOptimum:
+    """Points (B,) about the local origin, their covariance, what the search minimized there, and whether it settled."""
+
+    x: FloatArray
+    y: FloatArray
+    covariance: Symmetric2x2
+    cost: FloatArray
+    converged: BoolArray
+
+
+def optimize_ranges(circles: RangeCircles, max_iterations: int) -> tuple[RangeOptimum, RangeOptimum]:
+    """Return the range least-squares optima reached from the squared-range fit and from its mirror image; (8).
+
+    The covariance is the inverse Fisher information at the optimum.
+    """
+    weight = 1.0 / (circles.std_m * circles.std_m)
+    start = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
+    return (
+        _optimize(circles, start.x, start.y, max_iterations),
+        _optimize(circles, start.mirror_x, start.mirror_y, max_iterations),
+    )
+
+
+def _optimize(circles: RangeCircles, x: FloatArray, y: FloatArray, max_iterations: int) -> RangeOptimum:
+    minimum = minimize(RangeProblem.of_circles(circles), x, y, max_iterations=max_iterations)
+    covariance = circles.information(minimum.x, minimum.y).inverse()
+    return RangeOptimum(minimum.x, minimum.y, covariance, minimum.cost, minimum.converged)
+
+
+def finish_range_fix(
+    batch: RangeBatch,
+    circles: RangeCircles,
+    one: RangeOptimum,
+    other: RangeOptimum,
+    *,
+    min_range_m: float,
+    ambiguous_within: float,
+) -> Solution:
+    """Return the solution of snapshots that have two optima each, which may be the same one found twice.
+
+    The better is the answer; the other is its alternative where it is another point with an answer's status. It
+    makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors that all
+    stand at one place are too few. The cost is half the chi-square of the range residuals.
+    """
+    best, rest = _order(one, other)
+    status, other_status = (_judge(circles, optimum, min_range_m) for optimum in (best, rest))
+    residual, other_residual = (circles.residual_m(optimum.x, optimum.y) for optimum in (best, rest))
+    cost, other_cost = (_half_chi_square(circles, values) for values in (residual, other_residual))
+    too_few = _single_place(circles)
+    status[too_few] = other_status[too_few] = Status.TOO_FEW
+    second = (status == Status.OK) & (other_status == Status.OK) & _apart(best, rest)
+    with np.errstate(invalid="ignore"):
+        ambiguous = second & (other_cost - cost <= ambiguous_within)
+    status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
+    estimates = _estimates(
+        circles, np.flatnonzero(second), (best, rest), (cost, other_cost), (status, other_status), batch.measurements
+    )
+    return Solution(estimates=estimates, flags=_flags(status, residual) if batch.want_flags else None)
+
+
+def _order(one: RangeOptimum, other: RangeOptimum) -> tuple[RangeOptimum, RangeOptimum]:
+    with np.errstate(invalid="ignore"):
+        swap = (other.converged & ~one.converged) | ((other.converged == one.converged) & (other.cost < one.cost))
+    return _pick(swap, other, one), _pick(swap, one, other)
+
+
+def _pick(first: BoolArray, one: RangeOptimum, other: RangeOptimum) -> RangeOptimum:
+    a, b = one.covariance, other.covariance
+    return RangeOptimum(
+        np.where(first, one.x, other.x),
+        np.where(first, one.y, other.y),
+        Symmetric2x2(np.where(first, a.xx, b.xx), np.where(first, a.xy, b.xy), np.where(first, a.yy, b.yy)),
+        np.where(first, one.cost, other.cost),
+        np.where(first, one.converged, other.converged),
+    )
+
+
+def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> StatusArray:
+    """Return the status (B,): degenerate is a standard deviation beyond the farthest sensor, or a fix on a sensor."""
+    distance = circles.horizontal_m(optimum.x, optimum.y)
+    farthest, nearest = max_measurements(distance), -max_measurements(-distance)
+    with np.errstate(invalid="ignore"):
+        covariance = optimum.covariance
+        proper = (covariance.xx > 0.0) & (covariance.yy > 0.0)
+        proper &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+        uncertain = ~(proper & (covariance.trace <= farthest * farthest))
+        on_sensor = nearest < np.maximum(min_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
+    status = np.full(optimum.x.shape, Status.OK, dtype=np.uint8)
+    status[~optimum.converged] = Status.NOT_CONVERGED
+    status[uncertain | on_sensor] = Status.DEGENERATE
+    return status
+
+
+def _single_place(circles: RangeCircles) -> BoolArray:
+    """Return which snapshots (B,) have all their sensors at one place."""
+    away = np.hypot(circles.sensor_x - circles.sensor_x[:, :1], circles.sensor_y - circles.sensor_y[:, :1])
+    single: BoolArray = max_measurements(away) == 0.0
+    return single
+
+
+def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArray:
+    scaled = residual_m / circles.std_m
+    return 0.5 * sum_measurements(scaled * scaled)
+
+
+def _apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
+    with np.errstate(invalid="ignore"):
+        apart: BoolArray = np.hypot(best.x - rest.x, best.y - rest.y) > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(
+            best.covariance.trace
+        )
+    return apart
+
+
+def _estimates(
+    circles: RangeCircles,
+    second: IntArray,
+    optima: tuple[RangeOptimum, RangeOptimum],
+    costs: tuple[FloatArray, FloatArray],
+    statuses: tuple[StatusArray, StatusArray],
+    measurements: int,
+) -> Estimates:
+    """Return a row per snapshot, and one more for each of the ``second`` snapshots."""
+    snapshots = np.arange(circles.center_x.shape[0], dtype=np.int64)
+    row = np.concatenate([snapshots, second])
+    alternative = np.repeat([0, 1], [snapshots.shape[0], second.shape[0]])
+    order = np.lexsort((alternative, row))
+    row, alternative = row[order], alternative[order]
+
+    def join(first: FloatArray, other: FloatArray) -> FloatArray:
+        return np.concatenate([first, other[second]])[order]
+
+    best, rest = optima
+    status = np.concatenate([statuses[0], statuses[1][second]])[order]
+    has_position, has_covariance = status <= Status.BOUNDARY, status <= Status.INFEASIBLE
+    position = np.stack(
+        [join(best.x, rest.x) + circles.center_x[row], join(best.y, rest.y) + circles.center_y[row]], axis=1
+    )
+    a, b = best.covariance, rest.covariance
+    covariance = np.stack([join(a.xx, b.xx), join(a.xy, b.xy), join(a.yy, b.yy)], axis=1)
+    return Estimates(
+        row=row,
+        target=np.zeros_like(row),
+        alternative=alternative,
+        position_m=np.where(has_position[:, None], position, np.nan),
+        covariance_m2=np.where(has_covariance[:, None], covariance, np.nan),
+        cost=np.where(has_position, join(*costs), np.nan),
+        n_used=np.where(has_position, measurements, 0),
+        status=status,
+    )
+
+
+def _flags(status: StatusArray, residual_m: FloatArray) -> Flags:
+    answered = (status <= Status.BOUNDARY)[:, None]
+    used = np.broadcast_to(answered, residual_m.shape).copy()
+    return Flags(used=used, columns={"residual_m": np.where(answered, residual_m, np.nan)})

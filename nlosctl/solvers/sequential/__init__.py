@@ -1,0 +1,1 @@
+"""Behind `sequential` and `suppress`: hypotheses grown row by row."""

@@ -1,0 +1,1 @@
+"""Behind the methods for triplets."""

@@ -1,0 +1,100 @@
+"""The likelihood of single paths in elliptic coordinates, where its valley is straight.
+
+A path length is often far surer than the angles. The likelihood of a path is then a thin valley along its ellipse,
+in which steps in x and y can only creep. With w the minor axis of the confocal ellipse through the target and v its
+eccentric angle, x = sqrt(w^2 + d^2) cos(v) / 2 and y = w sin(v) / 2 in the baseline frame, the valley lies along v.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.geometry.angles import cosine_sine
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
+from nlosctl.solvers.optimization.problem import Evaluation
+from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
+
+__all__ = ["minimize_paths"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_PATIENCE = 20
+"""Refused steps after which a descent is given up: then the likelihood has no smooth minimum near, as at the nodes."""
+
+
+@dataclass(frozen=True)
+class _EllipticProblem:
+    """Paths (N, 1) in their baseline frames, as a function of w (metres) and v (radians)."""
+
+    plane: TripletProblem
+    baseline_m: FloatArray
+
+    def take(self, rows: IntArray) -> _EllipticProblem:
+        """Return the problems of some rows."""
+        return _EllipticProblem(self.plane.take(rows), self.baseline_m[rows])
+
+    def evaluate(self, w: FloatArray, v: FloatArray) -> Evaluation:
+        """Return the evaluation at w, v (N,): that in the plane, by the chain rule."""
+        sums = PathSums(w.shape)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            cosine, sine = cosine_sine(v)
+            length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
+            x, y = 0.5 * length * cosine, 0.5 * w * sine
+            sums.add_path(self.plane, 0, x, y)
+            x_w, x_v, y_w, y_v = 0.5 * w * cosine / length, -0.5 * length * sine, 0.5 * sine, 0.5 * w * cosine
+            x_ww = 0.5 * cosine * (self.baseline_m / length) ** 2 / length
+            gauss_newton = _pull_back(Symmetric2x2(sums.xx, sums.xy, sums.yy), x_w, x_v, y_w, y_v)
+            bend = _pull_back(Symmetric2x2(sums.bend_xx, sums.bend_xy, sums.bend_yy), x_w, x_v, y_w, y_v)
+            gradient_x, gradient_y = sums.gradient_x, sums.gradient_y
+            bend = Symmetric2x2(
+                bend.xx + gradient_x * x_ww,
+                bend.xy - 0.5 * gradient_x * w * sine / length + 0.5 * gradient_y * cosine,
+                bend.yy - gradient_x * x - gradient_y * y,
+            )
+            return Evaluation.of_newton(
+                0.5 * sums.cost,
+                gradient_x * x_w + gradient_y * y_w,
+                gradient_x * x_v + gradient_y * y_v,
+                Symmetric2x2(gauss_newton.xx + bend.xx, gauss_newton.xy + bend.xy, gauss_newton.yy + bend.yy),
+                gauss_newton,
+            )
+
+    def to_plane(self, w: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return x, y (N,) in the baseline frame."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
+            cosine, sine = cosine_sine(v)
+            return 0.5 * length * cosine, 0.5 * w * sine
+
+    def from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return w >= 0 and v of points x, y (N,); NaN where they are."""
+        half = 0.5 * self.baseline_m
+        length = np.sqrt((x + half) ** 2 + y * y) + np.sqrt((x - half) ** 2 + y * y)
+        w = np.sqrt(np.maximum((length - self.baseline_m) * (length + self.baseline_m), 0.0))
+        cosine = np.clip(2.0 * x / np.where(length > 0.0, length, 1.0), -1.0, 1.0)
+        return w, np.copysign(np.arccos(cosine), y)
+
+
+def minimize_paths(
+    plane: TripletProblem, baseline_m: FloatArray, start_x: FloatArray, start_y: FloatArray, max_iterations: int
+) -> Minimum:
+    """Minimize the cost of single paths (N, 1) in their baseline frames from starts (N,); the result is in x, y."""
+    problem = _EllipticProblem(plane, baseline_m)
+    found = minimize(problem, *problem.from_plane(start_x, start_y), max_iterations=max_iterations, patience=_PATIENCE)
+    x, y = problem.to_plane(found.x, found.y)
+    there = plane.evaluate(x, y)
+    return Minimum(x, y, there.cost, there.hessian, found.converged, found.evaluations)
+
+
+def _pull_back(
+    matrix: Symmetric2x2, x_w: FloatArray, x_v: FloatArray, y_w: FloatArray, y_v: FloatArray
+) -> Symmetric2x2:
+    """Return J^T matrix J for the Jacobian J of x, y by w, v."""
+    left_w, right_w = matrix.xx * x_w + matrix.xy * y_w, matrix.xy * x_w + matrix.yy * y_w
+    left_v, right_v = matrix.xx * x_v + matrix.xy * y_v, matrix.xy * x_v + matrix.yy * y_v
+    return Symmetric2x2(x_w * left_w + y_w * right_w, x_w * left_v + y_w * right_v, x_v * left_v + y_v * right_v)
