@@ -12,17 +12,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-import numpy.typing as npt
-
+from nlosctl.arrays import FloatArray, IntArray, SeedArray
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "BoolArray", "FloatArray", "IntArray", "RangeBatch", "TripletBatch", "batch_class"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
+__all__ = ["Batch", "BearingBatch", "RangeBatch", "TripletBatch", "batch_class"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +36,7 @@ class Batch:
 
     scene: Scene = dataclasses.field(default_factory=Scene)
     field: Field = dataclasses.field(default_factory=SensorsField)
-    seed: npt.NDArray[np.uint64]
+    seed: SeedArray
     want_flags: bool = True
     want_trace: bool = False
     want_details: bool = False

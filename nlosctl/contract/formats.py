@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Any, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.methods import version_fault
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import ColumnType
@@ -32,8 +30,6 @@ FORMATS_VERSION = 1
 
 OLDEST_FORMATS_VERSION = 1
 """The oldest version whose plugins still work."""
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,13 +6,11 @@ import hashlib
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import IntArray, SeedArray
 
 __all__ = ["random_keys", "random_order", "snapshot_seeds"]
 
-SeedArray = npt.NDArray[np.uint64]
-
-IntArray = npt.NDArray[np.int64]
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
@@ -32,7 +30,7 @@ def random_order(seed: SeedArray, count: int, stream: int = 0) -> IntArray:
     return np.argsort(random_keys(seed, count, stream), axis=1, kind="stable").astype(np.int64)
 
 
-def snapshot_seeds(seed: int, ids: npt.NDArray[np.int64] | Sequence[str]) -> SeedArray:
+def snapshot_seeds(seed: int, ids: IntArray | Sequence[str]) -> SeedArray:
     """Return a seed (S,) for each snapshot id, integers or text; equal for equal seed and id, else unrelated."""
     keys = _scrambled(ids.astype(np.uint64)) if isinstance(ids, np.ndarray) else _digest(ids)
     return _scrambled(keys ^ _scrambled(np.array([seed], dtype=np.int64).astype(np.uint64)))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
 __all__ = ["Estimates", "Flags", "Solution", "Trace", "Words", "no_estimates", "single_estimates"]

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.geometry.error_ellipses import circular_error_probable, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["Bounds", "bounds_of"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _CONDITION_LIMIT = 1e12
 
@@ -40,7 +39,7 @@ def bounds_of(information: Symmetric2x2) -> Bounds:
 
     None where the larger eigenvalue is over 1e12 times the smaller, or anything is not finite.
     """
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         smaller, larger = information.eigenvalues()
         regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
     parts = (np.where(regular, part, np.nan) for part in information)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.evaluation.monte_carlo import share_std_error
 
 __all__ = ["Reliability", "reliability"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -21,10 +19,10 @@ class Reliability:
     stated: FloatArray
     share: FloatArray
     std_error: FloatArray
-    count: npt.NDArray[np.int64]
+    count: IntArray
 
 
-def reliability(probability: FloatArray, came_true: npt.NDArray[np.bool_], bins: int = 10) -> Reliability:
+def reliability(probability: FloatArray, came_true: BoolArray, bins: int = 10) -> Reliability:
     """Return how often rows (N,) came true, by the probability that was stated, in equal bins from 0 to 1.
 
     NaN are left out (Murphy, Winkler 1977). The standard errors are those of independent rows.

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, ignoring_overflow
 
 __all__ = ["ellipse_threshold", "nees_interval", "squared_mahalanobis"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
@@ -20,7 +19,7 @@ def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> Float
     """
     xx, xy, yy = covariance_m2[:, 0], covariance_m2[:, 1], covariance_m2[:, 2]
     x, y = error_m[:, 0], error_m[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         remaining = yy - xy * (xy / xx)
         across = y - x * (xy / xx)
         squared = x * (x / xx) + across * (across / remaining)

@@ -7,17 +7,12 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import kolmogorov
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ThreeValuedArray
 from nlosctl.evaluation.summaries import DetectionSummary
 
 __all__ = ["DetectionScores", "RocCurve", "kolmogorov_smirnov", "roc_curve"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-ThreeValued = npt.NDArray[np.int8]
 
 
 @dataclass(frozen=True)
@@ -96,8 +91,8 @@ class DetectionScores:
 
     def add(
         self,
-        ip: ThreeValued,
-        truth_ip: ThreeValued,
+        ip: ThreeValuedArray,
+        truth_ip: ThreeValuedArray,
         p_value: FloatArray | None,
         group: IntArray,
         keys: Sequence[Hashable],

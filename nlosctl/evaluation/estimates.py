@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
 from nlosctl.evaluation.monte_carlo import rmse_std_error
@@ -17,9 +18,6 @@ from nlosctl.evaluation.summaries import EstimateSummary
 
 __all__ = ["EstimateRows", "EstimateScores", "nearest_alternatives"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 Key = Hashable
 
 _PERCENTS = (50.0, 90.0, 95.0, 99.0)

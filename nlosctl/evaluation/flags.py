@@ -6,14 +6,12 @@ import math
 from collections.abc import Hashable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import IntArray, ThreeValuedArray
 from nlosctl.evaluation.summaries import FlagSummary
 
 __all__ = ["UNKNOWN", "FlagScores"]
 
-IntArray = npt.NDArray[np.int64]
-ThreeValued = npt.NDArray[np.int8]
 
 UNKNOWN = -1
 """Neither true (1) nor false (0): a null in the file."""
@@ -27,8 +25,8 @@ class FlagScores:
 
     def add(
         self,
-        los: ThreeValued,
-        truth_los: ThreeValued,
+        los: ThreeValuedArray,
+        truth_los: ThreeValuedArray,
         group: IntArray | None = None,
         keys: Sequence[Hashable] = ("",),
     ) -> None:

@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray
 
 __all__ = ["error_percentiles"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def error_percentiles(error: FloatArray, percents: Sequence[float]) -> tuple[float, ...]:

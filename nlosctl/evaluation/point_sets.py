@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-__all__ = ["SetDistance", "set_distance"]
+from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+__all__ = ["SetDistance", "set_distance"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +39,7 @@ def set_distance(found_m: FloatArray, true_m: FloatArray, *, order: float, cutof
     count_found, count_true = found_m.shape[0], true_m.shape[0]
     away = found_m[:, None] - true_m[None]
     distance = np.hypot(away[..., 0], away[..., 1])
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         cut = np.where(distance < cutoff_m, distance, cutoff_m)
     powers = cut**order
     one, other = linear_sum_assignment(powers)

@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.evaluation.point_sets import SetDistance, set_distance
 from nlosctl.evaluation.summaries import TargetSummary
 
 __all__ = ["CASES", "EchoRows", "TargetScores", "case_of"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 CASES = ("i", "ii", "iii", "iv", "v", "vi")
 """The six cases of Liang, Zeng, Li, Fig. 2."""

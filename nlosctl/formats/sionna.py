@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
 from nlosctl.errors import DataError, UsageError
@@ -31,8 +31,6 @@ _DIRECT_OFF_RAD = 0.02
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, KeyError, NotImplementedError, RuntimeError)
 """What damage to a zip raises: encryption and methods that there are not are read out of damaged bytes too."""
 _NEEDED = ("tau", "phi_r", "phi_t", "sources", "targets")
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +57,7 @@ class _Paths:
     phi_t: FloatArray
     rx_m: FloatArray
     tx_m: FloatArray
-    bounces: npt.NDArray[np.int64] | None
+    bounces: IntArray | None
     first_m: FloatArray | None
 
 

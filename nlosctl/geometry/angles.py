@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray
 
 __all__ = ["cosine_sine", "wrap_angle"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def cosine_sine(angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

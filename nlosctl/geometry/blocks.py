@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["gather_rows", "max_measurements", "sum_measurements", "take_rows"]
+from nlosctl.arrays import FloatArray, IntArray, ScalarT
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
+__all__ = ["gather_rows", "max_measurements", "sum_measurements", "take_rows"]
 
 
 def gather_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:

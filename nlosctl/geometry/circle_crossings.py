@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, ignoring_invalid, ignoring_overflow
 
 __all__ = ["cross_circles"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def cross_circles(
@@ -27,7 +26,7 @@ def cross_circles(
     """
     dx, dy = center_2_xy[..., 0] - center_1_xy[..., 0], center_2_xy[..., 1] - center_1_xy[..., 1]
     distance = np.hypot(dx, dy)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         unit_x, unit_y = dx / distance, dy / distance
         difference = radius_1 - radius_2
         outside, inside = distance - radius_1 - radius_2, np.abs(difference) - distance
@@ -43,7 +42,7 @@ def cross_circles(
     height = np.where(crosses, height, 0.0)
     points = np.empty((*along.shape, 2, 2))
     x, y = center_1_xy[..., 0], center_1_xy[..., 1]
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         points[..., 0, 0] = x + along * unit_x - height * unit_y
         points[..., 0, 1] = y + along * unit_y + height * unit_x
         points[..., 1, 0] = x + along * unit_x + height * unit_y

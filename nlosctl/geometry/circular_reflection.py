@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.roots import bracketed_roots
 
 __all__ = [
@@ -26,8 +26,6 @@ __all__ = [
     "separatrix",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 MAX_PATHS = 4
 """The largest number of specular points between two points in a circle (Lemma 1)."""
@@ -66,7 +64,7 @@ class ReflectedPath:
         b is the direction from the reflection point to the source. The sign is that of a mirror, equation (23);
         what a flat mirror has as distance is here the spread of the ray tube.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             inverse = 1.0 / self.spread_m
             return self.sine * inverse, -self.cosine * inverse
 
@@ -162,7 +160,7 @@ def separatrix(sensor_x: float, sensor_y: float, radius: float, parameter: Float
     h = sum(part * power for part, power in zip(h_parts, powers, strict=True))
     top = sum(part * power for part, power in zip(x_parts, powers, strict=True))
     toward_x, toward_y = (sensor_x / distance, sensor_y / distance) if distance > 0.0 else (1.0, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         along, across = -radius * c * top / h, radius * 16.0 * c * c * cubes / h
         return along * toward_x - across * toward_y, along * toward_y + across * toward_x
 
@@ -179,7 +177,7 @@ def reflect_at(
     out_x, out_y = hit_x - sensor_x, hit_y - sensor_y
     back_x, back_y = source_x - hit_x, source_y - hit_y
     first, second = _length(out_x, out_y), _length(back_x, back_y)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         normal = (out_x * hit_x + out_y * hit_y) / first
         spread = ray_tube_spread(first, second, normal)
         cosine, sine = back_x / second, back_y / second

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.errors import UsageError
 
 __all__ = ["EarthPlane", "flat_errors"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _WGS84 = "EPSG:4326"
 

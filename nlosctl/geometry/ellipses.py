@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, ignoring_invalid
 
 __all__ = ["nearest_on_ellipse"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _ITERATIONS = 60
 
@@ -25,7 +25,7 @@ def nearest_on_ellipse(
     """
     a2, b2 = semi_major_m * semi_major_m, semi_minor_m * semi_minor_m
     far_x, far_y = semi_major_m * np.abs(x), semi_minor_m * np.abs(y)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         t = np.maximum(far_x - a2, far_y - b2)
         for _ in range(_ITERATIONS):
             over_x, over_y = far_x / (t + a2), far_y / (t + b2)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["ErrorEllipse", "circular_error_probable", "error_ellipse"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _NODES = (np.arange(96) + 0.5) * (0.5 * np.pi / 96)
 """Midpoints of the quarter turn over which the probability of a circle is integrated."""
@@ -46,7 +45,7 @@ def circular_error_probable(semi_major_m: FloatArray, semi_minor_m: FloatArray) 
 
     Exact to rounding: Newton's method on the distribution of the radius. NaN where an axis is NaN, 0 where both are.
     """
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         ratio = np.where(semi_major_m > 0.0, semi_minor_m / semi_major_m, 0.0)
     ratio = np.where(np.isnan(semi_minor_m + semi_major_m), np.nan, ratio)
     radius = _LINE_CEP + (_CIRCLE_CEP - _LINE_CEP) * ratio

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray
 
 __all__ = ["reflect_direction", "reflect_points", "side_of_line"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def reflect_points(

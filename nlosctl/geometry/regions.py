@@ -10,13 +10,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 
 __all__ = ["BoxRegion", "CircleRegion", "PolygonRegion", "Region"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 class Region(Protocol):
@@ -151,7 +148,7 @@ class PolygonRegion:
         """Return which points are inside by counting the edges to their right; false for NaN."""
         inside = np.zeros(x.shape, dtype=bool)
         for x1, y1, x2, y2 in self._edges(x):
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            with ignoring_overflow():
                 crossing_x = x1 + (y - y1) * (x2 - x1) / (y2 - y1)
                 inside ^= ((y1 > y) != (y2 > y)) & (x < crossing_x)
         return inside
@@ -163,7 +160,7 @@ class PolygonRegion:
             along_x, along_y = x2 - x1, y2 - y1
             length2 = along_x * along_x + along_y * along_y
             dot = (x - x1) * along_x + (y - y1) * along_y
-            with np.errstate(over="ignore"):  # an edge of no length but for rounding: either end will do
+            with ignoring_overflow():  # an edge of no length but for rounding: either end will do
                 place = np.clip(dot / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
             np.minimum(nearest, np.hypot(x - x1 - place * along_x, y - y1 - place * along_y), out=nearest)
         return np.where(self.contains(x, y), nearest, -nearest)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, ignoring_overflow
 
 __all__ = ["bracketed_roots"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _MAX_ITERATIONS = 100
 
@@ -36,7 +36,7 @@ def bracketed_roots(
         negative = value < 0.0
         np.copyto(low, root, where=negative)
         np.copyto(high, root, where=~negative)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             newton = root - value / slope
             poor = ~((newton >= low) & (newton <= high)) | (2.0 * np.abs(newton - root) > np.abs(last_step))
         proposed = np.where(poor, 0.5 * (low + high), newton)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division
 from nlosctl.geometry.mirrors import reflect_points
 
 __all__ = ["crosses_segment", "reflect_in_segment"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 def crosses_segment(
@@ -63,7 +60,7 @@ def reflect_in_segment(
     side_to = along_x * (to_y - y1) - along_y * (to_x - x1)
     side_image = along_x * (image_y - y1) - along_y * (image_x - x1)
     hit = crosses_segment(image_x, image_y, to_x, to_y, x1, y1, x2, y2)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         share = side_image / (side_image - side_to)
         x, y = image_x + share * (to_x - image_x), image_y + share * (to_y - image_y)
     return np.where(hit, x, np.nan), np.where(hit, y, np.nan)

@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.geometry.circular_reflection import ReflectedPath, reflect_at
 from nlosctl.geometry.roots import bracketed_roots
 
 __all__ = ["short_arc_point", "short_arc_reflection"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _NEWTON_STEPS = 5
 _SETTLED = 1e-8
@@ -42,7 +41,7 @@ def short_arc_point(
     scale = 1.0 / radius
     sensor_r, source_r = (np.sqrt(x * x + y * y) * scale for x, y in ((sensor_x, sensor_y), (source_x, source_y)))
     inside = (sensor_r < 1.0) & (source_r < 1.0) & (sensor_r > 0.0) & (source_r > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         toward = scale / sensor_r
         up_x, up_y = sensor_x * toward, sensor_y * toward
         cross = (up_x * source_y - up_y * source_x) * scale

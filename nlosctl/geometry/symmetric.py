@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, ignoring_overflow
 
 __all__ = ["Symmetric2x2"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Symmetric2x2(NamedTuple):
@@ -35,14 +34,14 @@ class Symmetric2x2(NamedTuple):
         The smaller is found as determinant / larger, so that it keeps its digits in nearly singular matrices.
         """
         half_difference = 0.5 * (self.xx - self.yy)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             larger = 0.5 * self.trace + np.sqrt(half_difference * half_difference + self.xy * self.xy)
             smaller = np.where(larger > 0.0, self.determinant / larger, 0.0)
         return smaller, larger
 
     def solve(self, right_x: FloatArray, right_y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the solutions x, y; not finite where a matrix is singular."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             scale = 1.0 / self.determinant
             x = (self.yy * right_x - self.xy * right_y) * scale
             y = (self.xx * right_y - self.xy * right_x) * scale
@@ -50,13 +49,13 @@ class Symmetric2x2(NamedTuple):
 
     def inverse(self) -> Symmetric2x2:
         """Return the inverses; not finite where a matrix is singular."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             scale = 1.0 / self.determinant
             return Symmetric2x2(self.yy * scale, -self.xy * scale, self.xx * scale)
 
     def congruence(self, middle: Symmetric2x2) -> Symmetric2x2:
         """Return ``self @ middle @ self``, the sandwich of a covariance."""
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             left_xx = self.xx * middle.xx + self.xy * middle.xy
             left_xy = self.xx * middle.xy + self.xy * middle.yy
             left_yx = self.xy * middle.xx + self.yy * middle.xy

@@ -17,15 +17,13 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["AXES", "DIFFERENCES", "BaselineFrame", "Quantity", "TripletRays", "baseline_frames"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 Axis = Literal["x", "y"]
 AXES: tuple[Axis, Axis] = ("x", "y")
@@ -64,7 +62,7 @@ class BaselineFrame:
     def matrix_to_global(self, matrix: Symmetric2x2) -> Symmetric2x2:
         """Return covariances of the frame in global axes; whatever where they are not finite."""
         cosine2, sine2, both = self.cosine * self.cosine, self.sine * self.sine, self.cosine * self.sine
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             return Symmetric2x2(
                 cosine2 * matrix.xx - 2.0 * both * matrix.xy + sine2 * matrix.yy,
                 both * (matrix.xx - matrix.yy) + (cosine2 - sine2) * matrix.xy,
@@ -209,7 +207,7 @@ class TripletRays:
         return self.coordinate(first, axis) - self.coordinate(second, axis)
 
     def _over_crossing_sine(self, numerator: FloatArray) -> FloatArray:
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             return np.where(self.crossing_sine != 0.0, numerator / self.crossing_sine, np.nan)
 
     def _crossing(self, axis: Axis) -> Quantity:
@@ -257,5 +255,5 @@ class TripletRays:
         """Return the derivative of a range to the ellipse by l: (l^2 + 2 l d cos + d^2) / (2 (l + d cos)^2)."""
         length, baseline = self.path_length_m, self.baseline_m
         numerator = length * length + 2.0 * length * baseline * cosine + baseline * baseline
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             return 0.5 * numerator / (denominator * denominator)

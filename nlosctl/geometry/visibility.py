@@ -7,8 +7,8 @@ horizontal of the sensor. All lengths carry a tolerance of ``TOLERANCE`` times t
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division
 from nlosctl.geometry.circular_reflection import ReflectedPath
 
 __all__ = [
@@ -22,8 +22,6 @@ __all__ = [
     "sees_directly",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 TOLERANCE = 1e-10
 """Relative tolerance of lengths: 0.6 mm on the earth."""
@@ -127,7 +125,7 @@ def sees_by_reflection_from_ground(
 
 def _dip(outer_radius: FloatArray, inner_radius: FloatArray) -> FloatArray:
     """Return acos(inner / outer): the angle at the centre from a point to where its tangent touches; 0 under it."""
-    with np.errstate(divide="ignore"):
+    with ignoring_division():
         return np.arccos(np.minimum(inner_radius / outer_radius, 1.0))
 
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
+
+from nlosctl.arrays import IntArray
 
 __all__ = ["SWEEP_PREFIX", "SweepColumns"]
 
@@ -32,7 +32,7 @@ class SweepColumns:
         """The names of the columns."""
         return [field.name for field in self.fields]
 
-    def take(self, name: str, point: npt.NDArray[np.int64]) -> Any:
+    def take(self, name: str, point: IntArray) -> Any:
         """Return the column ``name`` for rows (N,) of the given points."""
         return self._values(name.removeprefix(SWEEP_PREFIX)).take(pa.array(point))
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, StatusArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
@@ -22,11 +22,6 @@ from nlosctl.solvers.sequential.orders import Prior, RangedLines, Run, run_all_o
 from nlosctl.solvers.sequential.starting_pairs import conditioned_pairs
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.contract.batches import BoolArray, FloatArray, RangeBatch
+from nlosctl.arrays import BoolArray, FloatArray
+from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erfc
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
@@ -24,9 +25,6 @@ from nlosctl.solvers.triplets.target_fits import fit_paths
 from nlosctl.solvers.triplets.target_status import judge_targets
 
 __all__ = ["METHOD", "JointOptions", "solve"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
@@ -18,9 +18,6 @@ from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snap
 from nlosctl.solvers.triplets.target_status import judge_targets, mark_ambiguous, path_estimates
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
@@ -20,8 +20,6 @@ from nlosctl.solvers.triplets.difference_rules import Decision, blind_rows, deci
 
 __all__ = ["METHOD", "TdajOptions", "solve"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 RULES = tuple(DIFFERENCES)
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import cosine_sine
@@ -27,10 +27,6 @@ from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, pla
 from nlosctl.models.wall_rows import WallRows, locate_walls
 
 __all__ = ["SightLines", "Survey", "predict_bearings", "sight_lines"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,7 @@ class SightLines:
         chi_square = np.zeros(x.shape)
         behind = np.zeros(x.shape, dtype=bool)
         bent = None if self.circles is None else self.residual_rad(x, y, paths)
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(self.origin_x.shape[1]):
                 cosine, sine = self.cosine[:, k], self.sine[:, k]
                 dx, dy = x - self.origin_x[:, k], y - self.origin_y[:, k]
@@ -149,7 +145,7 @@ class SightLines:
         but where no path leads to the point.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             residual = np.arctan2(self.sine * dx - self.cosine * dy, self.cosine * dx + self.sine * dy)
         if self.circles is not None:
             bent = -self.circles.residual_rad(self.circles.paths_from(x, y) if paths is None else paths)
@@ -176,7 +172,7 @@ class SightLines:
         squared ranges are that much larger, but for rows on a circle.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             squared_range = dx * dx + dy * dy
             weight = 1.0 / (self.std_rad * squared_range)
             if extra_m2 is not None:

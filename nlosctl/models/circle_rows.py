@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.scene import CircleReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, reflect_at
@@ -19,9 +19,6 @@ from nlosctl.models.placed_rows import PlacedRows
 
 __all__ = ["CircleRows", "circle_table", "likeliest_points", "locate_circle_rows", "misplaced_sensors"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _GROUND_TOLERANCE = 1e-6
 """A sensor may be this share of the blocker's radius under it (6 m on the earth): coordinates are rounded."""

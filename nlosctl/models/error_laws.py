@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.special import gammaln, kve, ndtr, ndtri
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_invalid
 from nlosctl.errors import UsageError
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "quantile",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 Weights = tuple[FloatArray | float, FloatArray | float, FloatArray | float]
 
 
@@ -146,7 +145,7 @@ class StudentErrors:
         product = np.sin(np.where(np.isnan(scaled), 0.0, scaled)[:, None] * t) / t
         for weight in weights:
             product *= characteristic(np.where(np.isnan(weight), 0.0, weight)[:, None] * t)
-        with np.errstate(invalid="ignore"):
+        with ignoring_invalid():
             survival = 0.5 - (0.5 * scaled + np.sum(product, axis=1)) * step / math.pi
         unknown = np.isnan(scaled) | np.isnan(weights[0])
         return np.where(unknown, np.nan, np.clip(survival, 0.0, 1.0))
@@ -217,7 +216,7 @@ def quantile(law: ErrorLaw, probability: float, weights: Weights, shift: FloatAr
 def _find_threshold(
     law: ErrorLaw, probability: float, shift: FloatArray, w1: FloatArray, w2: FloatArray, w3: FloatArray
 ) -> FloatArray:
-    def excess(z: FloatArray, rows: npt.NDArray[np.int64]) -> FloatArray:
+    def excess(z: FloatArray, rows: IntArray) -> FloatArray:
         return exceedance(law, z, (w1[rows], w2[rows], w3[rows]), shift[rows]) - probability
 
     rows = np.arange(shift.shape[0])
@@ -262,7 +261,7 @@ def _unit_weights(weights: Weights) -> tuple[FloatArray, FloatArray, FloatArray]
     largest = np.maximum(np.maximum(w1, w2), w3)
     smallest = np.minimum(np.minimum(w1, w2), w3)
     middle = np.maximum(np.minimum(w1, w2), np.minimum(np.maximum(w1, w2), w3))
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with ignoring_division():
         middle, smallest = middle / largest, smallest / largest
         scale = 1.0 / np.sqrt(1.0 + middle * middle + smallest * smallest)
     return scale, middle * scale, smallest * scale

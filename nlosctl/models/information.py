@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -19,9 +19,6 @@ from nlosctl.models.bearings import SightLines, predict_bearings, sight_lines
 from nlosctl.models.ranges import predict_ranges, range_circles
 
 __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,7 @@ def _with_ranges(
 ) -> Symmetric2x2:
     """Return the joint information of bearings and ranges; rows whose std (B, K) is NaN have no range to add."""
     dx, dy = x[:, None] - lines.origin_x, y[:, None] - lines.origin_y
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         weight = np.where(np.isnan(std_m), 0.0, 1.0 / (std_m * std_m * (dx * dx + dy * dy)))
         return Symmetric2x2(
             matrix.xx + sum_measurements(weight * dx * dx),
@@ -120,7 +117,7 @@ INFORMATION: dict[str, InformationModel] = {
 def _unit_bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Symmetric2x2:
     lines = sight_lines(batch)
     local_x, local_y = x - lines.center_x, y - lines.center_y
-    with np.errstate(divide="ignore"):
+    with ignoring_division():
         return replace(lines, std_rad=1.0 / np.abs(lines.spread_m(local_x, local_y))).information(local_x, local_y)
 
 

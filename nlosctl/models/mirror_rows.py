@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.circles import leave_circle
@@ -14,10 +14,6 @@ from nlosctl.geometry.mirrors import side_of_line
 from nlosctl.models.circle_rows import CircleRows
 
 __all__ = ["Focusing", "MirrorRows", "gather_mirrors", "place_tangents"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,7 @@ class MirrorRows:
 
     def beyond(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return for which rows (B, K) a point (B,) is on the mirror, or on another side of it than the sensor."""
-        with np.errstate(invalid="ignore"):
+        with ignoring_invalid():
             side = side_of_line(x[:, None], y[:, None], self.point_x, self.point_y, self.angle_rad)
             return np.asarray(side * self.sensor_side_m <= 0.0)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, ignoring_division
 
 __all__ = ["signal_to_noise", "triplet_standard_deviations"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _GAINS_DB = 88.0
 """Antennas and cross-sections over the noise of 1 GHz (-84 dBm), as (37) rounds them."""
@@ -35,5 +35,5 @@ def triplet_standard_deviations(
     are not measured at all (infinite).
     """
     root = np.sqrt(snr)
-    with np.errstate(divide="ignore"):
+    with ignoring_division():
         return 0.05 / (np.abs(dod_sine) * root), 0.05 / (np.abs(doa_sine) * root), 0.038 / root

@@ -8,13 +8,11 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ScalarT
 from nlosctl.geometry.blocks import gather_rows
 
 __all__ = ["PlacedRows"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 RowsT = TypeVar("RowsT", bound="PlacedRows")
 
 

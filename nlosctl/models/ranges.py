@@ -8,16 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["RangeCircles", "predict_ranges", "range_circles"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class RangeCircles:
         squared = dx * dx + dy * dy
         if self.height is not None:
             squared += self.height * self.height
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             weight = 1.0 / (self.std_m * np.sqrt(squared))
             dx *= weight
             dy *= weight

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray
 
 __all__ = ["ObjectPaths", "trace_over_objects"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.mirrors import side_of_line
 from nlosctl.geometry.visibility import elevation, horizon_elevation
@@ -17,8 +17,6 @@ from nlosctl.models.mirror_rows import MirrorRows
 
 __all__ = ["Margins", "scene_margins"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _CLEARANCE = 1e-8
 """Margins end this share of a radius inside of the edge (7 cm on the earth), so that their zero is allowed."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.fields import BoxField, CircleField, Field, PolygonField
 from nlosctl.geometry.blocks import max_measurements
 from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
 
 __all__ = ["search_region"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def search_region(

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.scene import CircleReflector, Reflector
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.mirrors import reflect_direction
 
 __all__ = ["TracedRays", "trace_back"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ def trace_back(sensor_m: FloatArray, bearing_rad: FloatArray, reflector: Reflect
         return TracedRays(hit, reflect_direction(bearing_rad, tangent))
     along_x, along_y = reflector.direction
     offset = np.array(reflector.point) - sensor_m
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         distance = (offset[:, 0] * along_y - offset[:, 1] * along_x) / (cosine * along_y - sine * along_x)
     distance = np.where(np.isfinite(distance) & (distance > 0.0), distance, np.nan)
     hit = sensor_m + distance[:, None] * np.stack([cosine, sine], axis=-1)

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_division, ignoring_invalid
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.blocks import sum_measurements
@@ -16,7 +17,6 @@ from nlosctl.geometry.triplets import BaselineFrame, Quantity, TripletRays, base
 
 __all__ = ["PathRows", "distance_to_ellipse", "path_rows", "predict_triplets", "snapshot_centers"]
 
-FloatArray = npt.NDArray[np.float64]
 DTypeT = TypeVar("DTypeT", bound=np.generic)
 
 
@@ -78,12 +78,12 @@ def distance_to_ellipse(rays: TripletRays) -> Quantity:
     x, y = rays.coordinate(1, "x"), rays.coordinate(1, "y")
     length, half = rays.path_length_m, 0.5 * rays.baseline_m
     semi_major = np.where(rays.has_ellipse, 0.5 * length, np.nan)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         semi_minor = np.sqrt((semi_major - half) * (semi_major + half))
     foot_x, foot_y = nearest_on_ellipse(x.value_m, y.value_m, semi_major, semi_minor)
     # The gradient of the sum of the distances from the foci is the normal; the ellipse moves by 1 / its length.
     to_tx, to_rx = np.hypot(foot_x + half, foot_y), np.hypot(foot_x - half, foot_y)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         gradient_x = (foot_x + half) / to_tx + (foot_x - half) / to_rx
         gradient_y = foot_y / to_tx + foot_y / to_rx
         scale = 1.0 / np.hypot(gradient_x, gradient_y)

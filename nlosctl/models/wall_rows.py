@@ -5,19 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.segments import crosses_segment
 
 __all__ = ["WallRows", "hidden_by_walls", "locate_walls"]
-
-FloatArray = npt.NDArray[np.float64]
-
-IntArray = npt.NDArray[np.int64]
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -44,7 +38,7 @@ class WallRows:
         unseen = np.zeros(origin_x.shape, dtype=bool)
         for place, (x1, y1, x2, y2) in self.ends_m.items():
             corners = (x1 - self.center_x, y1 - self.center_y, x2 - self.center_x, y2 - self.center_y)
-            with np.errstate(invalid="ignore", over="ignore"):
+            with ignoring_overflow():
                 meets = crosses_segment(
                     origin_x, origin_y, x[:, None], y[:, None], *(corner[:, None] for corner in corners)
                 )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.plotting.figures import figure_style
 from nlosctl.plotting.library import (
     Axes,
@@ -25,8 +25,6 @@ from nlosctl.plotting.library import (
 
 __all__ = ["draw_map", "draw_regions", "edges_of"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _LEVELS = 9
 _LABELS_APART = 0.09

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
+from nlosctl.arrays import FloatArray, IntArray
 
 __all__ = [
     "BarsPanel",
@@ -19,9 +18,6 @@ __all__ = [
     "PointsPanel",
     "RegionsPanel",
 ]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import CircleReflector, Reflector, Scene, SegmentReflector
 from nlosctl.evaluation.consistency import ellipse_threshold
 from nlosctl.geometry.error_ellipses import error_ellipse
@@ -16,7 +16,6 @@ from nlosctl.plotting.library import Axes, Circle, Ellipse, FuncFormatter
 
 __all__ = ["Extent", "draw_ellipses", "draw_reflectors", "draw_sensors", "finish_map", "scene_sensors"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _MARGIN = 0.08
 _FLATTEST = 0.45

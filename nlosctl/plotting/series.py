@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.plotting.figures import figure_style, series_style
 from nlosctl.plotting.library import Axes, FuncFormatter
 
 __all__ = ["Series", "draw_cdf", "draw_histogram", "draw_points", "draw_reference_lines", "draw_series", "place_legend"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _RASTER_POINTS = 5000
 _MARKED_POINTS = 40

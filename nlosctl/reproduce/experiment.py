@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import IntArray, SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.plotting.panels import Panel
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, Statistic
@@ -57,12 +57,12 @@ class Chunk:
         return np.random.Generator(np.random.Philox(sequence))
 
     @property
-    def trials(self) -> npt.NDArray[np.int64]:
+    def trials(self) -> IntArray:
         """The numbers (size,) of its trials."""
         return np.arange(self.first, self.first + self.size, dtype=np.int64)
 
     @property
-    def trial_seeds(self) -> npt.NDArray[np.uint64]:
+    def trial_seeds(self) -> SeedArray:
         """A seed (size,) for each trial, for what draws trial by trial."""
         return snapshot_seeds(self.seed, self.trials)
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.reproduce.experiment import Chunk
 
 __all__ = ["lattice_points", "on_lattice"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def lattice_points(

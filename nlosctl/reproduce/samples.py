@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.reproduce.jackknife import GROUPS, jackknife_error
 
 __all__ = [
@@ -27,7 +27,6 @@ __all__ = [
     "share_of",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 Condition = Mapping[str, float | int | str]
 Samples = Mapping[str, FloatArray]
 """Arrays (trials,) by name; NaN where a trial has no value, as where a method gave no fix."""
@@ -89,7 +88,7 @@ class _Without(Mapping[str, FloatArray]):
 
 
 @lru_cache(maxsize=2 * GROUPS)
-def _kept(trials: int, group: int) -> npt.NDArray[np.bool_]:
+def _kept(trials: int, group: int) -> BoolArray:
     return np.asarray(np.arange(trials) % GROUPS != group)
 
 
@@ -124,7 +123,7 @@ def median(values: FloatArray) -> float:
     return middle if np.isfinite(middle) else np.nan
 
 
-def share(values: npt.NDArray[np.bool_] | FloatArray) -> float:
+def share(values: BoolArray | FloatArray) -> float:
     """Return the share of trials that are true (or 1); a missing value counts as false. NaN without trials."""
     return float(np.mean(np.nan_to_num(np.asarray(values, dtype=float)))) if values.size else np.nan
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.api import bound, localize
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
@@ -20,8 +21,6 @@ from nlosctl.reproduce.experiment import Chunk
 from nlosctl.scenarios.catalogue import find_scenario
 
 __all__ = ["Fixes", "Simulated", "batch_of", "bound_rms_m", "fixes", "simulated"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

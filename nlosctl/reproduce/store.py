@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from nlosctl.arrays import FloatArray
 from nlosctl.errors import DataError
 from nlosctl.io.results.array_file import read_arrays, write_arrays
 from nlosctl.reproduce.experiment import Experiment
-from nlosctl.reproduce.samples import Drawn, FloatArray, Samples
+from nlosctl.reproduce.samples import Drawn, Samples
 
 __all__ = ["SampleStore"]
 

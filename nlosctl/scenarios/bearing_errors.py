@@ -6,11 +6,11 @@ from math import pi, sqrt
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray
 
 __all__ = ["ErrorModel", "draw_errors"]
 
-FloatArray = npt.NDArray[np.float64]
 ErrorModel = Literal["gaussian", "laplace", "cauchy"]
 
 _RIGHT_ANGLE = 0.5 * pi

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
 from nlosctl.scenarios.spec import Columns
 
 __all__ = ["bearing_columns", "sensor_names"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 def sensor_names(count: int) -> tuple[str, ...]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.scenarios.bearing_rows import sensor_names
@@ -15,8 +15,6 @@ from nlosctl.scenarios.echo_rows import EchoOptions, echo_columns
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "EchoFieldOptions", "generate", "scene"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

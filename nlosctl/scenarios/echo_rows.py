@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.options import option
 from nlosctl.scenarios.bearing_rows import sensor_names
 from nlosctl.scenarios.spec import Columns
 
 __all__ = ["EchoOptions", "echo_columns"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,9 +99,9 @@ def _shuffled(
     sensor_xy_m: FloatArray,
     target_xy_m: FloatArray,
     ranges: FloatArray,
-    there: npt.NDArray[np.bool_],
+    there: BoolArray,
     label: FloatArray,
-    los: npt.NDArray[np.bool_],
+    los: BoolArray,
     options: EchoOptions,
 ) -> Columns:
     """Return the columns of the echoes (B, N, M) that are ``there``, in a random order within each snapshot."""

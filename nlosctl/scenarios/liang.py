@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.scenarios.bearing_rows import sensor_names
@@ -14,8 +14,6 @@ from nlosctl.scenarios.echo_rows import EchoOptions, echo_columns
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "LiangOptions", "generate", "scene"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

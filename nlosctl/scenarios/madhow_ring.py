@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.errors import UsageError
@@ -18,9 +18,6 @@ from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "MadhowRingOptions", "generate", "scene"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _GRID = (-0.6, -0.3, 0.0, 0.3, 0.6)
 """Coordinates of the 25 sources, in radii; the paper does not say where its 25 are."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, SegmentReflector, Sensor
 from nlosctl.errors import UsageError
@@ -17,7 +17,6 @@ from nlosctl.scenarios.wall_paths import WallPath, trace_paths
 
 __all__ = ["SCENARIO", "MadhowWallsOptions", "generate", "scene"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _WORLDS = {
     "10": Scene(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import CircleReflector, Scene, Sensor
 from nlosctl.errors import UsageError
@@ -15,8 +15,6 @@ from nlosctl.scenarios.bearing_rows import bearing_columns, sensor_names
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "OverTheHorizonOptions", "generate", "scene"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import LineReflector, Scene, Sensor
 from nlosctl.errors import UsageError
@@ -16,7 +16,6 @@ from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "RandomFieldOptions", "generate", "scene"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _REDRAWS = 200
 _MIRROR_DISTANCE = (0.75, 1.5)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
@@ -14,7 +14,6 @@ from nlosctl.scenarios.triplet_rows import triplet_columns
 
 __all__ = ["SCENARIO", "RoomOptions", "generate", "scene"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _MARGIN = 0.05
 """Nodes and targets keep this share of the room's sides away from the walls."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
 from nlosctl.models.path_noise import signal_to_noise, triplet_standard_deviations
@@ -16,8 +16,6 @@ from nlosctl.scenarios.triplet_rows import triplet_columns
 
 __all__ = ["SCENARIO", "ShenOptions", "generate", "scene"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _TX, _RX = np.array([[-2.5, 0.0]]), np.array([[2.5, 0.0]])
 _REGION_M = (-8.0, 8.0, 0.0, 10.0)
@@ -100,7 +98,7 @@ Triplet = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def _measure(
-    target: FloatArray, reflectors: FloatArray, place: npt.NDArray[np.int64], indirect: BoolArray, power_dbm: float
+    target: FloatArray, reflectors: FloatArray, place: IntArray, indirect: BoolArray, power_dbm: float
 ) -> tuple[Triplet, Triplet]:
     """Return noise-free DOD, DOA, path length, and their standard deviations; ``place``: where the target stands."""
     direct = trace_over_objects(_TX, _RX, target[:, None])

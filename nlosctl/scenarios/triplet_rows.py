@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.scenarios.spec import Columns
 
 __all__ = ["triplet_columns"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 def triplet_columns(
@@ -23,7 +20,7 @@ def triplet_columns(
     rx_xy_m: FloatArray,
     triplet: tuple[FloatArray, FloatArray, FloatArray],
     stds: tuple[FloatArray, FloatArray, FloatArray],
-    truth_ip: npt.NDArray[np.bool_],
+    truth_ip: BoolArray,
     target_xy_m: FloatArray,
 ) -> Columns:
     """Return the flat columns (N,) of a triplets file: noise-free DOD, DOA (rad), path length (m) plus Gaussian errors.

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.testing.bench import Bench

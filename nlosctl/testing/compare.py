@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.contract.batches import FloatArray, IntArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 

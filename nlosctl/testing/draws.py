@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import numpy.typing as npt
 
-from nlosctl.contract.batches import BearingBatch, FloatArray, IntArray
+from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
@@ -96,7 +96,7 @@ def bearing_batch(
     )
 
 
-def _number_paths(sensor: IntArray) -> npt.NDArray[np.int64]:
+def _number_paths(sensor: IntArray) -> IntArray:
     """Number the measurements of each sensor (B, K) from 0."""
     path = np.zeros(sensor.shape, dtype=np.int64)
     for k in range(1, sensor.shape[1]):

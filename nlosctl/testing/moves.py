@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.contract.batches import FloatArray, IntArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import CircleField, Field
 from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector, Sensor
 from nlosctl.geometry.angles import wrap_angle

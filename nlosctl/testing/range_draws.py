@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlosctl.contract.batches import FloatArray, IntArray, RangeBatch
+from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import CircleField
 from nlosctl.models.ranges import predict_ranges
 from nlosctl.testing.trials import Draw, Trial

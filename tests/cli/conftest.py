@@ -38,6 +38,6 @@ def cli(capsysbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPa
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read measurements 37 rows at a time, so that small files come in several chunks."""
-    from nlosctl.io import measurements
+    from nlosctl.io.measurements import reader as measurements
 
     monkeypatch.setattr(measurements, "ReadOptions", partial(measurements.ReadOptions, chunk_rows=37))

@@ -11,7 +11,7 @@ import pytest
 from cli_support import FIXTURES, GOOD, SCENE, Outcome, crossing_rows, listing, plain_csv, process
 
 from nlosctl.errors import DataError
-from nlosctl.pipeline import run as run_module
+from nlosctl.pipeline.solve import run as run_module
 
 Cli = Callable[..., Outcome]
 

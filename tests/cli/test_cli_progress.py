@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from nlosctl.cli import terminal
+from nlosctl.cli.shared import terminal
 
 
 @pytest.mark.parametrize("ends", ["closed", "hung up"])

@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nlosctl.cli.main import run
-from nlosctl.io import measurements
+from nlosctl.io.measurements import reader as measurements
 from nlosctl.io.writers.table_writer import GROUP_ROWS, MEASUREMENT_GROUP_ROWS, TableWriter
-from nlosctl.pipeline import sliced, workers
+from nlosctl.pipeline.engine import sliced, workers
 
 EXTENSIONS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]
 Files = tuple[bytes, bytes]

@@ -18,7 +18,7 @@ from cli_support import GOOD, PROGRAM, SCENE, Outcome, crossing_rows, listing, p
 
 from nlosctl.errors import MethodError
 from nlosctl.io.writers.table_writer import TableWriter
-from nlosctl.pipeline import run as run_module
+from nlosctl.pipeline.solve import run as run_module
 
 Cli = Callable[..., Outcome]
 OUTPUTS = ["-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]

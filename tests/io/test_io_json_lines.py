@@ -11,9 +11,9 @@ import pytest
 from reading_support import Gathered, read, whole
 
 from nlosctl.errors import DataError
-from nlosctl.io import jsonl_file
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.readers import json_lines as jsonl_file
 
 
 def row(place: int = 1, **more: Any) -> str:

@@ -18,7 +18,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
-from nlosctl.solvers import suppressed_fixes
+from nlosctl.solvers.sequential import suppression as suppressed_fixes
 from nlosctl.solvers.sequential.hypotheses import grow_hypotheses
 from nlosctl.testing import check_method
 

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlosctl.errors import DataError, MethodError
-from nlosctl.pipeline import workers
+from nlosctl.pipeline.engine import workers
 from nlosctl.pipeline.engine.workers import map_in_order, map_in_processes, usable_jobs
 
 

@@ -40,6 +40,6 @@ def job_folder(folder: Path, job_inputs: Path) -> Path:
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read measurements 37 rows at a time, so that small files come in several chunks."""
-    from nlosctl.io import measurements
+    from nlosctl.io.measurements import reader as measurements
 
     monkeypatch.setattr(measurements, "ReadOptions", partial(measurements.ReadOptions, chunk_rows=37))

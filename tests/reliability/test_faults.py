@@ -23,7 +23,7 @@ from guarded_run import Ending, complaints, run_guarded, told_complaints
 from kill_runs import kill_and_resume, kill_at_random
 from writing_jobs import FIXTURES, WritingJob, resumed_jobs, writing_jobs
 
-from nlosctl.pipeline import run as run_module
+from nlosctl.pipeline.solve import run as run_module
 
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 GOOD = FIXTURES / "good_bearings.parquet"

@@ -30,7 +30,7 @@ def run_script(folder: Path, script: str, *words: str) -> subprocess.CompletedPr
 
 DROPS = """
 import signal
-from nlosctl.pipeline import simulation
+from nlosctl.pipeline.simulate import simulation
 class Gone:
     def __del__(self):
         signal.raise_signal({number})
@@ -110,7 +110,7 @@ def test_processes_that_are_stopped_leave_nothing_half_written(number: int, job_
     """Where a run into a folder is interrupted what its processes were writing goes, and --resume goes on."""
     script = """
 import time
-from nlosctl.io import new_file
+from nlosctl.io.writers import atomic_file as new_file
 keep = new_file.NewFile.keep
 def keep_late(file):
     if ".parquet." in file._temporary.name:

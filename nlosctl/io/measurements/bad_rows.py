@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from nlosctl.contract.batches import BoolArray
+from nlosctl.arrays import BoolArray
 from nlosctl.errors import GatheredError, printable
 
 __all__ = ["SHOWN_PROBLEMS", "BadRow", "BadRowSink", "Describe", "Fault", "Problem", "ProblemLog"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
 from nlosctl.io.measurements.options import ReadReport
 from nlosctl.io.measurements.row_batch import Piece

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from nlosctl.contract.batches import BoolArray, IntArray
+from nlosctl.arrays import BoolArray, IntArray
 
 __all__ = ["IdHistory", "IdSet", "SeenId"]
 

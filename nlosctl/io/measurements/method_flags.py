@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow.compute as pc
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.readers.arrow_text import plain
 from nlosctl.io.sweep_columns import SWEEP_PREFIX

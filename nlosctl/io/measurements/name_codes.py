@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 
 __all__ = ["NameCodes"]
 

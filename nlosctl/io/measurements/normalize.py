@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from nlosctl.contract.batches import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Column
@@ -144,7 +144,7 @@ class Normalizer:
         self._check_finite(found, values, missing, faults)
         numbers = values
         if found.converted:
-            with np.errstate(invalid="ignore", over="ignore"):
+            with ignoring_overflow():
                 numbers = values * found.scale + found.offset
         limit = column.largest_magnitude
         self._check_bounds(found, values, numbers, faults)

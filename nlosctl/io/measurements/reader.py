@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from nlosctl.contract.batches import BoolArray, IntArray
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import BadRowSink, ProblemLog
 from nlosctl.io.measurements.column_mapping import SNAPSHOT

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import Fault
@@ -45,7 +46,7 @@ def half_filled_faults(plan: ColumnPlan, columns: Mapping[str, npt.NDArray[Any]]
     return faults
 
 
-def _half_filled_fault(mask: npt.NDArray[np.bool_], column: str, group: Sequence[str]) -> Fault:
+def _half_filled_fault(mask: BoolArray, column: str, group: Sequence[str]) -> Fault:
     told = f"empty (null), expected all of {', '.join(group)} or none"
     return Fault(mask=mask, column=column, describe=lambda _: told)
 
@@ -83,9 +84,9 @@ def placement_faults(scene: Scene, plan: ColumnPlan, columns: Mapping[str, npt.N
 def _placement_fault(
     column: str,
     size: int,
-    rows: npt.NDArray[np.int64],
-    distance: npt.NDArray[np.float64],
-    limit: npt.NDArray[np.float64],
+    rows: IntArray,
+    distance: FloatArray,
+    limit: FloatArray,
     expected: str,
 ) -> Fault:
     mask = np.zeros(size, dtype=np.bool_)

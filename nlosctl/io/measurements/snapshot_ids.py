@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from nlosctl.contract.batches import BoolArray, IntArray
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.id_index import IdHistory, IdSet, SeenId
 from nlosctl.io.paths.file_format import FileFormat

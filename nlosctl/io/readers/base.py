@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyarrow as pa
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.contract.limits import refusal_hint
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError

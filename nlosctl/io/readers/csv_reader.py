@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part

@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.contract.batches import IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.errors import DataError
 

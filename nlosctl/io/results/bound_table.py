@@ -9,15 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.tables import BOUND
 from nlosctl.errors import DataError
 from nlosctl.io.readers.arrow_text import plain_type
 from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["bound_schema", "bound_table", "truth_positions"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 def bound_schema(input_schema: Any | None) -> Any:

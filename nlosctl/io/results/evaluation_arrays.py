@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import TRUTH
@@ -28,8 +29,6 @@ __all__ = [
     "whole_snapshots",
 ]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 _TRUTH = ("truth_x_m", "truth_y_m")
 _STATUSES = pa.array([status.word for status in Status])

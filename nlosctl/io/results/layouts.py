@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.results import Words
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, Column
@@ -19,7 +20,6 @@ from nlosctl.io.sweep_columns import SWEEP_PREFIX, SweepColumns
 
 __all__ = ["EstimatesLayout", "FlagsLayout", "TraceLayout", "carried_columns", "carried_names"]
 
-IntArray = npt.NDArray[np.int64]
 Arrays = Mapping[str, npt.NDArray[Any]]
 Said = Mapping[str, npt.NDArray[Any] | Words]
 
@@ -184,7 +184,7 @@ class FlagsLayout:
         """Whether rows tell their method and swept values: there are several, or a sweep."""
         return len(self.methods) > 1 or bool(self.sweeps.names)
 
-    def _of_method(self, number: int, used: npt.NDArray[np.bool_], said: Said, rows: pa.Table) -> pa.Table:
+    def _of_method(self, number: int, used: BoolArray, said: Said, rows: pa.Table) -> pa.Table:
         columns: list[Any] = []
         for field in self.schema:
             if field.name == "method" and self._told:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES
 from nlosctl.errors import DataError
@@ -99,7 +100,7 @@ class DrawnSnapshot:
     scene: Scene
     columns: Columns
     sensor: Sequence[str]
-    left_out: npt.NDArray[np.bool_]
+    left_out: BoolArray
     file_columns: Columns = field(default_factory=dict)
 
 
@@ -225,7 +226,7 @@ def _is_wanted(name: str, wanted: Sequence[str]) -> bool:
     return any(name == word or (word.endswith("*") and name.startswith(word[:-1])) for word in wanted)
 
 
-def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[npt.NDArray[np.int64], int, Any]:
+def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[IntArray, int, Any]:
     """Return the number of each row's snapshot, counted through the file, and the last number and id."""
     if "snapshot" not in table.column_names:
         rows = np.arange(number + 1, number + 1 + table.num_rows)
@@ -238,18 +239,18 @@ def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[npt.NDArray[n
     return rows, int(rows[-1]), ids[table.num_rows - 1].as_py()
 
 
-def _is_kept(number: npt.NDArray[np.int64], step: int) -> npt.NDArray[np.bool_]:
+def _is_kept(number: IntArray, step: int) -> BoolArray:
     """Return which snapshots are kept where one in ``step`` (a power of 2) is.
 
     Those whose number's multiple of the golden ratio has a fraction below 1 / step: evenly spread, and unlike every
     step-th blind to no period of the file.
     """
     fraction = number.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    kept: npt.NDArray[np.bool_] = fraction <= np.uint64(2**64 // step - 1)
+    kept: BoolArray = fraction <= np.uint64(2**64 // step - 1)
     return kept
 
 
-def _only(part: Columns, chosen: npt.NDArray[np.bool_]) -> Columns:
+def _only(part: Columns, chosen: BoolArray) -> Columns:
     return {name: values[chosen] for name, values in part.items()}
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
@@ -22,7 +23,6 @@ from nlosctl.pipeline.solve.dense_blocks import dense_blocks
 
 __all__ = ["BoundSettings", "MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _POSITIONS_AT_ONCE = 4096
 _INFORMATION_PER_VARIANCE = {"gaussian": 1.0, "laplace": 2.0}
@@ -127,7 +127,7 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 
-def _may_be_direct(chunk: Chunk) -> npt.NDArray[np.bool_]:
+def _may_be_direct(chunk: Chunk) -> BoolArray:
     if "truth_los" not in chunk.table.column_names:
         return np.ones(chunk.table.num_rows, dtype=bool)
     return np.asarray(boolean_codes(chunk.table.column("truth_los")) != 0)

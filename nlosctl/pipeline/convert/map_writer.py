@@ -9,9 +9,9 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl import registry
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places, PlacesWriter
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.options import parse_options
@@ -29,7 +29,6 @@ from nlosctl.io.writers.targets import check_targets
 
 __all__ = ["MapWriter", "exporter_of"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _ESTIMATED = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
 

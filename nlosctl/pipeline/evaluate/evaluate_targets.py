@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import ESTIMATES, FLAGS
 from nlosctl.errors import DataError
@@ -20,8 +20,6 @@ from nlosctl.pipeline.evaluate.evaluate import Evaluation, grouping_columns, pre
 
 __all__ = ["evaluate_targets"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _COLUMNS = ("los", "truth_los", "target", "truth_target", "truth_x_m", "truth_y_m")
 _NOBODY = -1

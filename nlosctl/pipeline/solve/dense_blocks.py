@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
 from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
 __all__ = ["Block", "dense_blocks"]
 
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 _WHOLE_FIELD = SensorsField()
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -33,7 +32,7 @@ class Block:
         kind: str,
         columns: Columns,
         scene: Scene,
-        seed: npt.NDArray[np.uint64],
+        seed: SeedArray,
         *,
         field: Field = _WHOLE_FIELD,
         flags: bool,
@@ -83,7 +82,7 @@ def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterato
             yield Block(snapshot=snapshot, row=kept_rows[places] if count else places)
 
 
-def _constant(shape: tuple[int, ...], value: float) -> npt.NDArray[np.float64]:
+def _constant(shape: tuple[int, ...], value: float) -> FloatArray:
     constant = np.full(shape, value, order="F")
     constant.flags.writeable = False
     return constant

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.results import Words
 
 __all__ = ["FlagColumn"]
-
-IntArray = npt.NDArray[np.int64]
 
 
 class FlagColumn:
@@ -20,7 +19,7 @@ class FlagColumn:
     def __init__(self, rows: int) -> None:
         self._rows = rows
         self._values: npt.NDArray[Any] | None = None
-        self._unsaid: npt.NDArray[np.bool_] | None = None
+        self._unsaid: BoolArray | None = None
         self._words: list[str | None] = []
 
     def set(self, row: IntArray, values: npt.NDArray[Any] | Words) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.geometry.earth import EarthPlane, flat_errors
 from nlosctl.io.scenes.earth_plane import plane_of
@@ -16,7 +17,6 @@ from nlosctl.pipeline.solve.solve_chunk import FlatEstimates, Problem
 
 __all__ = ["FlatPlaneTally"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _TOLD_FROM = 0.1
 """An error larger than this share of the stated standard deviation is told."""
@@ -71,7 +71,7 @@ class FlatPlaneTally:
 
     def _take(self, unit: str, found: tuple[FloatArray, FloatArray], std: FloatArray) -> None:
         error, length = found
-        with np.errstate(invalid="ignore"):
+        with ignoring_invalid():
             share = np.where(np.isfinite(error) & (std > 0.0), error / std, 0.0)
         place = int(np.argmax(share))
         worst = (float(share[place]), float(error[place]), float(length[place]))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.information import UNIT_INFORMATION
@@ -15,8 +15,6 @@ from nlosctl.pipeline.solve.solve_chunk import FlatEstimates, MethodRun, Problem
 
 __all__ = ["gdop", "refuse_gdop"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _AT_ONCE = 4096
 _CONDITION_LIMIT = 1e12
@@ -45,9 +43,7 @@ def gdop(problem: Problem, estimates: FlatEstimates, used: Sequence[BoolArray]) 
     return found
 
 
-def _of_rank(
-    problem: Problem, estimates: FlatEstimates, chosen: npt.NDArray[np.int64], used: BoolArray, found: FloatArray
-) -> None:
+def _of_rank(problem: Problem, estimates: FlatEstimates, chosen: IntArray, used: BoolArray, found: FloatArray) -> None:
     """Write the GDOP of estimates, of which a snapshot has one at most."""
     place = np.full(problem.offsets.shape[0] - 1, -1, dtype=np.int64)
     place[estimates.snapshot[chosen]] = chosen
@@ -62,7 +58,7 @@ def _of_rank(
 
 
 def _dilution(geometry: Symmetric2x2) -> FloatArray:
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with ignoring_division():
         smaller, larger = geometry.eigenvalues()
         regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
         return np.where(regular, np.sqrt(geometry.trace / geometry.determinant), np.nan)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.contract.tables import ELLIPSE, PRECISION
 from nlosctl.errors import UsageError, did_you_mean
@@ -17,7 +17,6 @@ from nlosctl.io.scenes.earth_plane import plane_of
 
 __all__ = ["ADDABLE", "on_earth", "precision_columns", "precision_of"]
 
-FloatArray = npt.NDArray[np.float64]
 
 ADDABLE = {"cep50": "cep50_m", "gdop": "gdop"}
 """The words of ``--add``, and the column that each asks for."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 
 __all__ = ["MethodTally", "RunReport"]
@@ -39,7 +40,7 @@ class MethodTally:
                 true = int(np.count_nonzero(said))
                 self.verdicts.update({false_word: said.size - true, true_word: true})
 
-    def add(self, status: npt.NDArray[np.uint8], cost: npt.NDArray[np.float64], n_used: npt.NDArray[np.int64]) -> None:
+    def add(self, status: npt.NDArray[np.uint8], cost: FloatArray, n_used: IntArray) -> None:
         """Count estimates (E,), best alternatives only; ``cost`` is half a chi-square, or NaN where it is not."""
         numbers = np.bincount(status, minlength=len(Status))
         self.statuses.update({Status(code).word: int(count) for code, count in enumerate(numbers) if count})

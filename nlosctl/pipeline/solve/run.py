@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import UsageError
@@ -205,7 +205,7 @@ class MeasurementRun:
     def _new_report(self) -> RunReport:
         return RunReport(kind=self._reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
 
-    def _seeds(self, chunk: Chunk) -> npt.NDArray[np.uint64]:
+    def _seeds(self, chunk: Chunk) -> SeedArray:
         if not any(run.spec.randomized for run in self._runs):
             return np.zeros(len(chunk.snapshot), dtype=np.uint64)
         return snapshot_seeds(self._settings.seed, chunk.snapshot_ids())

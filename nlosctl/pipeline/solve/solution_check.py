@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray
 from nlosctl.contract.results import Estimates, Flags, Solution, Trace
 from nlosctl.contract.statuses import Status
 
@@ -69,7 +70,7 @@ def _in_truth(estimates: Estimates, size: int) -> Iterator[str]:
         yield "a covariance is that of no ellipse"
 
 
-def _nulls(what: str, values: npt.NDArray[Any], wanted: npt.NDArray[np.bool_], status: npt.NDArray[Any]) -> list[str]:
+def _nulls(what: str, values: npt.NDArray[Any], wanted: BoolArray, status: npt.NDArray[Any]) -> list[str]:
     wrong = np.where(wanted[:, None], ~np.isfinite(values), ~np.isnan(values)).any(axis=1)
     if not wrong.any():
         return []

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Estimates, Solution, Trace, Words, single_estimates
@@ -23,10 +24,6 @@ from nlosctl.pipeline.solve.heap import keep_freed_memory
 from nlosctl.pipeline.solve.solution_check import fault_of
 
 __all__ = ["FlatEstimates", "FlatFlags", "FlatTrace", "MethodRun", "Problem", "solve_flat"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 _EDGE_SHARE = 0.01
@@ -58,7 +55,7 @@ class Problem:
     columns: Mapping[str, npt.NDArray[Any]]
     offsets: IntArray
     kept: BoolArray
-    seed: npt.NDArray[np.uint64]
+    seed: SeedArray
 
 
 @dataclass(frozen=True, kw_only=True)

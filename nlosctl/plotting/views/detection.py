@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
 from nlosctl.errors import DataError
 from nlosctl.evaluation.calibration import reliability
 from nlosctl.evaluation.detection import RocCurve, kolmogorov_smirnov, roc_curve
@@ -20,8 +20,6 @@ from nlosctl.plotting.views.snapshot_rows import labels_of_rows
 
 __all__ = ["draw_detection_view"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _CURVE_POINTS = 2000
 
@@ -38,7 +36,7 @@ class _Detector:
     @property
     def point(self) -> tuple[float, float]:
         """P_fa and P_d of the flags as they are; NaN where there is no such row."""
-        with np.errstate(invalid="ignore"):
+        with ignoring_invalid():
             return tuple(  # type: ignore[return-value]
                 float(np.divide(np.count_nonzero(self.called & part), np.count_nonzero(part)))
                 for part in (~self.positive, self.positive)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.evaluation.estimates import EstimateRows
@@ -23,7 +24,6 @@ from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
 
 __all__ = ["draw_error_cdf", "draw_sweep"]
 
-FloatArray = npt.NDArray[np.float64]
 Group = Mapping[str, Any]
 
 _LOG_FROM = 20.0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.results.plot_inputs import DrawnFile, SampledRows, read_sampled
 from nlosctl.plotting.figures import axis_label, figure_style, series_style
@@ -17,7 +17,6 @@ from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
 
 __all__ = ["draw_estimates_view", "thinning_note"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _DENSE_FROM = 3000
 _ELLIPSES_TO = 60
@@ -69,7 +68,7 @@ def thinning_note(file: DrawnFile, rows: SampledRows) -> list[str]:
     return [f"{file.name}: 1 of {rows.step} snapshots is drawn, {rows.count} of {rows.total} rows (--max-rows)"]
 
 
-def _groups(rows: SampledRows, prefix: str) -> dict[str, npt.NDArray[np.int64]]:
+def _groups(rows: SampledRows, prefix: str) -> dict[str, IntArray]:
     """Return the rows of each label that are best alternatives with a position."""
     position = positions_of(rows.columns, "x_m", "y_m")
     good = np.isfinite(position).all(axis=1) & (rows.columns["alternative"] == 0.0)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Reflector, Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.results.plot_inputs import DrawnSnapshot, read_snapshot
@@ -21,7 +22,6 @@ from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, dra
 
 __all__ = ["draw_range_circle", "draw_scene_view", "first_measurements", "sensor_positions"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _WIDEST_WEDGE_RAD = 1.0
 _BEYOND = 1.12

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.errors import DataError
 from nlosctl.io.results.plot_inputs import DrawnFile, read_rows_of_snapshot
 from nlosctl.plotting.figures import series_style
@@ -15,7 +16,6 @@ from nlosctl.plotting.plane import Extent, draw_ellipses
 
 __all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "labels_of_rows"]
 
-FloatArray = npt.NDArray[np.float64]
 Columns = Mapping[str, npt.NDArray[np.generic]]
 
 

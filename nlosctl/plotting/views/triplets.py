@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.errors import DataError
 from nlosctl.geometry.triplets import AXES, baseline_frames
 from nlosctl.io.results.plot_inputs import DrawnSnapshot
@@ -21,7 +22,6 @@ from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, dra
 
 __all__ = ["draw_triplet_view"]
 
-FloatArray = npt.NDArray[np.float64]
 Columns = Mapping[str, npt.NDArray[Any]]
 
 _MOST_PATHS = 4

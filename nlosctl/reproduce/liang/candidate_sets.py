@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
@@ -15,10 +15,6 @@ from nlosctl.solvers.echoes.type_clustering import ClusteringOptions, cluster_ec
 from nlosctl.solvers.echoes.type_sets import Gate, cross_all
 
 __all__ = ["CandidateSets", "candidate_sets"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.evaluation.targets import CASES
 from nlosctl.plotting.panels import BarsPanel, Line, Panel, PointsPanel
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
@@ -20,7 +21,6 @@ from nlosctl.reproduce.verdicts import at_least, at_most
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _WHERE = "Section III.B, Fig. 2"
 _COUNTS = {"sets": "candidates", "kept": "left by the comparison"}
@@ -51,7 +51,7 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     return samples
 
 
-def _is_larger(some: CandidateSets) -> npt.NDArray[np.bool_]:
+def _is_larger(some: CandidateSets) -> BoolArray:
     largest = some.spread_m[some.case == 0].max(initial=0.0)
     return np.where(some.case < 3, some.larger, some.spread_m > largest)
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.api import identify_los
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import parse_field
 from nlosctl.evaluation.targets import EchoRows, TargetScores
@@ -40,7 +41,6 @@ __all__ = [
     "table_experiment",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 
 PAPER = Paper(
     name="liang",
@@ -160,7 +160,7 @@ def identified(given: Simulated, chunk: Chunk, method: str, **parameters: Any) -
     )
 
 
-def _numbers(target: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+def _numbers(target: npt.NDArray[Any]) -> IntArray:
     values = target.astype(float)
     return np.where(np.isnan(values), -1, values).astype(np.int64)
 

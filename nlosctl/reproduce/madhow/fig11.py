@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl.api import localize
+from nlosctl.arrays import FloatArray
 from nlosctl.plotting.panels import Line, Panel, PointsPanel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.madhow.fig10 import outlines
@@ -18,7 +18,6 @@ from nlosctl.reproduce.verdicts import at_least, between
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _FIELD = "-400,900,-400,800"
 _NEAR_M = 25.0

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.models.bearings import sight_lines
 from nlosctl.plotting.panels import LinesPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
@@ -43,7 +43,7 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     }
 
 
-def _laplace_ml(given: Simulated) -> npt.NDArray[np.float64]:
+def _laplace_ml(given: Simulated) -> FloatArray:
     """Return the errors (T,) of maximum likelihood under Laplacian errors: the least sum of absolute residuals.
 
     A bearing is a harmonic function of the position, so the sum has no least value where it is smooth: it is sought

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
+from nlosctl.arrays import FloatArray
 from nlosctl.geometry.triplets import baseline_frames
 from nlosctl.models.path_noise import signal_to_noise, triplet_standard_deviations
 from nlosctl.models.reflected_paths import ObjectPaths, trace_over_objects
@@ -34,7 +34,6 @@ __all__ = [
     "scene_detection_probability",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 Order = Literal["reflector first", "target first"]
 Rule = int | str
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.plotting.panels import Line, Panel, RegionsPanel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
@@ -26,7 +26,6 @@ from nlosctl.solvers.triplets.target_fits import fit_paths
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _WHERE = "Section IV-C, Fig. 4"
 _LEVEL = 0.05
@@ -35,7 +34,7 @@ _BLIND = 0.5
 _CLASSES = {"P_d below 0.5": 0.5, "0.5 to 0.9": 0.9, "above 0.9": 1.1}
 
 
-def _reflectors(trials: npt.NDArray[np.int64], total: int) -> FloatArray:
+def _reflectors(trials: IntArray, total: int) -> FloatArray:
     """Return reflectors (T, 2) of a lattice of square cells over the region, x running fastest."""
     columns, step = _lattice(total)
     place = np.stack([trials % columns, trials // columns], axis=1)
@@ -52,7 +51,7 @@ def _lattice(total: int) -> tuple[int, float]:
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
     """Return P_d over each reflector by (33), the worse of both orders; for lambda also its mean in each order."""
     reflectors, rule = _reflectors(chunk.trials, chunk.total), str(condition["rule"])
-    with np.errstate(divide="ignore", invalid="ignore"):  # a reflector on the target
+    with ignoring_division():  # a reflector on the target
         return _fields(reflectors, rule)
 
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl.api import detect_ip
+from nlosctl.arrays import FloatArray
 from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
 from nlosctl.reproduce.samples import Condition, Drawn, Samples
 from nlosctl.reproduce.simulated import Simulated, simulated
@@ -31,7 +31,6 @@ __all__ = [
     "triplet_trials",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 
 PAPER = Paper(
     name="shen",

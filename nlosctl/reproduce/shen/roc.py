@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.plotting.panels import Line, LinesPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Claim, Experiment
 from nlosctl.reproduce.samples import Drawn, conditions
@@ -26,7 +26,6 @@ from nlosctl.reproduce.verdicts import about, at_least
 
 __all__ = ["roc_experiment"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _INDIVIDUAL = tuple(f"lambda{rule}" for rule in range(1, 7))
 _RULES = (*_INDIVIDUAL, "fusion0", "fusion5", "chi2", "chi2_miss")

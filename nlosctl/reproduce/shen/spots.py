@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.reproduce.shen.detection_theory import ORDERS, DetectionScene, Order
 
 __all__ = ["REGION_M", "SCENE", "SPOTS", "Spot"]
 
-FloatArray = npt.NDArray[np.float64]
 
 SCENE = DetectionScene(target_m=(-1.0, 5.0))
 REGION_M = (-8.0, 8.0, 0.0, 10.0)

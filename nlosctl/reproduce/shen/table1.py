@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Scene
 from nlosctl.io.results.simulated_table import measurement_table
 from nlosctl.models.triplets import PathRows
@@ -23,7 +23,6 @@ from nlosctl.scenarios.triplet_rows import triplet_columns
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _LEVEL = 0.05
 _KINDS = ("BS1", "BS2", "BS3")

@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl.api import detect_ip
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
 from nlosctl.io.results.simulated_table import measurement_table
 from nlosctl.plotting.panels import BarsPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
@@ -20,8 +20,6 @@ from nlosctl.reproduce.verdicts import at_least, printed
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _WHERE = "Table V"
 _ROOM_M = (-5.0, 5.0, 0.0, 8.0)
@@ -80,7 +78,7 @@ def _average_in_room(given: Simulated, chunk: Chunk) -> BoolArray:
         for axis in "xy"
     )
     x_low, x_high, y_low, y_high = _ROOM_M
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         return np.asarray((x >= x_low) & (x <= x_high) & (y >= y_low) & (y <= y_high))
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.geometry.circular_reflection import all_points, count_reflections, separatrix
 from nlosctl.plotting.panels import Line, Panel, RegionsPanel
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
@@ -17,7 +17,6 @@ from nlosctl.reproduce.verdicts import at_least, at_most, printed
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _FIGURE, _SMALL = 0.955, 0.2
 """The sensor's distance from the centre, in radii: the figure's, and one below 1/3."""

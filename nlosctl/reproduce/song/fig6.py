@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import all_reflections, count_reflections
@@ -26,7 +25,6 @@ from nlosctl.reproduce.verdicts import at_least, at_most, printed
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _GROUND_M, _REFLECTOR_M = 6371e3, 6671e3
 _FARTHEST_RAD = np.radians(42.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import CircleReflector
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import ReflectedPath
@@ -21,7 +21,6 @@ from nlosctl.scenarios import song_circle
 
 __all__ = ["EXPERIMENT"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _STD_RAD = np.radians(0.5)
 _SHARES = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)

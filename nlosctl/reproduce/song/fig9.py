@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.models.bearings import sight_lines
 from nlosctl.plotting.panels import LinesPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
@@ -52,7 +52,7 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     }
 
 
-def _about_truth(given: Simulated, epsilon_deg: float) -> npt.NDArray[np.float64]:
+def _about_truth(given: Simulated, epsilon_deg: float) -> FloatArray:
     """Return the errors (T,) of the best vertices of grids about the true position; NaN where the grid is small."""
     if epsilon_deg < _SMALL_DEG:
         return np.full(given.truth_m.shape[0], np.nan)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
@@ -15,9 +15,6 @@ from nlosctl.solvers.bearings.likelihood import BearingProblem
 from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ class MixedBearingProblem:
         Of snapshots without a circle row the exact second derivatives, as `BearingProblem` has them.
         """
         residual, slope_x, slope_y = self._linearize(x, y)
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             at = Evaluation(
                 0.5 * sum_measurements(residual * residual),
                 sum_measurements(residual * slope_x),
@@ -110,7 +107,7 @@ def _linearize_straight(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the scaled residuals (B, K) and derivatives of direct and line rows, (23); circle rows hold whatever."""
     dx, dy = x[:, None] - rays.origin_x, y[:, None] - rays.origin_y
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         residual = np.arctan2(rays.sine * dx - rays.cosine * dy, rays.cosine * dx + rays.sine * dy)
         weight = rays.inverse_std / (dx * dx + dy * dy)
         return residual * rays.inverse_std, dy * weight, -dx * weight

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
@@ -19,10 +19,6 @@ from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["ConstrainedFix", "hold_within_scene", "minimize_within_scene"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 _ROUNDS = 12
 _STIFFNESS = 30.0
@@ -61,7 +57,7 @@ def hold_within_scene(ends: Ends, max_iterations: int) -> tuple[Ends, StatusArra
         return ends, status
     x, y, converged = ends.x.copy(), ends.y.copy(), ends.converged.copy()
     lines = ends.lines.take(outside)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         scale = np.sqrt(lines.information(x[outside], y[outside]).inverse().trace)
     fix = minimize_within_scene(lines, x[outside], y[outside], scale, max_iterations)
     held = np.where(fix.found, np.where(fix.on_edge, Status.BOUNDARY, Status.OK), Status.NO_CANDIDATE)

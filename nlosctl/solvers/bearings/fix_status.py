@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Flags, Solution, single_estimates
 from nlosctl.contract.statuses import Status
@@ -17,10 +18,6 @@ from nlosctl.solvers.bearings.near_sensor_covariance import Widened, widen_near_
 
 __all__ = ["CONDITION_LIMIT", "finish_bearings_fix", "judge_fixes", "nearly_singular"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 CONDITION_LIMIT = 1e6
 """Largest condition number of the lines' normals with which they still count as crossing."""
@@ -53,7 +50,7 @@ def judge_fixes(
     infeasible: where the scene does not allow it (`SightLines.outside_scene`), or all bearings are under the horizon.
     """
     farthest = survey.farthest_m
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
         uncertain = ~sure | nearly_singular(covariance)
         # Sensors all in one place have no size to go by but that of their coordinates.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Solution, single_estimates
 from nlosctl.contract.statuses import Status
@@ -20,10 +20,6 @@ from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns", "row_residuals"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
@@ -61,7 +57,7 @@ class RangedBearingProblem:
         """Return cost, gradient and second derivatives, exact or, where not positive, Gauss-Newton's."""
         cost, gradient_x, gradient_y = (np.zeros(x.shape) for _ in range(3))
         exact, gauss = ([np.zeros(x.shape) for _ in range(3)] for _ in range(2))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(self.rows.weight.shape[1]):
                 row = self.rows.terms(k, x, y)
                 cost += row.misfit
@@ -75,7 +71,7 @@ class RangedBearingProblem:
     def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
         """Return the Fisher information (B,) of bearings and ranges together at points (B,)."""
         totals = [np.zeros(x.shape) for _ in range(3)]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(self.rows.weight.shape[1]):
                 gauss = self.rows.terms(k, x, y).gauss
                 for total, part in zip(totals, (gauss.xx, gauss.xy, gauss.yy), strict=True):
@@ -125,7 +121,7 @@ def _mean_end(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -> tupl
     ends = end_rays(lines, range_m)
     spread = lines.std_rad * range_m
     weight = np.where(ends.valid, 1.0 / (spread * spread + std_m * std_m), 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         total = sum_measurements(weight)
         x = sum_measurements(np.where(ends.valid, weight * ends.x, 0.0)) / total
         y = sum_measurements(np.where(ends.valid, weight * ends.y, 0.0)) / total
@@ -134,6 +130,6 @@ def _mean_end(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -> tupl
 
 def _better(first: Minimum, second: Minimum) -> BoolArray:
     """Return where the second end is better: it settled and the other did not, or its cost is less."""
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         cheaper: BoolArray = (second.converged == first.converged) & (second.cost < first.cost)
     return (second.converged & ~first.converged) | cheaper

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
@@ -14,8 +14,6 @@ from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["BearingProblem"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _TERMS = 8
 
@@ -54,7 +52,7 @@ class BearingProblem:
         Large blocks go one measurement after the other, so that all temporaries stay in the near caches; small ones
         at once. Both add the same terms in the same order, so that the bits do not depend on the block.
         """
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             if x.shape[0] < _SMALL_BLOCK:
                 terms = np.concatenate(self._terms(slice(None), x[:, None], y[:, None]))
                 totals = np.add.accumulate(terms, axis=1)[:, -1].reshape(_TERMS, -1)

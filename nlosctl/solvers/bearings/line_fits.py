@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
@@ -20,9 +20,6 @@ __all__ = [
     "sandwich_covariance",
     "widened_sandwich",
 ]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ def sandwich_covariance(
     if extra_m2 is not None:
         spread = np.sqrt(spread * spread + extra_m2[:, None])
     spread = lines.std_rad * spread
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         if weighed_m is not None:
             spread /= (lines.std_rad * weighed_m) ** 2
         normal_x, normal_y = spread * lines.sine, -spread * lines.cosine
@@ -100,7 +97,7 @@ def widened_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | No
 
 
 def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         weight = 1.0 / (lines.std_rad * spread_m)
         return _solve(weight * lines.sine, -weight * lines.cosine, lines)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
@@ -16,10 +16,6 @@ from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
 __all__ = ["MAX_ALTERNATIVES", "Ends", "find_ends", "pairwise_crossings"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 MAX_ALTERNATIVES = 10
 """The largest number of optima that are kept of a snapshot."""
@@ -76,7 +72,7 @@ def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
     for i, j in pairs:
         determinant = lines.cosine[:, i] * lines.sine[:, j] - lines.sine[:, i] * lines.cosine[:, j]
         dx, dy = lines.origin_x[:, j] - lines.origin_x[:, i], lines.origin_y[:, j] - lines.origin_y[:, i]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             along = (dx * lines.sine[:, j] - dy * lines.cosine[:, j]) / determinant
             x = lines.origin_x[:, i] + along * lines.cosine[:, i]
             crossings.append((x, lines.origin_y[:, i] + along * lines.sine[:, i]))
@@ -121,7 +117,7 @@ def _repeated(x: FloatArray, y: FloatArray, cost: FloatArray, metric: Symmetric2
         for earlier in range(later):
             dx, dy = x[later] - x[earlier], y[later] - y[earlier]
             xx, xy, yy = metric.xx[earlier], metric.xy[earlier], metric.yy[earlier]
-            with np.errstate(invalid="ignore", over="ignore"):
+            with ignoring_overflow():
                 near = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy <= _DISTINCT**2
             repeated[later] |= near & np.isfinite(cost[earlier]) & ~repeated[earlier]
     return repeated

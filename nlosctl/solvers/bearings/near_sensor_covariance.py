@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["Widened", "widen_near_sensors"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 Widened = Callable[[IntArray, FloatArray], Symmetric2x2]
 """Of some snapshots (N,), the covariance with all squared ranges increased by so much (N,), in square metres."""
 
@@ -29,7 +27,7 @@ def widen_near_sensors(covariance: Symmetric2x2, nearest_m: FloatArray, widened:
     fix. There the expected squared range takes the place of the squared range at the fix: the square plus the larger
     eigenvalue of the covariance, twice over. Other rows keep their bits.
     """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         larger = covariance.eigenvalues()[1]
         near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
         if not near.size:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution
 from nlosctl.contract.statuses import Status
@@ -13,11 +13,6 @@ from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_ends
 from nlosctl.solvers.bearings.multistart import Ends
 
 __all__ = ["finish_alternatives"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 
 def finish_alternatives(
@@ -83,7 +78,7 @@ def _compare(
     answered = best & (status <= Status.BOUNDARY)
     runner_up = np.where(alternative[1:] == 1, cost[1:], np.inf)
     runner_up = np.minimum(np.append(runner_up, np.inf), rival_cost)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         close = runner_up - cost <= ambiguous_within
         beaten = rival_cost < cost - ambiguous_within
     status[answered & close & (status == Status.OK)] = Status.AMBIGUOUS

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
 from nlosctl.contract.random_streams import random_keys
 from nlosctl.models.bearings import SightLines
 
 __all__ = ["Candidates", "choose_pairs", "cross_rays", "end_rays"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _LEAST_SINE = 1e-6
 """Rays that make a smaller angle than this do not cross."""
@@ -37,7 +34,7 @@ class Candidates:
         return cls(*joined)
 
 
-def choose_pairs(seed: npt.NDArray[np.uint64], count: int, most: int) -> tuple[IntArray, IntArray]:
+def choose_pairs(seed: SeedArray, count: int, most: int) -> tuple[IntArray, IntArray]:
     """Return the pairs of ``count`` rows to try: all (P,), or, where there are more than ``most``, (B, most).
 
     Those are drawn with replacement from each snapshot's own seed.
@@ -62,7 +59,7 @@ def cross_rays(lines: SightLines, first: IntArray, second: IntArray) -> Candidat
     sine = c1 * s2 - s1 * c2
     x2 -= x1
     y2 -= y1
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         along1 = (x2 * s2 - y2 * c2) / sine  # equation (15)
         along2 = (x2 * s1 - y2 * c1) / sine
         valid = (np.abs(sine) > _LEAST_SINE) & (along1 > 0.0) & (along2 > 0.0)

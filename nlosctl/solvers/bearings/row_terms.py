@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.mirrors import side_of_line
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -15,10 +15,6 @@ from nlosctl.models.mirror_rows import Focusing, MirrorRows
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
 __all__ = ["DirectBearings"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 _LEAST_WIDTH = 0.05

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["choose_disjoint"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass
@@ -79,7 +77,7 @@ def choose_disjoint(echo: IntArray, weight: FloatArray, max_nodes: int) -> IntAr
     return order[places]
 
 
-def _bits(members: npt.NDArray[np.bool_]) -> int:
+def _bits(members: BoolArray) -> int:
     return sum(1 << int(place) for place in np.flatnonzero(members))
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from itertools import islice, product
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import gammainccinv
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_invalid
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
@@ -20,9 +20,6 @@ from nlosctl.solvers.ranges.likelihood import RangeProblem
 
 __all__ = ["Candidates", "Gates", "find_candidates"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _ROUNDS = 10
 _STEPS_PER_ROUND = 2
@@ -117,13 +114,13 @@ def fit_candidates(echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray)
     squared = dx * dx + dy * dy
     if problem.height is not None:
         squared += problem.height * problem.height
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         scale = problem.inverse_std / np.sqrt(squared)
         dx *= scale
         dy *= scale
     information = Symmetric2x2((dx * dx).sum(axis=1), (dx * dy).sum(axis=1), (dy * dy).sum(axis=1))
     candidates = Candidates(x, y, echo[settled], 2.0 * minimum.cost[settled], information)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         return candidates.take(np.flatnonzero(information.determinant > 0.0))
 
 
@@ -171,7 +168,7 @@ def _choices(echoes: Echoes, candidates: Candidates, number: int, sensor: int, g
         echoes.height[sensor],
     )
     own = int(candidates.echo[number, sensor])
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         near = np.flatnonzero(np.abs(echoes.range_m[sensor] - predicted) <= gates.gate_std * echoes.std_m[sensor])
     return [own, *(int(place) for place in near if place != own)]
 

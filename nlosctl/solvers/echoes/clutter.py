@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray
 from nlosctl.solvers.echoes.candidates import Candidates
 from nlosctl.solvers.echoes.echoes import Echoes
 
 __all__ = ["clutter_density", "target_weights"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def clutter_density(echoes: Echoes, bandwidth_m: float) -> FloatArray:

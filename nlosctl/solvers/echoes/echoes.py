@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ScalarT
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.errors import DataError
 
 __all__ = ["Echoes", "read_echoes"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)

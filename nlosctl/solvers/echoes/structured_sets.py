@@ -11,16 +11,13 @@ from itertools import islice
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.solvers.echoes.type_sets import CrossingTable, Seeds
 
 __all__ = ["StructuredSets", "Uniqueness", "build_sets", "cut_at_elbow", "unique_sets"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 Uniqueness = Literal["points", "circles"]
 """What two sets may not share: a point, as the paper has it, or a circle."""

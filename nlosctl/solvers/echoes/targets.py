@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
@@ -22,8 +22,6 @@ from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
 
 __all__ = ["IDENTIFICATION_FLAGS", "Found", "IdentificationOptions", "identify"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 IDENTIFICATION_FLAGS = ("los", "target", "residual_m")
 _ARRAYS = ("row", "target", "alternative", "position_m", "covariance_m2", "cost", "n_used", "status")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import IntArray
 from nlosctl.contract.options import option
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.echoes.structured_sets import StructuredSets, build_sets, unique_sets
@@ -16,8 +16,6 @@ from nlosctl.solvers.echoes.targets import IdentificationOptions
 from nlosctl.solvers.echoes.type_sets import Gate, cross_all, find_seeds, gather_circles
 
 __all__ = ["ClusteringOptions", "cluster_echoes", "echoes_of_sets"]
-
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,17 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.circle_crossings import cross_circles
 from nlosctl.geometry.regions import Region
 from nlosctl.solvers.echoes.echoes import Echoes
 
 __all__ = ["CrossingTable", "Gate", "Seeds", "cross_all", "find_seeds", "gather_circles"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _CHUNK = 1 << 16
 """Distances at a time: temporaries that stay in cache."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.models.wall_rows import hidden_by_walls
@@ -14,10 +14,6 @@ from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs, cro
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 
 __all__ = ["BearingCandidates"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.mixture.likelihood import Mixture
 
 __all__ = ["Mode", "Scores", "Starts", "choose_starts", "leave_out_slope"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _APART = 1.0
 """Starts are at least so many standard deviations apart."""
@@ -64,7 +62,7 @@ class Scores:
     def squared_distance(self, x: FloatArray, y: FloatArray, matrix: Symmetric2x2) -> FloatArray:
         """Return the squared distance (B, P) from points (B,) in the metric of matrices (B,)."""
         dx, dy = self.x - x[:, None], self.y - y[:, None]
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             squared: FloatArray = matrix.xx[:, None] * dx
             squared += (2.0 * matrix.xy)[:, None] * dy
             squared *= dx
@@ -79,7 +77,7 @@ def leave_out_slope(scores: Scores, mode: Mode) -> None:
     rise = scores.squared_distance(mode.x, mode.y, mode.hessian)
     rise *= 0.5
     rise += (mode.cost - _SLACK)[:, None]
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         np.copyto(scores.cost, np.inf, where=scores.cost >= rise)
 
 

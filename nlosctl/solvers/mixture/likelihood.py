@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
@@ -21,9 +21,6 @@ __all__ = [
     "MixtureRows",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _FACTORS = 8
 """So many factors of the likelihood are multiplied before a logarithm is taken: no over- or underflow."""
@@ -131,7 +128,7 @@ class Mixture:
         """
         total = _Totals.zero(x.shape[0])
         group = _Group.empty(x.shape[0], self.obstructed)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        with ignoring_overflow():
             for k in range(self.count):
                 row = self.rows.derivatives(k, x, y)
                 direct = np.exp(self.log_direct[:, k] - row.misfit)
@@ -154,7 +151,7 @@ class Mixture:
         count = self.count
         direct = np.empty((x.shape[0], count), order="F")
         rows: list[RowDerivatives] = []
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        with ignoring_overflow():
             for k in range(count):
                 rows.append(self.rows.derivatives(k, x, y))
                 np.exp(self.log_direct[:, k] - rows[k].misfit, out=direct[:, k])

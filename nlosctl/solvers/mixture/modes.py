@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, Starts, choose_starts, leave_out_slope
@@ -17,9 +17,6 @@ from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["Modes", "find_modes"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 Allowed = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 
 _POINTS = 8192
@@ -94,7 +91,7 @@ def _score(
     for first in range(0, rows.shape[0], block):
         part = rows[first : first + block]
         found = candidates(part)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        with ignoring_overflow():
             cost = mixture.take(part).score(found.x, found.y)
             cost[~(found.valid & allowed(part, found.x, found.y))] = np.inf
         scored.append((found.x, found.y, cost))
@@ -205,7 +202,7 @@ class _Search:
 
 
 def _squared_length(matrix: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         squared: FloatArray = matrix.xx * dx * dx + 2.0 * matrix.xy * dx * dy + matrix.yy * dy * dy
     return squared
 

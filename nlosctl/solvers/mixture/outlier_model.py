@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from math import log, pi, radians, sqrt
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import erf
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import gather_rows, max_measurements, sum_measurements
 from nlosctl.geometry.regions import Region
@@ -26,10 +26,6 @@ from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_sh
 
 __all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 _MINIMUM_RANGE_SHARE = 0.005
 """Minimum range, unless given, in units of the larger side of the box of the sensors."""
@@ -116,7 +112,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
     share = sort_rows(path_shares(groups, options.path_prior), groups)
     fov = radians(options.field_of_view_deg)
-    with np.errstate(divide="ignore"):
+    with ignoring_division():
         log_direct = np.log(share * (1.0 - options.alpha)) - np.log(
             lines.std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * lines.std_rad))
         )
@@ -124,7 +120,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     ranges = range_columns(batch, options.use_ranges)
     if ranges is not None:
         known = np.isfinite(ranges[0])
-        with np.errstate(divide="ignore"):
+        with ignoring_division():
             log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
     rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=options.range_noise == "lognormal")

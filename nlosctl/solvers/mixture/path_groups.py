@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["PathGroups", "group_paths", "path_shares", "restore_rows", "sort_rows"]
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
+__all__ = ["PathGroups", "group_paths", "path_shares", "restore_rows", "sort_rows"]
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
 
 __all__ = ["posterior_covariance"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _STEPS = 17
 _REACH = 4.5
@@ -42,7 +39,7 @@ def posterior_covariance(
     ]
     of_mode = np.concatenate(parts, axis=1) if parts else np.zeros((6, 0))
     totals = [np.bincount(snapshot, weights=part, minlength=size).astype(np.float64) for part in of_mode]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with ignoring_division():
         mean_x, mean_y, xx, xy, yy = (total / totals[0] for total in totals[1:])
     dx, dy = modes.x - modes.x[:, :1], modes.y - modes.y[:, :1]  # moments are about the best mode: shift them
     return Symmetric2x2(
@@ -72,7 +69,7 @@ def _moments(
     short, long = u / np.sqrt(np.maximum(larger, tiny)), v / np.sqrt(np.maximum(smaller, tiny))
     step_x, step_y = cosine * short - sine * long, sine * short + cosine * long
     x, y = modes.x[snapshot, place][:, None] + step_x, modes.y[snapshot, place][:, None] + step_y
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+    with ignoring_overflow():
         nats = modes.cost[snapshot, 0][:, None] - mixture.take(snapshot).score(x, y)
         weight = np.exp(np.minimum(nats, 1.0)) / np.sqrt(np.maximum(hessian.determinant, tiny))
     weight[~(allowed(snapshot, x, y) & _nearest(modes, snapshot, place, x, y))] = 0.0
@@ -91,7 +88,7 @@ def _nearest(modes: Modes, snapshot: IntArray, place: IntArray, x: FloatArray, y
             for part in (modes.hessian.xx, modes.hessian.xy, modes.hessian.yy, modes.x, modes.y)
         )
         dx, dy = x - mode_x, y - mode_y
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             squared: FloatArray = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
         return squared
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from math import log, pi, sqrt
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import gather_rows, max_measurements
@@ -24,11 +25,6 @@ from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_sh
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
 __all__ = ["DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -123,7 +119,7 @@ def range_outlier_model(
     extent = np.hypot(xmax - xmin, ymax - ymin)
     log_density = np.full(extent.shape, log(nlos_density_per_m)) if nlos_density_per_m else -np.log(extent)
     share = sort_rows(path_shares(groups, path_prior), groups)
-    with np.errstate(divide="ignore"):
+    with ignoring_division():
         log_direct = np.log(share * (1.0 - alpha)) - np.log(circles.std_m * sqrt(2.0 * pi)) - log_density[:, None]
     mixture = Mixture.of(
         DirectRanges(circles),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates, Flags
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -17,10 +18,6 @@ from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 
 __all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 _CHANCE = 2
 """So many rows always agree on some point."""
@@ -80,7 +77,7 @@ def ranked_status(
     """
     status = np.full(candidates.shape, Status.OK, dtype=np.uint8)
     covariance = fixes.covariance
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         if fixes.cost.shape[1] > 1:
             status[fixes.cost[:, 1] - fixes.cost[:, 0] <= ambiguous_within] = Status.AMBIGUOUS
             if unordered is not None:
@@ -129,7 +126,7 @@ def ranked_estimates(
 
 def _sound(covariance: Symmetric2x2) -> BoolArray:
     """Return which covariances are of an ellipse, with more to their determinant than rounding."""
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)
         sound &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
     return sound

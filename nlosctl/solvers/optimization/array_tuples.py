@@ -8,6 +8,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray
+
 __all__ = ["pick_rows", "take_rows_of"]
 
 PartsT = TypeVar("PartsT", bound=tuple[Any, ...])
@@ -24,7 +26,7 @@ def take_rows_of(parts: PartsT, rows: npt.NDArray[Any]) -> PartsT:
     return _like(parts, map(taken, parts))
 
 
-def pick_rows(first: npt.NDArray[np.bool_], one: PartsT, other: PartsT) -> PartsT:
+def pick_rows(first: BoolArray, one: PartsT, other: PartsT) -> PartsT:
     """Return the rows of one tuple where ``first``, else those of the other; a part that either has not is None."""
     count = np.count_nonzero(first)
     if count in (0, first.size):

@@ -6,17 +6,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.optimization.array_tuples import pick_rows, take_rows_of
 from nlosctl.solvers.optimization.problem import Evaluation, Problem
 
 __all__ = ["Minimum", "minimize"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _ROUNDING_DECREASE = 1e-8
 """A nearly full step shorter than 1e-4 standard deviations is taken whatever the cost says: its promised decrease may
@@ -99,7 +96,7 @@ def minimize(
     given up after ``patience`` refused steps: the cost has a jump where it would go, as at a sensor; and where
     ``give_up(rows, x, y)`` says so of some problems at their points (N,).
     """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+    with ignoring_overflow():
         minimum = _unsettled(start_x, start_y)
         active, state = _begin(problem, start_x, start_y)
         for number in range(1, max_iterations + 1):

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.optimization.array_tuples import pick_rows
 
 __all__ = ["Evaluation", "Problem", "RowDerivatives"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 ProblemT = TypeVar("ProblemT", bound="Problem")
 
 _LEAST_SHARE = 0.1

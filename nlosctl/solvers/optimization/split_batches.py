@@ -9,13 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.batches import Batch
 from nlosctl.contract.results import Estimates, Flags, Solution
 
 __all__ = ["solve_parts"]
 
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 BatchT = TypeVar("BatchT", bound=Batch)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.blocks import sum_measurements, take_rows
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.ranges import RangeCircles
@@ -14,8 +14,6 @@ from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["RangeProblem", "SquaredRangeProblem"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _LEAST_SHARE = 0.01
 """Newton's matrix is trusted when its determinant is at least this share of Gauss-Newton's."""
@@ -56,7 +54,7 @@ class RangeProblem:
         cost, gradient_x, gradient_y, xx, xy, yy, bend, bent_xx, bent_xy, bent_yy = (
             np.zeros(x.shape) for _ in range(10)
         )
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             for k in range(self.sensor_x.shape[1]):
                 inverse_std = self.inverse_std[:, k]
                 dx, dy = x - self.sensor_x[:, k], y - self.sensor_y[:, k]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
@@ -19,10 +19,6 @@ from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
 __all__ = ["RangeOptimum", "finish_range_fix", "optimize_ranges"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
 _ROUNDING = 1e-10
@@ -84,7 +80,7 @@ def finish_range_fix(
     too_few = _single_place(circles)
     status[too_few] = other_status[too_few] = Status.TOO_FEW
     second = (status == Status.OK) & (other_status == Status.OK) & _apart(best, rest)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         ambiguous = second & (other_cost - cost <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
     estimates = _estimates(
@@ -94,7 +90,7 @@ def finish_range_fix(
 
 
 def _order(one: RangeOptimum, other: RangeOptimum) -> tuple[RangeOptimum, RangeOptimum]:
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         swap = (other.converged & ~one.converged) | ((other.converged == one.converged) & (other.cost < one.cost))
     return _pick(swap, other, one), _pick(swap, one, other)
 
@@ -114,7 +110,7 @@ def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> 
     """Return the status (B,): degenerate is a standard deviation beyond the farthest sensor, or a fix on a sensor."""
     distance = circles.horizontal_m(optimum.x, optimum.y)
     farthest, nearest = max_measurements(distance), -max_measurements(-distance)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         covariance = optimum.covariance
         proper = (covariance.xx > 0.0) & (covariance.yy > 0.0)
         proper &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
@@ -139,7 +135,7 @@ def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArra
 
 
 def _apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         apart: BoolArray = np.hypot(best.x - rest.x, best.y - rest.y) > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(
             best.covariance.trace
         )

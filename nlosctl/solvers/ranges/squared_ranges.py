@@ -13,14 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["SquaredRangeFit", "fit_squared_ranges"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _BISECTIONS = 16
 _NEWTON_STEPS = 6
@@ -55,7 +54,7 @@ class _Secular:
         """Return a lower end, where phi >= 0 unless it is the floor, and an upper end, where phi <= 0."""
         total = self.c1_squared + self.c2_squared
         high = np.maximum(np.cbrt(4.0 * total), 4.0 * np.abs(self.alpha))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             low = np.cbrt(self.c2_squared)
             steep = np.sqrt(self.c2_squared / (2.0 * self.alpha))
             low = np.where(self.alpha > 0.0, np.minimum(low, steep), low)
@@ -99,7 +98,7 @@ def fit_squared_ranges(
 def _solve(c1: FloatArray, c2: FloatArray, gap: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return p along the major and the minor axis: bisection of phi, then Newton from where phi is positive."""
     secular = _Secular(c1 * c1, c2 * c2, gap, alpha)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         low, high = secular.bracket()
         collinear = secular.value(low) < 0.0
         for _ in range(_BISECTIONS):

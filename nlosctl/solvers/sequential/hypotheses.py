@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from math import pi, radians, sqrt
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import erf
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.sequential.polar_updates import (
@@ -20,10 +20,6 @@ from nlosctl.solvers.sequential.polar_updates import (
 )
 
 __all__ = ["Hypotheses", "bearing_threshold_rad", "grow_hypotheses", "range_threshold_m"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ def bearing_threshold_rad(std_rad: FloatArray, alpha: float, field_of_view_deg: 
 
 def range_threshold_m(std_m: FloatArray, alpha: float, extent_m: FloatArray) -> FloatArray:
     """Return (25)'s analogue for a range whose outliers are uniform over ``extent_m``; infinite for NaN."""
-    with np.errstate(divide="ignore"):
+    with ignoring_division():
         ratio = (1.0 - alpha) * extent_m / (alpha * sqrt(2.0 * pi) * std_m)
         threshold = std_m * np.sqrt(2.0 * np.log(np.maximum(ratio, 1.0)))
     return np.where(np.isnan(std_m), np.inf, threshold)
@@ -124,7 +120,7 @@ class _Growth:
         """Return the sizes of all rows' residuals: bearing (radians) and, where rows have ranges, range (metres)."""
         lines, measured = self.model.lines, self.model.measured_m
         bearing, ranges = [], []
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(self.model.mixture.count):
                 cosine, sine = lines.cosine[:, k, None], lines.sine[:, k, None]
                 dx, dy = state.x - lines.origin_x[:, k, None], state.y - lines.origin_y[:, k, None]
@@ -165,7 +161,7 @@ class _Growth:
             if self.range and self.model.range_std_m is not None:
                 scaled = self.range[k] / self.model.range_std_m[:, k, None]
                 misfit = np.where(np.isnan(scaled), misfit, np.hypot(misfit, np.nan_to_num(scaled)))
-            with np.errstate(invalid="ignore"):
+            with ignoring_invalid():
                 better = left & (misfit < least)
             np.copyto(least, misfit, where=better)
             np.copyto(chosen, k, where=better)
@@ -186,7 +182,7 @@ class _Growth:
 
     def _likelier(self, trial: SourceState, possible: BoolArray) -> BoolArray:
         """Return where, of the ``possible``, (23) at the trial state is not worse than at the present one."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+        with ignoring_overflow():
             if self.cost is None:
                 self.cost = _score(self.model.mixture, self.state)
             cost = _score(self.model.mixture, trial)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, SeedArray, ignoring_overflow
 from nlosctl.contract.random_streams import random_keys
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
@@ -21,11 +21,6 @@ from nlosctl.solvers.sequential.polar_updates import (
 )
 
 __all__ = ["Prior", "RangedLines", "Run", "run_all_orders"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class RangedLines:
         """
         lines = self.lines
         total = np.zeros(x.shape)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(lines.origin_x.shape[1]):
                 cosine, sine = lines.cosine[:, k, None], lines.sine[:, k, None]
                 dx, dy = x - lines.origin_x[:, k, None], y - lines.origin_y[:, k, None]
@@ -103,7 +98,7 @@ class Run:
 
 def run_all_orders(
     ranged: RangedLines,
-    seed: npt.NDArray[np.uint64],
+    seed: SeedArray,
     first: IntArray,
     second: IntArray,
     prior: Prior | None,
@@ -138,7 +133,7 @@ def run_all_orders(
 
 
 def _orders(
-    seed: npt.NDArray[np.uint64], first: IntArray, second: IntArray, count: int, from_prior: BoolArray | None
+    seed: SeedArray, first: IntArray, second: IntArray, count: int, from_prior: BoolArray | None
 ) -> list[IntArray]:
     """Return the row (B, M) of each step: the pair, then the others at random; after a prior all at random."""
     runs = first.shape[1]

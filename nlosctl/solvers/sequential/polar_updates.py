@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.bearings import SightLines
 
@@ -23,10 +23,6 @@ __all__ = [
     "update_bearings",
     "update_ranges",
 ]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -96,7 +92,7 @@ def bootstrap_state(first: PickedRows, second: PickedRows) -> SourceState:
     dx, dy = second.origin_x - first.origin_x, second.origin_y - first.origin_y
     sine = first.sine * second.cosine - first.cosine * second.sine  # sin(theta_1 - theta_2)
     cosine = first.cosine * second.cosine + first.sine * second.sine
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         range_1 = (dy * second.cosine - dx * second.sine) / sine  # (15)
         range_2 = (dy * first.cosine - dx * first.sine) / sine
         variance_1, variance_2 = first.std_rad * first.std_rad, second.std_rad * second.std_rad
@@ -128,7 +124,7 @@ def ranged_state(rows: PickedRows) -> SourceState | None:
 
 def update_bearings(state: SourceState, rows: PickedRows) -> SourceState:
     """Return the states updated by each row's bearing in its own polar frame, (8)-(14); dead where the range turns."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         range_m, cosine, sine, polar = _to_polar(state, rows)  # (13), (14)
         innovation = np.arctan2(
             rows.sine * cosine - rows.cosine * sine, rows.cosine * cosine + rows.sine * sine
@@ -150,7 +146,7 @@ def update_ranges(state: SourceState, rows: PickedRows, *, lognormal: bool) -> S
     if rows.measured_m is None or rows.range_std_m is None:
         return state
     known = np.isfinite(rows.measured_m)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         range_m, cosine, sine, polar = _to_polar(state, rows)
         innovation, std = rows.measured_m - range_m, rows.range_std_m
         if lognormal:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import IntArray, SeedArray
 from nlosctl.contract.random_streams import random_order
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.ray_crossings import choose_pairs, cross_rays
 
 __all__ = ["bootstrap_failure", "conditioned_pairs", "count_bootstraps", "shuffled_pairs"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
-SeedArray = npt.NDArray[np.uint64]
 
 _WELL_CONDITIONED = 0.5
 """Least sine of the angle between the rays of a pair that is preferred as bootstrap."""

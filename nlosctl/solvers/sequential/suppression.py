@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import RankedFixes
@@ -15,9 +15,6 @@ from nlosctl.solvers.sequential.starting_pairs import shuffled_pairs
 
 __all__ = ["SuppressedFixes", "suppress_outliers"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _STATES = 8192
 """So many hypotheses grow at once, that temporaries stay in the cache."""
@@ -57,7 +54,7 @@ class SuppressedFixes:
 
 def suppress_outliers(
     model: OutlierModel,
-    seed: npt.NDArray[np.uint64],
+    seed: SeedArray,
     *,
     bootstraps: int,
     alpha: float,
@@ -110,7 +107,7 @@ def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
     """Return the estimates inside the search field by their likelihood (23), without those near a better one."""
     state = grown.state
     inside = state.alive & model.region.contains(state.x, state.y)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
+    with ignoring_overflow():
         cost = np.where(inside, model.mixture.score(state.x, state.y), np.inf)
     size = cost.shape[0]
     found = SuppressedFixes.nothing(size, model.mixture.count)
@@ -148,6 +145,6 @@ def _near(x: FloatArray, y: FloatArray, fixes: RankedFixes, t: int) -> BoolArray
     ).inverse()
     xx, xy, yy = (part[:, None] for part in (information.xx, information.xy, information.yy))
     dx, dy = x - fixes.x[:, t, None], y - fixes.y[:, t, None]
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         near: BoolArray = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy < _APART * _APART
     return near

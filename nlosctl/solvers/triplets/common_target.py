@@ -19,18 +19,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import log_ndtr
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
 
 __all__ = ["CommonTargets", "TargetModel", "weigh_targets"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _ITERATIONS = 15
 _HYPOTHESES = 12
@@ -119,7 +116,7 @@ def _memberships(
     clutter = math.log(model.clutter) - np.log(4.0 * scale)
     for k in range(problem.tx_x.shape[1]):
         sums = PathSums(x.shape)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             excess = problem.path_length_m[:, k] - sums.add_path(problem, k, x, y)
             inverse = problem.inverse_length_std[:, k]
             log_stds = np.log(problem.inverse_dod_std[:, k] * problem.inverse_doa_std[:, k] * inverse)
@@ -174,7 +171,7 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
     # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long. None where a
     # hypothesis is on a station but for rounding.
     ridge = 1.0 / (scales * scales)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+    with ignoring_overflow():
         determinant = (xx + ridge) * (yy + ridge) - xy * xy
         volume = np.where(determinant > 0.0, np.log(ridge) - 0.5 * np.log(determinant), -np.inf)
     score = (likelihood + volume).reshape(shape)
@@ -203,7 +200,7 @@ def _distinct(hypotheses: _Hypotheses) -> _Hypotheses:
         for earlier in range(later):
             dx = hypotheses.x[later] - hypotheses.x[earlier]
             dy = hypotheses.y[later] - hypotheses.y[earlier]
-            with np.errstate(invalid="ignore", over="ignore"):
+            with ignoring_overflow():
                 apart = information.xx[earlier] * dx * dx + 2.0 * information.xy[earlier] * dx * dy
                 apart += information.yy[earlier] * dy * dy
             volume[later, ~(apart > _SAME)] = -np.inf
@@ -230,14 +227,14 @@ def _combine(hypotheses: _Hypotheses, model: TargetModel) -> CommonTargets:
             ahead = score > top
             second = np.where(ahead, top, np.maximum(second, score))
             highest = np.maximum(top, score)
-            with np.errstate(invalid="ignore"):
+            with ignoring_invalid():
                 old, new = (np.where(np.isfinite(value), np.exp(value - highest), 0.0) for value in (top, score))
             total = total * old + new
             direct = direct * old[:, None] + share * new[:, None]
             top = highest
             for place in range(model.targets):
                 members[place, ahead] = chosen[place] if place < targets else -1
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with ignoring_division():
         direct = np.asfortranarray(np.where(total[:, None] > 0.0, direct / total[:, None], 0.0))
         lead = np.where(np.isfinite(top), top - second, 0.0)
     return _best_set(hypotheses, members, direct, -top, lead)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.results import Words
 from nlosctl.geometry.triplets import DIFFERENCES
 from nlosctl.models.error_laws import ErrorLaw, GaussianErrors
@@ -13,7 +13,6 @@ from nlosctl.solvers.triplets.difference_rules import decide, rule_quantity
 
 __all__ = ["DETAIL_COLUMNS", "detail_columns", "reasons"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _POINTS = ((1, "dod_doa"), (2, "dod_toa"), (3, "doa_toa"))
 
@@ -43,9 +42,6 @@ def detail_columns(
         flat[f"lambda{rule}_m"] = decision.value_m
         flat[f"threshold{rule}_m"] = decision.threshold_m(law, false_alarm, eta_m)
     return {name: rows.dense(flat[name]) for name in DETAIL_COLUMNS}
-
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 def reasons(shape: tuple[int, ...], *parts: tuple[str, BoolArray]) -> Words:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.triplets import AXES, DIFFERENCES, Quantity, TripletRays
 from nlosctl.models.error_laws import ErrorLaw, exceedance, quantile
 from nlosctl.models.triplets import PathRows, distance_to_ellipse
 
 __all__ = ["BLIND_WITHIN", "Decision", "blind_rows", "decide", "decide_fusion", "rays_miss_by", "rule_quantity"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 BLIND_WITHIN = 3.0
 """A rule counts as blind where its blind spot is within so many standard deviations of the measured triplet."""
@@ -38,7 +36,7 @@ class Decision:
 
         Equation (27) for ``eta_m`` 0 (direct paths), else at a mean of ``eta_m``, the edge of the safe region (35).
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with ignoring_division():
             shift = eta_m / self.std_m if eta_m > 0.0 else 0.0
             return quantile(law, false_alarm, self.weights_m, shift) * self.std_m
 
@@ -54,7 +52,7 @@ def decide(rows: PathRows, quantity: Quantity, law: ErrorLaw, eta_m: float = 0.0
     With ``eta_m`` > 0: for a path whose noise-free quantity is ``eta_m``, the edge of the safe region (35).
     """
     weights = rows.weights_m(quantity)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+    with ignoring_overflow():
         std = np.sqrt(weights[0] * weights[0] + weights[1] * weights[1] + weights[2] * weights[2])
         scaled = np.abs(quantity.value_m) / std
         p_value = exceedance(law, scaled, weights, eta_m / std if eta_m > 0.0 else 0.0)
@@ -81,7 +79,7 @@ def rays_miss_by(rows: PathRows) -> FloatArray:
     transmitter. 0 where transmitter and receiver are one.
     """
     rays = rows.rays
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         missing = rays.meets_behind & (rays.baseline_m > 0.0)
     apart = np.abs(np.arctan2(rays.crossing_sine, rays.crossing_cosine))
     parallel = apart / np.sqrt(rows.doa_std_rad**2 + rows.dod_std_rad**2)
@@ -104,7 +102,7 @@ def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
     single = ~(rays.baseline_m > 0.0)
     if rule in (5, 6):
         return single | _mirrored(rows, int(rule))
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         apart_std = np.sqrt(rows.doa_std_rad**2 + rows.dod_std_rad**2)
         parallel = np.abs(rays.crossing_sine) <= np.sin(np.minimum(BLIND_WITHIN * apart_std, 0.5 * np.pi))
     if rule == "ellipse":
@@ -128,7 +126,7 @@ def _mirrored(rows: PathRows, rule: int) -> BoolArray:
     blind = np.ones(rays.path_length_m.shape, dtype=bool)
     for quantity in pairs:
         w1, w2, w3 = rows.weights_m(quantity)
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             square = quantity.value_m * quantity.value_m
             blind &= square <= BLIND_WITHIN**2 * (w1 * w1 + w2 * w2 + w3 * w3)
     return blind

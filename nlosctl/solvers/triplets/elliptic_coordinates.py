@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
@@ -20,8 +20,6 @@ from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
 
 __all__ = ["minimize_paths"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _PATIENCE = 20
 """Refused steps after which a descent is given up: then the likelihood has no smooth minimum near, as at the nodes."""
@@ -41,7 +39,7 @@ class _EllipticProblem:
     def evaluate(self, w: FloatArray, v: FloatArray) -> Evaluation:
         """Return the evaluation at w, v (N,): that in the plane, by the chain rule."""
         sums = PathSums(w.shape)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             cosine, sine = cosine_sine(v)
             length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
             x, y = 0.5 * length * cosine, 0.5 * w * sine
@@ -66,7 +64,7 @@ class _EllipticProblem:
 
     def to_plane(self, w: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x, y (N,) in the baseline frame."""
-        with np.errstate(invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
             cosine, sine = cosine_sine(v)
             return 0.5 * length * cosine, 0.5 * w * sine

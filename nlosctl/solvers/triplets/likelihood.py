@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import take_rows
@@ -15,9 +15,6 @@ from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.problem import Evaluation
 
 __all__ = ["PathSums", "TripletProblem"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ class TripletProblem:
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and the exact second derivatives, or Gauss-Newton's where those are not positive."""
         total = PathSums(x.shape)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(self.tx_x.shape[1]):
                 total.add_path(self, k, x, y)
             return total.evaluation()
@@ -87,7 +84,7 @@ class TripletProblem:
     def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
         """Return the Fisher information (B,) of targets (B,): the Gauss-Newton matrix there."""
         total = PathSums(x.shape)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with ignoring_overflow():
             for k in range(self.tx_x.shape[1]):
                 total.add_path(self, k, x, y)
         return Symmetric2x2(total.xx, total.xy, total.yy)

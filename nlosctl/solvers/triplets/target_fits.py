@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
@@ -16,9 +16,6 @@ from nlosctl.solvers.triplets.likelihood import TripletProblem
 
 __all__ = ["TargetFits", "fit_paths", "fit_snapshots"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _SAME_BASIN = 0.05
 """A start whose cost the quadratic at a known minimum foretells this well leads there again."""
@@ -73,7 +70,7 @@ def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
     best = _best_of(problem, _starts(rows), descend)
     # Where the lines cross is worth a start only if it is better than what the ellipse has led to.
     x, y = _crossings(rows)
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         promising = problem.evaluate(x, y).cost < best.cost
     open_rows = np.flatnonzero(promising & ~_leads_back(problem, best, x, y))
     if open_rows.size:
@@ -153,7 +150,7 @@ def _crossings(rows: PathRows) -> tuple[FloatArray, FloatArray]:
     """Return point 1 (N,); NaN where the lines are nearly parallel or meet behind: then it says nothing."""
     rays = rows.rays
     x, y = rays.coordinate(1, "x").value_m, rays.coordinate(1, "y").value_m
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         usable = ~rays.meets_behind & (x * x + y * y < 100.0 * rays.path_length_m**2)
     return np.where(usable, x, np.nan), np.where(usable, y, np.nan)
 
@@ -162,7 +159,7 @@ def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, 
     known = best.converged
     if not known.any():
         return known
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+    with ignoring_overflow():
         dx, dy = start_x - best.x, start_y - best.y
         hessian = best.hessian
         rise = 0.5 * (hessian.xx * dx * dx + 2.0 * hessian.xy * dx * dy + hessian.yy * dy * dy)
@@ -172,7 +169,7 @@ def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, 
 
 
 def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         dx, dy = found.x - best.x[rows], found.y - best.y[rows]
         hessian = found.hessian
         apart = hessian.xx * dx * dx + 2.0 * hessian.xy * dx * dy + hessian.yy * dy * dy

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.arrays import BoolArray, FloatArray, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -14,9 +15,6 @@ from nlosctl.solvers.triplets.target_fits import TargetFits
 
 __all__ = ["judge_targets", "mark_ambiguous", "path_estimates"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-StatusArray = npt.NDArray[np.uint8]
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
 
@@ -30,7 +28,7 @@ def judge_targets(
     or a standard deviation beyond that distance, as on a baseline.
     """
     nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
-    with np.errstate(invalid="ignore", over="ignore"):
+    with ignoring_overflow():
         for k in range(problem.tx_x.shape[1]):
             for node_x, node_y in ((problem.tx_x, problem.tx_y), (problem.rx_x, problem.rx_y)):
                 squared = (x - node_x[:, k]) ** 2 + (y - node_y[:, k]) ** 2
@@ -45,7 +43,7 @@ def judge_targets(
 
 def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: float) -> StatusArray:
     """Return the statuses with ``ambiguous`` where another minimum costs hardly more (nats)."""
-    with np.errstate(invalid="ignore"):
+    with ignoring_invalid():
         close = (fits.runner_up - fits.cost < ambiguous_within) & (status == Status.OK)
     return np.where(close, np.uint8(Status.AMBIGUOUS), status)
 
