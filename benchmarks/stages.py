@@ -32,7 +32,7 @@ _STAGES = {
     ),
     "encoding and writing": (
         "nlosctl/io/writers/table_writer.py",
-        "nlosctl/io/writers/encoders.py",
+        "nlosctl/io/writers/text_encoders.py",
         "nlosctl/pipeline/engine/writing.py",
     ),
     "reading, checks, columns": ("nlosctl/io/measurements/reader.py", "nlosctl/pipeline/engine/parts.py"),

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.writers.byte_output import write_bytes
-from nlosctl.io.writers.targets import check_targets
+from nlosctl.io.writers.output_set import check_targets
 from nlosctl.plotting.library import Axes, Figure, style
 
 __all__ = [

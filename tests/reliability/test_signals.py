@@ -110,13 +110,13 @@ def test_processes_that_are_stopped_leave_nothing_half_written(number: int, job_
     """Where a run into a folder is interrupted what its processes were writing goes, and --resume goes on."""
     script = """
 import time
-from nlosctl.io.writers import atomic_file as new_file
-keep = new_file.NewFile.keep
+from nlosctl.io.writers.byte_output import AtomicFile
+keep = AtomicFile.keep
 def keep_late(file):
     if ".parquet." in file._temporary.name:
         time.sleep(60)
     keep(file)
-new_file.NewFile.keep = keep_late
+AtomicFile.keep = keep_late
 """
     start = "\nimport sys\nfrom nlosctl.cli.__main__ import main\nsys.exit(main())\n"
     words = ["localize", "bearing_parts", "-o", "e/", "--flags-out", "f/", "--jobs", "2", "-q"]

@@ -80,7 +80,7 @@ def bound(
     (or Laplacian) with the stated stds; ranges beside bearings join in. Only rows that can see the position as the
     scene is take part; null where they give no bound.
     """
-    from nlosctl.io.writers.targets import is_folder_target
+    from nlosctl.io.writers.output_set import is_folder_target
     from nlosctl.pipeline.bound.bound_run import BoundRun
     from nlosctl.pipeline.bound.bounds import BoundSettings, parse_map
 

@@ -149,7 +149,7 @@ class _Conversion:
 
     def check(self, targets: Sequence[str | None]) -> None:
         """Refuse outputs that can't be written, before any work is done."""
-        from nlosctl.io.writers.targets import check_targets
+        from nlosctl.io.writers.output_set import check_targets
 
         check_targets(targets, overwrite=self._overwrite, inputs=self._paths)
 

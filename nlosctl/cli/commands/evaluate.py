@@ -82,8 +82,7 @@ def evaluate(
     from nlosctl.io.paths.file_format import format_named
     from nlosctl.io.paths.inputs import expand_inputs
     from nlosctl.io.results.evaluation_arrays import TruthTable
-    from nlosctl.io.writers.output_set import OutputSet
-    from nlosctl.io.writers.targets import check_targets
+    from nlosctl.io.writers.output_set import OutputSet, check_targets
     from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs
     from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
     from nlosctl.pipeline.evaluate.fail_conditions import parse_condition

@@ -119,7 +119,7 @@ def plot(
     if output == "-" and (json or sys.stdout.isatty()):
         raise UsageError("a picture on standard output goes into a pipe, without --json; name a file with -o")
     from nlosctl.io.measurements.options import ReadOptions
-    from nlosctl.io.writers.targets import check_targets
+    from nlosctl.io.writers.output_set import check_targets
     from nlosctl.plotting.figures import figure_bytes, picture_format, save_figure
     from nlosctl.plotting.requests import Request
     from nlosctl.plotting.views.pictures import choose_view, draw_picture

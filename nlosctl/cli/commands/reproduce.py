@@ -77,7 +77,7 @@ def reproduce(
         raise UsageError("--quick and --trials both say the number of trials; give one")
     if page is not None and output is None:
         raise UsageError("--page goes with -o FOLDER, where the results and pictures are")
-    from nlosctl.io.writers.targets import check_targets
+    from nlosctl.io.writers.output_set import check_targets
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
     from nlosctl.reproduce.run import output_folder
 

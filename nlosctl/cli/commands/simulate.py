@@ -63,8 +63,7 @@ def simulate(
         _show(scenario, json)
         return
     from nlosctl.io.scenes.scene_file import scene_to_toml
-    from nlosctl.io.writers.output_set import OutputSet
-    from nlosctl.io.writers.targets import check_targets
+    from nlosctl.io.writers.output_set import OutputSet, check_targets
     from nlosctl.pipeline.simulate.simulation import Simulation
 
     terminal = Terminal(quiet=quiet)

@@ -117,7 +117,7 @@ def open_measurements(words: ReadWords) -> Iterator[Opened]:
     from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
     from nlosctl.io.paths.file_format import format_named
     from nlosctl.io.paths.inputs import expand_inputs
-    from nlosctl.io.writers.targets import check_targets
+    from nlosctl.io.writers.output_set import check_targets
 
     input_format = None if words.input_format is None else format_named(words.input_format)
     inputs = expand_inputs(words.inputs, input_format)

@@ -125,7 +125,7 @@ def run_methods(
 
 def solve_and_write(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     """Run to the end, write all tables, tell the summary on standard error and in the report file."""
-    from nlosctl.io.writers.targets import is_folder_target
+    from nlosctl.io.writers.output_set import is_folder_target
 
     _check_engine(outputs)
     if any(is_folder_target(target) for target in outputs.wanted.values()):
@@ -215,8 +215,7 @@ def _check_engine(outputs: Outputs) -> None:
 
 def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
     from nlosctl.io.paths.file_format import format_named
-    from nlosctl.io.writers.output_set import OutputSet
-    from nlosctl.io.writers.targets import is_folder_target
+    from nlosctl.io.writers.output_set import OutputSet, is_folder_target
     from nlosctl.pipeline.engine.folder_run import FolderRun
     from nlosctl.pipeline.engine.parts import BAD_ROWS
 

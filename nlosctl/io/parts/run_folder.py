@@ -12,8 +12,7 @@ from typing import Any
 from nlosctl.errors import DataError, in_one_line
 from nlosctl.io.parts.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest, sealed_record
 from nlosctl.io.paths.locations import Location, RemotePath, location
-from nlosctl.io.writers.atomic_file import writing
-from nlosctl.io.writers.byte_output import write_text
+from nlosctl.io.writers.byte_output import write_text, writing
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
 

@@ -13,7 +13,7 @@ from typing import Any
 import pyarrow as pa
 
 from nlosctl.io.paths.locations import RemotePath, location
-from nlosctl.io.writers.atomic_file import writing
+from nlosctl.io.writers.byte_output import writing
 
 __all__ = ["read_part", "scratch_folder"]
 

@@ -1,51 +1,54 @@
-"""One output as bytes: a file that appears whole or not at all, a device as it takes them, or standard output."""
+"""One output as bytes: a file that appears whole or not at all, a device written through, or standard output."""
 
 from __future__ import annotations
 
+import os
+import secrets
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import TracebackType
 from typing import IO
 
 from nlosctl.errors import DataError
-from nlosctl.io.paths.locations import location
-from nlosctl.io.writers.atomic_file import NewFile, writing
-from nlosctl.io.writers.targets import takes_bytes_as_they_come
+from nlosctl.io.paths.locations import RemotePath, location
 
-__all__ = ["ByteOutput", "write_bytes", "write_text"]
+__all__ = ["AtomicFile", "ByteOutput", "is_written_through", "write_bytes", "write_text", "writing"]
 
 
 class ByteOutput:
-    """A context manager whose ``sink`` takes the bytes of ``target``: a path, or ``-`` for standard output.
+    """Context manager of one output; ``sink`` takes the bytes of ``target``: a path, or ``-`` for standard output.
 
-    A file appears under its name when the block ends well; of a failure nothing is left. Check the target first with
-    `check_targets`. Raises DataError where it can't be written.
+    A file appears under its name when the block ends without an exception; after a failure nothing is left. Check the
+    target first with `check_targets`. Raises DataError if the target can't be written.
     """
 
     def __init__(self, target: str, stdout: IO[bytes] | None = None) -> None:
         self.target, self._stdout = target, stdout
-        self._new: NewFile | None = None
+        self._new: AtomicFile | None = None
         self.sink: IO[bytes]
 
     def __enter__(self) -> ByteOutput:
         with writing(self.target):
             if self.target == "-":
                 self.sink = self._standard_output()
-            elif takes_bytes_as_they_come(self.target):
+            elif is_written_through(self.target):
                 self.sink = location(self.target).open("wb")
             else:
-                self._new = NewFile(self.target)
+                self._new = AtomicFile(self.target)
                 self.sink = self._new.sink
         return self
 
     @property
     def passes_on(self) -> bool:
-        """Whether bytes go where they can't be taken back from: standard output, a pipe, a device."""
+        """Whether written bytes can't be taken back: standard output, a pipe, a device."""
         return self._new is None
 
     def complete(self) -> None:
-        """See that all bytes are where they belong: nothing is left but to take the name."""
+        """Write all bytes out; only the renaming to the final name is left."""
         with writing(self.target):
             if self._new is not None:
                 self._new.complete()
@@ -60,7 +63,7 @@ class ByteOutput:
         self.end(kind, self.complete)
 
     def end(self, kind: type[BaseException] | None, complete: Callable[[], None]) -> None:
-        """Complete the output and take its name; after an exception, here or (``kind``) before, nothing is left."""
+        """Complete and rename the output; after an exception, raised here or earlier (``kind``), remove it."""
         if kind is not None:
             self._discard()
             return
@@ -91,11 +94,72 @@ class ByteOutput:
 
 
 def write_text(target: str, text: str) -> None:
-    """Write a small text file, whole or not at all; check the target first with `check_targets`."""
+    """Write a small text file atomically; check the target first with `check_targets`."""
     write_bytes(target, text.encode("utf-8"))
 
 
 def write_bytes(target: str, content: bytes) -> None:
-    """Write a small file, whole or not at all; check the target first with `check_targets`."""
+    """Write a small file atomically; check the target first with `check_targets`."""
     with writing(target), ByteOutput(target) as output:
         output.sink.write(content)
+
+
+class AtomicFile:
+    """Writes the file ``target`` under a temporary name: ``sink`` takes the bytes, `keep` renames it.
+
+    The temporary file is in the same folder, for a URL in the system's temporary folder. It is removed with this object
+    at the latest, also if the run is interrupted. Raises OSError if it can't be created.
+    """
+
+    def __init__(self, target: str) -> None:
+        self._target = location(target).resolve()
+        folder = Path(tempfile.gettempdir()) if isinstance(self._target, RemotePath) else self._target.parent
+        self._temporary: Path = folder / f".{self._target.name[:100]}.{secrets.token_hex(4)}.part"
+        self._remove_temporary = weakref.finalize(self, _remove, self._temporary, os.getpid())
+        self.sink: IO[bytes] = self._temporary.open("xb")
+
+    def complete(self) -> None:
+        """Flush all bytes to the disk and close the temporary file."""
+        if not self.sink.closed:
+            self.sink.flush()
+            os.fsync(self.sink.fileno())
+            self.sink.close()
+
+    def keep(self) -> None:
+        """Rename the complete file to its final name; an existing file is replaced."""
+        self.complete()
+        if isinstance(self._target, RemotePath):
+            self._target.take(self._temporary)
+            self._remove_temporary()
+        else:
+            self._temporary.replace(self._target)
+
+    def discard(self) -> None:
+        """Remove the temporary file."""
+        with suppress(OSError):  # on a full disk the buffered bytes can't be flushed; the file is dropped anyway
+            self.sink.close()
+        self._remove_temporary()
+
+
+@contextmanager
+def writing(target: str) -> Iterator[None]:
+    """Convert OSError into a DataError that names the output; BrokenPipeError passes unchanged."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        name = "standard output" if target == "-" else target
+        raise DataError(f"{name}: can't be written: {error.strerror or error}") from error
+
+
+def is_written_through(target: str) -> bool:
+    """Return whether the target exists and is not a regular file: a pipe or device, which is written directly."""
+    path = location(target)
+    return isinstance(path, Path) and path.exists() and not path.is_file() and not path.is_dir()
+
+
+def _remove(path: Path, creator: int) -> None:
+    if os.getpid() == creator:  # a forked process must not remove the file of its parent
+        with suppress(OSError):
+            path.unlink()

@@ -1,4 +1,4 @@
-"""Writing a table: whole or not at all, and with bytes that don't depend on how it was fed."""
+"""Atomic writer of tables, whose bytes do not depend on the batches in which the rows arrive."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.parquet
 
 from nlosctl.io.measurements.bad_rows import BadRow
 from nlosctl.io.paths.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.readers.arrow_text import plain_type
-from nlosctl.io.writers.atomic_file import writing
-from nlosctl.io.writers.byte_output import ByteOutput
-from nlosctl.io.writers.encoders import Encoder, make_encoder
-from nlosctl.io.writers.targets import check_targets
+from nlosctl.io.writers.byte_output import ByteOutput, writing
+from nlosctl.io.writers.output_set import check_targets
+from nlosctl.io.writers.text_encoders import CsvEncoder, JsonLinesEncoder
 
 __all__ = [
     "BadRowWriter",
@@ -27,24 +28,23 @@ __all__ = [
 ]
 
 GROUP_ROWS = 65_536
-"""Rows of a row group (of a record batch, in Arrow) of results: while one is encoded it is in memory twice."""
+"""Rows of a row group of results (in Arrow: of a record batch); it is in memory twice while it is encoded."""
 
 MEASUREMENT_GROUP_ROWS = 131_072
-"""The same of measurements: what reads them holds what the end of a Parquet file tells of each row group."""
+"""Rows of a row group of measurements: a reader keeps the footer's description of every row group in memory."""
 
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
 
 
 class TableWriter:
-    """A context manager that writes tables of one schema to ``target``: a path, or ``-`` for stdout.
+    """Context manager that writes tables of one schema to ``target``: a path, or ``-`` for standard output.
 
-    A file appears under its name only when the block ends without an exception; until then nothing is there, and
-    afterwards nothing is left of a failure. On stdout the rows go out as they come (Parquet: at the end).
-    ``schema`` is the Arrow schema of the file. ``metadata`` goes into formats that have room for it;
-    ``set_metadata`` adds to it, for Parquet until the end.
+    A file appears under its name only when the block ends without an exception; after a failure nothing is left.
+    Standard output gets the rows as they come (Parquet: at the end). ``schema`` is the Arrow schema of the file.
+    ``metadata`` is written in formats that can store it; ``set_metadata`` adds to it, for Parquet until the end.
 
-    Raises DataError where the file exists (without ``overwrite``), is one of ``inputs``, or can't be written, and
-    UsageError for an unknown extension. A closed pipe is a BrokenPipeError, for the caller to take quietly.
+    Raises DataError if the file exists (without ``overwrite``), is one of ``inputs``, or can't be written, and
+    UsageError for an unknown extension. A closed pipe is a BrokenPipeError, which the caller handles silently.
     """
 
     def __init__(
@@ -66,8 +66,8 @@ class TableWriter:
         self._output = ByteOutput(target, stdout)
         self._group_rows = group_rows
         self._format = _format_for(target, format)
-        self._waiting: list[Any] = []
-        self._waiting_rows = 0
+        self._buffered: list[Any] = []
+        self._buffered_rows = 0
         self._sink: Any = None
         self._encoder: Encoder | None = None
         self._closed = False
@@ -81,30 +81,30 @@ class TableWriter:
 
     @property
     def passes_on(self) -> bool:
-        """Whether the rows go where they can't be taken back from: standard output, a pipe, a device."""
+        """Whether written rows can't be taken back: standard output, a pipe, a device."""
         return self._output.passes_on
 
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
-        """Add metadata; for Arrow this must come before the first full group of rows is written."""
+        """Add metadata; for Arrow before the first full row group is written."""
         self._metadata.update(metadata)
 
     def write(self, table: Any) -> None:
-        """Take rows; dictionary-encoded columns are written plain."""
-        self._waiting.append(_plain(table, self.schema))
-        self._waiting_rows += table.num_rows
+        """Write rows; dictionary-encoded columns are decoded."""
+        self._buffered.append(_plain(table, self.schema))
+        self._buffered_rows += table.num_rows
         self.rows += table.num_rows
-        while self._waiting_rows >= self._group_rows:
-            self._encode(self._take_waiting(self._group_rows))
+        while self._buffered_rows >= self._group_rows:
+            self._encode(self._take_buffered(self._group_rows))
 
-    def _take_waiting(self, rows: int) -> Any:
-        """Return the first rows that wait, in one piece; the tables that they came in are let go."""
-        waiting = pa.concat_tables(self._waiting) if self._waiting else self.schema.empty_table()
-        self._waiting = [waiting.slice(rows)]
-        self._waiting_rows -= rows
-        return waiting.slice(0, rows).combine_chunks()
+    def _take_buffered(self, rows: int) -> Any:
+        """Return the first buffered rows as one contiguous table and release the tables they came in."""
+        buffered = pa.concat_tables(self._buffered) if self._buffered else self.schema.empty_table()
+        self._buffered = [buffered.slice(rows)]
+        self._buffered_rows -= rows
+        return buffered.slice(0, rows).combine_chunks()
 
     def complete(self) -> None:
-        """Write all that waits, so that nothing is left but to take the name; see `nlosctl.io.writers.output_set`."""
+        """Write all buffered rows; only the renaming to the final name is left, see `OutputSet`."""
         with writing(self.target):
             self._close_encoder()
         self._output.complete()
@@ -123,13 +123,13 @@ class TableWriter:
             if self._encoder is None:
                 self._encoder = make_encoder(self._format, self._sink, self.schema, self._metadata)
             self._encoder.write(table)
-        pa.default_memory_pool().release_unused()  # what encoding a group took is not kept for the rest of the run
+        pa.default_memory_pool().release_unused()  # return the memory of the encoded group
 
     def _close_encoder(self) -> None:
         if self._closed:
             return
-        if self._waiting_rows or self._encoder is None:
-            self._encode(self._take_waiting(self._waiting_rows))
+        if self._buffered_rows or self._encoder is None:
+            self._encode(self._take_buffered(self._buffered_rows))
         assert self._encoder is not None  # noqa: S101 - made by _encode
         self._encoder.close(self._metadata)
         self._closed = True
@@ -139,10 +139,10 @@ class TableWriter:
 
 
 class BadRowWriter:
-    """Sets bad rows aside in a table file: ``row``, ``problem``, ``line``, then the columns as text.
+    """Writes bad rows to a table file: ``row``, ``problem``, ``line``, then the columns as text.
 
-    Call it with bad rows (it is a `nlosctl.io.measurements.bad_rows.BadRowSink`).
-    ``line`` is the raw text of a line that is no row. With several inputs ``problem`` names the file.
+    Call it with bad rows (it is a `nlosctl.io.measurements.bad_rows.BadRowSink`). ``line`` is the raw text of a line
+    that can't be parsed as a row. With several inputs ``problem`` names the file.
     """
 
     def __init__(self, writer: TableWriter) -> None:
@@ -152,7 +152,7 @@ class BadRowWriter:
 
     @classmethod
     def schema(cls, names: Sequence[str]) -> Any:
-        """Return the schema of the file for an input with columns ``names``; those called like ours get a prefix."""
+        """Return the schema for an input with columns ``names``; names equal to ours get the prefix ``input_``."""
         own = [("row", pa.int64()), ("problem", pa.string()), ("line", pa.string())]
         return pa.schema([*own, *((cls._renamed(name), pa.string()) for name in names)])
 
@@ -175,12 +175,12 @@ class BadRowWriter:
 
 
 def provenance_text(provenance: Mapping[str, Any]) -> str:
-    """Return provenance as JSON whose bytes are the same for the same content."""
+    """Return provenance as JSON: the same bytes for the same content."""
     return json.dumps(provenance, sort_keys=True, ensure_ascii=False)
 
 
 def _format_for(target: str, format: FileFormat | None) -> FileFormat:
-    """Return the format of an output: what its name tells, and ``format`` where that tells none."""
+    """Return the format of an output by its extension, else ``format``."""
     if target != "-":
         return known_format_of_path(location(target).name) or format or format_of_path(target)
     return FileFormat.ARROW_STREAM if format is FileFormat.ARROW else format or FileFormat.CSV
@@ -191,3 +191,85 @@ def _plain(table: Any, schema: Any) -> Any:
     if table.schema.equals(schema):
         return table
     return table.select(schema.names).cast(schema)
+
+
+class Encoder(Protocol):
+    """Encodes tables to a sink and leaves it open."""
+
+    def write(self, table: Any) -> None:
+        """Encode the rows of one table as one group."""
+
+    def close(self, metadata: Mapping[str, str]) -> None:
+        """Write the end of the file with the final ``metadata``."""
+
+
+def make_encoder(format: FileFormat, sink: Any, schema: Any, metadata: Mapping[str, str]) -> Encoder:
+    """Return the encoder of a format that writes to the binary file ``sink``."""
+    if format is FileFormat.PARQUET:
+        return _ParquetEncoder(sink, schema, metadata)
+    if format in (FileFormat.ARROW, FileFormat.ARROW_STREAM):
+        return _ArrowEncoder(sink, schema.with_metadata(dict(metadata)), format)
+    # gzip by zlib writes no time and no name, so that equal rows give equal bytes
+    bytes_out = pa.CompressedOutputStream(_unclosed(sink), "gzip") if format.compressed else None
+    if format in (FileFormat.CSV, FileFormat.CSV_GZ):
+        return CsvEncoder(bytes_out or sink, schema, bytes_out)
+    return JsonLinesEncoder(bytes_out or sink, bytes_out)
+
+
+def _unclosed(sink: Any) -> Any:
+    return pa.PythonFile(_Unclosed(sink), mode="w")
+
+
+class _Unclosed:
+    """A file that only its owner closes; bytes that a library writes after that are discarded."""
+
+    closed = False
+
+    def __init__(self, sink: Any) -> None:
+        self._sink = sink
+
+    def write(self, data: Any) -> int:
+        return len(data) if self._sink.closed else self._sink.write(data)
+
+    def flush(self) -> None:
+        if not self._sink.closed:
+            self._sink.flush()
+
+    def close(self) -> None:
+        self.flush()
+
+
+class _ParquetEncoder:
+    """Zstandard, statistics; dictionaries for text only: for measured numbers they cost time and save nothing."""
+
+    def __init__(self, sink: Any, schema: Any, metadata: Mapping[str, str]) -> None:
+        self._written = dict(metadata)
+        schema = schema.with_metadata(self._written)
+        texts = [column.name for column in schema if pa.types.is_string(column.type)]
+        self._writer = pa.parquet.ParquetWriter(sink, schema, compression="zstd", use_dictionary=texts)
+
+    def write(self, table: Any) -> None:
+        if table.num_rows:
+            self._writer.write_table(table, row_group_size=table.num_rows)
+
+    def close(self, metadata: Mapping[str, str]) -> None:
+        late = {key: value for key, value in metadata.items() if self._written.get(key) != value}
+        if late:
+            self._writer.add_key_value_metadata(late)
+        self._writer.close()
+
+
+class _ArrowEncoder:
+    def __init__(self, sink: Any, schema: Any, format: FileFormat) -> None:
+        opener = pa.ipc.new_file if format is FileFormat.ARROW else pa.ipc.new_stream
+        self._schema = schema
+        self._writer = opener(_unclosed(sink), schema)
+
+    def write(self, table: Any) -> None:
+        if table.num_rows:
+            # new buffers: a slice shares its bitmap with neighbouring rows, or has none
+            table = table.take(pa.array(np.arange(table.num_rows)))
+            self._writer.write_table(table.cast(self._schema), max_chunksize=table.num_rows)
+
+    def close(self, metadata: Mapping[str, str]) -> None:
+        self._writer.close()

@@ -23,9 +23,8 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.scenes.earth_plane import plane_of
 from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_from_toml
-from nlosctl.io.writers.atomic_file import writing
-from nlosctl.io.writers.byte_output import ByteOutput
-from nlosctl.io.writers.targets import check_targets
+from nlosctl.io.writers.byte_output import ByteOutput, writing
+from nlosctl.io.writers.output_set import check_targets
 
 __all__ = ["MapWriter", "exporter_of"]
 
