@@ -1,1 +1,1 @@
-"""Metrics: arrays in, numbers out."""
+"""Scores of results against the truth: arrays in, numbers out."""

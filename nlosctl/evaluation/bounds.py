@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound of positions, from their Fisher information."""
+"""The Cramér-Rao bound on positions, from their Fisher information."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _CONDITION_LIMIT = 1e12
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds (B,) on the covariance of unbiased estimates, with their ellipse; NaN where there is none.
+    """Bounds (B,) on the covariance of unbiased estimates, with their ellipse; NaN where the bound does not exist.
 
-    Covariances in square metres, lengths in metres, the orientation in radians from +x. ``rms_m`` is the root of the
-    trace, ``cep50_m`` the circle that holds half of Gaussian errors of that covariance.
+    Covariances in square metres, lengths in metres, the orientation in radians from +x. ``rms_m`` is the square root
+    of the trace, ``cep50_m`` the radius of the circle that contains half of Gaussian errors with that covariance.
     """
 
     bound_xx_m2: FloatArray
@@ -35,9 +35,9 @@ class Bounds:
 
 
 def bounds_of(information: Symmetric2x2) -> Bounds:
-    """Return the bounds: the inverse information (equation (20) of Song, Willett, Zhou 2013), where it has one.
+    """Return the bounds: the inverse of the information (equation (20) of Song, Willett, Zhou 2013).
 
-    None where the larger eigenvalue is over 1e12 times the smaller, or anything is not finite.
+    NaN where the larger eigenvalue exceeds 1e12 times the smaller, or anything is not finite.
     """
     with ignoring_overflow():
         smaller, larger = information.eigenvalues()

@@ -1,4 +1,4 @@
-"""Is a covariance the size of the error? Normalized estimation error squared, and confidence ellipses, in the plane."""
+"""Consistency of covariances with errors: normalized estimation error squared (NEES) and confidence ellipses."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ __all__ = ["ellipse_threshold", "nees_interval", "squared_mahalanobis"]
 def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
     """Return e^T C^-1 e (N,) of errors (N, 2) in metres and covariances (N, 3): xx, xy, yy in square metres.
 
-    NaN where a covariance is not positive definite or anything is not finite. It is the NEES of a row (Bar-Shalom,
-    Li, Kirubarajan 2001, Section 5.4.2), chi-square with two degrees of freedom where the covariance is right.
+    NaN where a covariance is not positive definite or anything is not finite. This is the NEES of a row (Bar-Shalom,
+    Li, Kirubarajan 2001, Section 5.4.2), chi-square with two degrees of freedom if the covariance is correct.
     """
     xx, xy, yy = covariance_m2[:, 0], covariance_m2[:, 1], covariance_m2[:, 2]
     x, y = error_m[:, 0], error_m[:, 1]
@@ -28,7 +28,7 @@ def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> Float
 
 
 def ellipse_threshold(probability: float) -> float:
-    """Return the squared Mahalanobis distance of the ellipse that holds ``probability`` of a plane Gaussian.
+    """Return the squared Mahalanobis distance of the ellipse that contains ``probability`` of a plane Gaussian.
 
     The quantile of chi-square with two degrees of freedom: -2 ln(1 - p).
     """
@@ -36,10 +36,10 @@ def ellipse_threshold(probability: float) -> float:
 
 
 def nees_interval(count: int, probability: float = 0.95) -> tuple[float, float]:
-    """Return the two-sided interval that holds the mean NEES of ``count`` independent rows if all is right.
+    """Return the two-sided acceptance interval of the mean NEES of ``count`` independent rows.
 
-    The sum over rows is chi-square with 2 ``count`` degrees of freedom (Bar-Shalom et al. 2001, (5.4.2-11)). NaN
-    where there is no row.
+    It contains the mean with ``probability`` if all covariances are correct: the sum over rows is then chi-square
+    with 2 ``count`` degrees of freedom (Bar-Shalom et al. 2001, (5.4.2-11)). NaN without rows.
     """
     if count == 0:
         return math.nan, math.nan

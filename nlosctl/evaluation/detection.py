@@ -1,4 +1,4 @@
-"""Scores of indirect-path flags: error rates, the curve over all thresholds, calibration of the p-values."""
+"""Scores of indirect-path flags: error rates, ROC curve, calibration of the p-values."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import kolmogorov
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ThreeValuedArray
+from nlosctl.evaluation.error_statistics import ratio, rows_by_group
 from nlosctl.evaluation.summaries import DetectionSummary
 
 __all__ = ["DetectionScores", "RocCurve", "kolmogorov_smirnov", "roc_curve"]
@@ -17,32 +18,32 @@ __all__ = ["DetectionScores", "RocCurve", "kolmogorov_smirnov", "roc_curve"]
 
 @dataclass(frozen=True)
 class RocCurve:
-    """P_d over P_fa as the threshold on the p-value rises from 0 to 1: corner points, both from 0 to 1."""
+    """P_d over P_fa as the threshold on the p-value rises from 0 to 1: corner points from (0, 0) to (1, 1)."""
 
     p_fa: FloatArray
     p_d: FloatArray
 
     @property
     def area(self) -> float:
-        """The area under it, by trapezoids: ties count half, as in the Mann-Whitney statistic."""
+        """The area under the curve, by trapezoids: ties count half, as in the Mann-Whitney statistic."""
         return float(np.sum(np.diff(self.p_fa) * 0.5 * (self.p_d[1:] + self.p_d[:-1])))
 
     def samples(self) -> dict[str, list[float]]:
-        """Return ``p_fa`` (0, and 20 values a decade from 0.001 to 1) and ``p_d`` there; empty without a curve."""
+        """Return ``p_fa`` (0, and 20 values per decade from 0.001 to 1) and ``p_d`` there; empty without a curve."""
         if not self.p_fa.size:
             return {"p_fa": [], "p_d": []}
         p_fa = [0.0, *np.logspace(-3.0, 0.0, 61).tolist()]
         return {"p_fa": p_fa, "p_d": [self.p_d_at(value) for value in p_fa]}
 
     def p_d_at(self, p_fa: float) -> float:
-        """Return P_d on the curve at a P_fa; the upper end where it rises straight up there."""
+        """Return P_d on the curve at a P_fa, the upper end of a vertical step; NaN without a curve."""
         return float(np.interp(p_fa, self.p_fa, self.p_d)) if self.p_fa.size else math.nan
 
 
 def roc_curve(p_value: FloatArray, indirect: BoolArray) -> RocCurve:
-    """Return the curve of flags "p-value below a threshold" for paths (N,); no p-value (NaN) is never flagged.
+    """Return the curve of flags "p-value below a threshold" for paths (N,); a path without p-value is never flagged.
 
-    Empty where all paths are direct, or none is.
+    Empty if all paths are direct, or all indirect.
     """
     positives = int(np.count_nonzero(indirect))
     if positives in (0, indirect.size):
@@ -57,9 +58,9 @@ def roc_curve(p_value: FloatArray, indirect: BoolArray) -> RocCurve:
 
 
 def kolmogorov_smirnov(p_value: FloatArray) -> tuple[float, float]:
-    """Return the largest distance of the p-values (N,) from the uniform law, and how often chance explains it.
+    """Return the Kolmogorov-Smirnov distance of p-values (N,) from the uniform law, and the p-value of that distance.
 
-    NaN are left out; NaN, NaN where nothing is left. The asymptotic law with Stephens' correction for N.
+    NaN are left out; NaN, NaN without p-values. The asymptotic law with Stephens' correction for N.
     """
     values = np.sort(p_value[~np.isnan(p_value)])
     count = values.size
@@ -73,6 +74,8 @@ def kolmogorov_smirnov(p_value: FloatArray) -> tuple[float, float]:
 
 @dataclass
 class _Tally:
+    """The running sums of one group; ``counts`` (3, 3) by truth, then flag: unknown, false, true."""
+
     counts: IntArray = field(default_factory=lambda: np.zeros((3, 3), dtype=np.int64))
     p_values: list[FloatArray] = field(default_factory=list)
     indirect: list[BoolArray] = field(default_factory=list)
@@ -84,7 +87,7 @@ class _Tally:
 
 
 class DetectionScores:
-    """``ip`` and ``p_value`` against ``truth_ip``, by group, in one pass. Keeps 9 bytes per row."""
+    """``ip`` and ``p_value`` against ``truth_ip``, by group, in one pass, with 9 bytes of memory per row."""
 
     def __init__(self) -> None:
         self._groups: dict[Hashable, _Tally] = {}
@@ -97,15 +100,13 @@ class DetectionScores:
         group: IntArray,
         keys: Sequence[Hashable],
     ) -> None:
-        """Add rows (N,): flags are 1 true, 0 false, -1 unknown; ``group`` numbers the key of each row in ``keys``."""
+        """Add rows (N,): flags are 1 true, 0 false, -1 unknown; ``group`` and ``keys`` as in `rows_by_group`."""
         cell = 3 * (truth_ip.astype(np.int64) + 1) + ip + 1
-        numbers, first = np.unique(group, return_index=True)
-        for number in numbers[np.argsort(first)]:
-            mine = group == number
-            tally = self._groups.setdefault(keys[number], _Tally())
-            tally.counts += np.bincount(cell[mine], minlength=9).reshape(3, 3)
+        for key, rows in rows_by_group(group, keys):
+            tally = self._groups.setdefault(key, _Tally())
+            tally.counts += np.bincount(cell[rows], minlength=9).reshape(3, 3)
             if p_value is not None:
-                judged = mine & (truth_ip >= 0) & (ip >= 0)
+                judged = rows & (truth_ip >= 0) & (ip >= 0)
                 tally.p_values.append(p_value[judged])
                 tally.indirect.append(truth_ip[judged] == 1)
 
@@ -137,9 +138,9 @@ def _summary(tally: _Tally) -> DetectionSummary:
         direct_called_indirect=dp_ip,
         indirect_called_direct=ip_dp,
         indirect_called_indirect=ip_ip,
-        p_fa=_ratio(dp_ip, dp_dp + dp_ip),
-        p_d=_ratio(ip_ip, ip_dp + ip_ip),
-        accuracy=_ratio(dp_dp + ip_ip, rows),
+        p_fa=ratio(dp_ip, dp_dp + dp_ip),
+        p_d=ratio(ip_ip, ip_dp + ip_ip),
+        accuracy=ratio(dp_dp + ip_ip, rows),
         auc=curve.area if curve.p_fa.size else math.nan,
         p_d_at_5=curve.p_d_at(0.05),
         p_d_at_1=curve.p_d_at(0.01),
@@ -147,7 +148,3 @@ def _summary(tally: _Tally) -> DetectionSummary:
         ks_p_value=ks_p_value,
         roc=curve.samples(),
     )
-
-
-def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else math.nan

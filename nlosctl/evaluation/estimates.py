@@ -1,4 +1,4 @@
-"""Scores of position estimates, added up chunk by chunk."""
+"""Scores of position estimates, accumulated chunk by chunk."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
-from nlosctl.evaluation.monte_carlo import rmse_std_error
-from nlosctl.evaluation.percentiles import error_percentiles
+from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_std_error, rows_by_group
 from nlosctl.evaluation.summaries import EstimateSummary
 
 __all__ = ["EstimateRows", "EstimateScores", "nearest_alternatives"]
@@ -28,7 +27,7 @@ _PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 class EstimateRows:
     """N estimates: position (N, 2), covariance (N, 3) as xx, xy, yy, status (N,) as ``Status`` numbers, truth (N, 2).
 
-    Metres and square metres; NaN where there is none.
+    Metres and square metres; NaN for an absent value.
     """
 
     position_m: FloatArray
@@ -38,7 +37,7 @@ class EstimateRows:
 
     @property
     def answered(self) -> BoolArray:
-        """Which rows (N,) have a position: by their status, and in fact."""
+        """Which rows (N,) have a position: the status promises one, and it is finite."""
         return (self.status <= Status.BOUNDARY) & np.isfinite(self.position_m).all(axis=1)
 
     @property
@@ -49,7 +48,7 @@ class EstimateRows:
         return np.where(np.isfinite(self.truth_m).all(axis=1), distance, np.nan)
 
     def take(self, rows: IntArray) -> EstimateRows:
-        """Return some of the rows, by place."""
+        """Return the rows with these indices."""
         return EstimateRows(
             position_m=self.position_m[rows],
             covariance_m2=self.covariance_m2[rows],
@@ -59,10 +58,10 @@ class EstimateRows:
 
 
 def nearest_alternatives(error_m: FloatArray, alternative: IntArray, *keys: npt.NDArray[np.generic]) -> IntArray:
-    """Return the places, in order, of the row nearest to the truth among those whose ``keys`` are all equal.
+    """Return the index of the row nearest to the truth among rows with equal ``keys``; indices in ascending order.
 
-    ``error_m`` and ``alternative`` (N,), and each key (N,) (snapshot, method, target, as numbers or text); equally
-    near: the first alternative. All alternatives of a target must be among the N rows.
+    ``error_m`` and ``alternative`` (N,), and each key (N,) (snapshot, method, target, as numbers or text). Ties go to
+    the first alternative. All alternatives of a target must be among the N rows.
     """
     if error_m.size == 0:
         return np.zeros(0, dtype=np.int64)
@@ -78,25 +77,24 @@ def nearest_alternatives(error_m: FloatArray, alternative: IntArray, *keys: npt.
 class EstimateScores:
     """Estimates against truth, by group, in one pass.
 
-    Keeps sums, counts, and one error of 8 bytes per row for the percentiles. Every sum runs row by row, so a
-    result does not depend on how the rows were cut into chunks.
+    Stores sums, counts, and one error of 8 bytes per row for the percentiles. Sums are accumulated row by row, so that
+    results do not depend on how the rows were cut into chunks.
     """
 
     def __init__(self) -> None:
         self._groups: dict[Key, _Tally] = {}
 
     def add(self, rows: EstimateRows, group: IntArray | None = None, keys: Sequence[Key] = ("",)) -> None:
-        """Add rows; ``group`` (N,) numbers the key of each row in ``keys``, anew in each call. None: the first key.
+        """Add rows; ``group`` (N,) holds the index of each row's key in ``keys`` of this call. None: the first key.
 
-        Keys are any hashable values of the caller's (a method, or a method and a sweep value). With several
-        alternatives of a target, give those rows that count (alternative 0, or `nearest_alternatives`).
+        Keys are any hashable values (a method, or a method and a sweep value). Of several alternatives of a target,
+        pass only the row to score (alternative 0, or `nearest_alternatives`).
         """
         if group is None:
             self._tally(keys[0]).add(rows)
             return
-        numbers, first = np.unique(group, return_index=True)
-        for number in numbers[np.argsort(first)]:
-            self._tally(keys[number]).add(rows.take(np.flatnonzero(group == number)))
+        for key, mask in rows_by_group(group, keys):
+            self._tally(key).add(rows.take(np.flatnonzero(mask)))
 
     def result(self) -> dict[Key, EstimateSummary]:
         """Return the summary of each group, in order of first appearance."""
@@ -143,8 +141,8 @@ class _Tally:
         self.nees_rows += usable.size
         self.inside += [int(np.count_nonzero(usable <= ellipse_threshold(p))) for p in _PROBABILITIES]
         distance = error[answered]
-        for place, values in enumerate((offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable)):
-            self.sums[place] = _running_sum(self.sums[place], values)
+        for index, values in enumerate((offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable)):
+            self.sums[index] = _running_sum(self.sums[index], values)
 
     def include(self, other: _Tally) -> None:
         self.without_truth += other.without_truth
@@ -158,7 +156,7 @@ class _Tally:
 
     def summary(self) -> EstimateSummary:
         errors = np.concatenate(self.errors) if self.errors else np.zeros(0)
-        bias_x, bias_y, mean, mean_square, mean_fourth = (_ratio(total, self.answered) for total in self.sums[:5])
+        bias_x, bias_y, mean, mean_square, mean_fourth = (ratio(total, self.answered) for total in self.sums[:5])
         median, p90, p95, p99 = error_percentiles(errors, _PERCENTS)
         low, high = nees_interval(self.nees_rows)
         inside_50, inside_90, inside_95, inside_99 = (int(number) for number in self.inside)
@@ -166,7 +164,7 @@ class _Tally:
             rows=errors.size,
             without_truth=self.without_truth,
             answered=self.answered,
-            fix_rate=_ratio(self.answered, errors.size),
+            fix_rate=ratio(self.answered, errors.size),
             rmse_m=math.sqrt(mean_square),
             rmse_std_error_m=rmse_std_error(self.answered, mean_square, mean_fourth),
             bias_x_m=bias_x,
@@ -176,7 +174,7 @@ class _Tally:
             p90_m=p90,
             p95_m=p95,
             p99_m=p99,
-            nees=_ratio(self.sums[5], self.nees_rows),
+            nees=ratio(self.sums[5], self.nees_rows),
             nees_low=low,
             nees_high=high,
             nees_rows=self.nees_rows,
@@ -186,17 +184,13 @@ class _Tally:
             inside_90=inside_90,
             inside_95=inside_95,
             inside_99=inside_99,
-            coverage_50=_ratio(inside_50, self.nees_rows),
-            coverage_90=_ratio(inside_90, self.nees_rows),
-            coverage_95=_ratio(inside_95, self.nees_rows),
-            coverage_99=_ratio(inside_99, self.nees_rows),
+            coverage_50=ratio(inside_50, self.nees_rows),
+            coverage_90=ratio(inside_90, self.nees_rows),
+            coverage_95=ratio(inside_95, self.nees_rows),
+            coverage_99=ratio(inside_99, self.nees_rows),
         )
 
 
 def _running_sum(start: float, values: FloatArray) -> float:
-    """Return ``start`` plus all values, added one by one in order: cutting the values changes no bit."""
+    """Return ``start`` plus all values, added one by one in order, so that bits do not depend on the chunks."""
     return float(np.cumsum(np.concatenate([[start], values]))[-1])
-
-
-def _ratio(part: float, whole: float) -> float:
-    return float(part) / whole if whole else math.nan

@@ -1,13 +1,13 @@
-"""Scores of line-of-sight flags, added up chunk by chunk."""
+"""Scores of line-of-sight flags, accumulated chunk by chunk."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Sequence
 
 import numpy as np
 
 from nlosctl.arrays import IntArray, ThreeValuedArray
+from nlosctl.evaluation.error_statistics import ratio, rows_by_group
 from nlosctl.evaluation.summaries import FlagSummary
 
 __all__ = ["UNKNOWN", "FlagScores"]
@@ -18,7 +18,7 @@ UNKNOWN = -1
 
 
 class FlagScores:
-    """``los`` against ``truth_los``, by group, in one pass. Keeps nine counts for each group."""
+    """``los`` against ``truth_los``, by group, in one pass, with nine counts per group."""
 
     def __init__(self) -> None:
         self._groups: dict[Hashable, IntArray] = {}
@@ -34,10 +34,9 @@ class FlagScores:
         cell = 3 * (truth_los.astype(np.int64) + 1) + los + 1
         if group is None:
             group = np.zeros(cell.shape, dtype=np.int64)
-        numbers, first = np.unique(group, return_index=True)
-        for number in numbers[np.argsort(first)]:
-            counts = np.bincount(cell[group == number], minlength=9).reshape(3, 3)
-            self._groups[keys[number]] = self._groups.get(keys[number], 0) + counts
+        for key, mask in rows_by_group(group, keys):
+            counts = np.bincount(cell[mask], minlength=9).reshape(3, 3)
+            self._groups[key] = self._groups.get(key, 0) + counts
 
     def result(self) -> dict[Hashable, FlagSummary]:
         """Return the summary of each group, in order of first appearance."""
@@ -49,7 +48,7 @@ class FlagScores:
 
 
 def _summary(table: IntArray) -> FlagSummary:
-    """Summarize counts (3, 3) by truth, then flag; each unknown, false, true."""
+    """Summarize counts (3, 3) by truth, then flag: unknown, false, true."""
     (nlos_nlos, nlos_los), (los_nlos, los_los) = ((int(n) for n in row) for row in table[1:, 1:])
     rows = nlos_nlos + nlos_los + los_nlos + los_los
     return FlagSummary(
@@ -60,12 +59,8 @@ def _summary(table: IntArray) -> FlagSummary:
         los_called_nlos=los_nlos,
         nlos_called_los=nlos_los,
         nlos_called_nlos=nlos_nlos,
-        precision=_ratio(los_los, los_los + nlos_los),
-        recall=_ratio(los_los, los_los + los_nlos),
-        false_alarm=_ratio(nlos_los, nlos_los + nlos_nlos),
-        accuracy=_ratio(los_los + nlos_nlos, rows),
+        precision=ratio(los_los, los_los + nlos_los),
+        recall=ratio(los_los, los_los + los_nlos),
+        false_alarm=ratio(nlos_los, nlos_los + nlos_nlos),
+        accuracy=ratio(los_los + nlos_nlos, rows),
     )
-
-
-def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else math.nan

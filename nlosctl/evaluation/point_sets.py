@@ -1,4 +1,4 @@
-"""Distances between the set of found points and the set of true ones: OSPA and GOSPA, with their parts."""
+"""Distances between the sets of estimated and true points: OSPA and GOSPA, with their parts."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ __all__ = ["SetDistance", "set_distance"]
 
 @dataclass(frozen=True, kw_only=True)
 class SetDistance:
-    """OSPA and GOSPA (alpha = 2) with their parts, in metres, and the pairs (P, 2) of found and true points matched.
+    """OSPA and GOSPA (alpha = 2) with their parts, in metres, and the matched ``pairs`` (P, 2) of point indices.
 
-    Each part is a root of its share of the p-th powers: the powers of the parts add up to that of the whole.
+    The first of a pair is the estimated point, the second the true one. The p-th powers of the parts add up to that
+    of the whole.
     """
 
     ospa_m: float
@@ -29,27 +30,27 @@ class SetDistance:
     pairs: IntArray
 
 
-def set_distance(found_m: FloatArray, true_m: FloatArray, *, order: float, cutoff_m: float) -> SetDistance:
-    """Return the distances between points (T, 2) and (K, 2) in metres, ``order`` p and cutoff c.
+def set_distance(estimated_m: FloatArray, true_m: FloatArray, *, order: float, cutoff_m: float) -> SetDistance:
+    """Return the distances between estimated points (T, 2) and true ones (K, 2) in metres, of ``order`` p, cutoff c.
 
     OSPA: Schuhmacher, Vo, Vo 2008, (3); GOSPA: Rahmathullah, Garcia-Fernandez, Svensson 2017, with alpha = 2: a
     missed or a false point costs c^p / 2. Points without a position (NaN) are farther than the cutoff. Two empty
     sets have distance 0. Pairs nearer than the cutoff are matched.
     """
-    count_found, count_true = found_m.shape[0], true_m.shape[0]
-    away = found_m[:, None] - true_m[None]
-    distance = np.hypot(away[..., 0], away[..., 1])
+    estimated_count, true_count = estimated_m.shape[0], true_m.shape[0]
+    offset = estimated_m[:, None] - true_m[None]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
     with ignoring_invalid():
         cut = np.where(distance < cutoff_m, distance, cutoff_m)
     powers = cut**order
-    one, other = linear_sum_assignment(powers)
-    matched = cut[one, other] < cutoff_m
-    largest = max(count_found, count_true)
-    near = float(powers[one, other][matched].sum())
+    estimated, true = linear_sum_assignment(powers)
+    matched = cut[estimated, true] < cutoff_m
+    largest = max(estimated_count, true_count)
+    near = float(powers[estimated, true][matched].sum())
     far = float(cutoff_m**order) * int((~matched).sum())
-    surplus = float(cutoff_m**order) * abs(count_found - count_true)
-    missed = 0.5 * float(cutoff_m**order) * (count_true - int(matched.sum()))
-    false = 0.5 * float(cutoff_m**order) * (count_found - int(matched.sum()))
+    surplus = float(cutoff_m**order) * abs(estimated_count - true_count)
+    missed = 0.5 * float(cutoff_m**order) * (true_count - int(matched.sum()))
+    false = 0.5 * float(cutoff_m**order) * (estimated_count - int(matched.sum()))
     share = 1.0 / largest if largest else 0.0
 
     def root(power: float) -> float:
@@ -63,5 +64,5 @@ def set_distance(found_m: FloatArray, true_m: FloatArray, *, order: float, cutof
         gospa_location_m=root(near),
         gospa_missed_m=root(missed),
         gospa_false_m=root(false),
-        pairs=np.stack([one[matched], other[matched]], axis=1),
+        pairs=np.stack([estimated[matched], true[matched]], axis=1),
     )

@@ -1,4 +1,4 @@
-"""What an evaluation says, as plain numbers. NaN: nothing to say; infinite: rows without a fix reach into it."""
+"""Results of an evaluation as plain numbers. NaN: not defined; infinite: rows without a fix reach into the figure."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary"
 class EstimateSummary:
     """Estimates against truth. Lengths in metres.
 
-    ``rows`` have a truth, ``without_truth`` have none and are in no other figure. ``answered`` rows have a
-    position, ``fix_rate`` is their share; ``statuses`` counts the rows of each status word. RMSE, bias and mean
-    are over answered rows, ``rmse_std_error_m`` is how far chance moves the RMSE (rows independent); in the median
-    and the percentiles a row without a fix is infinite. ``nees`` is the mean over the ``nees_rows`` that have a
-    covariance, ``nees_low`` and ``nees_high`` hold it 95 times in 100 if the covariances are right (rows
-    independent). ``inside_p`` of them are inside their p % ellipse, ``coverage_p`` is the share.
-    ``bad_covariances`` rows should have a covariance, and theirs is not positive definite.
+    ``rows`` have a truth; ``without_truth`` have none and enter no other figure. ``answered`` rows have a position,
+    ``fix_rate`` is their share; ``statuses`` counts the rows of each status word. RMSE, bias and mean are over
+    answered rows, ``rmse_std_error_m`` is the standard error of the RMSE for independent rows; in the median and the
+    percentiles a row without a fix is infinite. ``nees`` is the mean over the ``nees_rows`` that have a covariance;
+    the interval from ``nees_low`` to ``nees_high`` contains it with 95 % probability if the covariances are correct
+    and the rows independent. ``inside_p`` rows are inside their p % ellipse, ``coverage_p`` is their share.
+    ``bad_covariances`` counts covariances that are not positive definite.
     """
 
     rows: int
@@ -52,11 +52,11 @@ class EstimateSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class FlagSummary:
-    """Line-of-sight flags against truth: a confusion table where line of sight is the positive.
+    """Line-of-sight flags against truth: a confusion table whose positives are line-of-sight rows.
 
-    ``rows`` have both a flag and a truth, ``without_flag`` have a truth alone, ``without_truth`` the rest.
-    ``precision``: of the rows called line of sight, the share that is; ``recall``: of the rows that are, the share
-    called so; ``false_alarm``: of the rows that are not, the share called so. NaN where there is no such row.
+    ``rows`` have both a flag and a truth, ``without_flag`` only a truth, ``without_truth`` no truth.
+    ``precision``: share of true line of sight among rows flagged so; ``recall``: share flagged line of sight among
+    true line-of-sight rows; ``false_alarm``: share flagged line of sight among the others. NaN without such rows.
     """
 
     rows: int
@@ -74,14 +74,13 @@ class FlagSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionSummary:
-    """Indirect-path flags against truth: a confusion table where an indirect path is the positive.
+    """Indirect-path flags against truth: a confusion table whose positives are indirect paths.
 
-    ``rows`` have both a flag and a truth, ``without_flag`` a truth alone, ``without_truth`` the rest. ``p_fa``: of the
-    direct paths, the share called indirect; ``p_d``: of the indirect ones, the share called so. ``auc`` is the area
-    under the curve of P_d over P_fa as the p-value's threshold moves, ``p_d_at_5`` and ``p_d_at_1`` the P_d on it where
-    5 and 1 % of the direct paths are called indirect. ``ks`` is the Kolmogorov-Smirnov distance of the direct paths'
-    p-values from the uniform law, ``ks_p_value`` how often chance explains so large a one. ``roc`` is that curve:
-    ``p_d`` at each of some values of ``p_fa``. NaN, or no values, where there is no such row, or no p-values.
+    ``rows`` have both a flag and a truth, ``without_flag`` only a truth, ``without_truth`` no truth. ``p_fa`` is the
+    share of direct paths flagged indirect, ``p_d`` that of indirect paths flagged indirect. ``auc`` is the area under
+    the ROC curve over the p-value's threshold, ``p_d_at_5`` and ``p_d_at_1`` are P_d at P_fa of 5 and 1 %. ``ks`` is
+    the Kolmogorov-Smirnov distance of the direct paths' p-values from the uniform law, ``ks_p_value`` its p-value.
+    ``roc`` holds ``p_d`` at a grid of ``p_fa``. NaN, or no values, without such rows or without p-values.
     """
 
     rows: int
@@ -104,14 +103,13 @@ class DetectionSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class TargetSummary:
-    """Targets found among unlabelled echoes against truth. Lengths in metres.
+    """Targets estimated from unlabelled echoes against truth. Lengths in metres.
 
-    ``number_right`` is the share of the snapshots whose number of targets is right, ``exact`` that in which besides
-    every target has exactly its direct echoes; ``los_precision`` and ``los_recall`` are over all echoes. OSPA and
-    GOSPA (alpha = 2) are means over the snapshots, with their parts; ``matched_rmse_m`` is over the
-    ``matched_targets``, found within the cutoff. ``case_i`` to ``case_vi`` count the found targets by the cases of
-    Liang, Zeng, Li: (i) true ones; (ii), (iii) with two direct echoes of one target, the others direct or not;
-    (iv), (v), (vi) without, of direct echoes alone, some, none. NaN where there is nothing to say.
+    ``number_right`` is the share of snapshots with the correct number of targets, ``exact`` the share in which every
+    target also has exactly its direct echoes; ``los_precision`` and ``los_recall`` are over all echoes. OSPA and GOSPA
+    (alpha = 2) are means over the snapshots, with their parts; ``matched_rmse_m`` is over the ``matched_targets``,
+    estimated within the cutoff. ``case_i`` to ``case_vi`` count the estimated targets by the cases of Liang, Zeng,
+    Li (see `nlosctl.evaluation.targets.case_of`). NaN: not defined.
     """
 
     snapshots: int

@@ -1,4 +1,4 @@
-"""Scores of the targets found among unlabelled echoes: their number, their echoes, where they are."""
+"""Scores of targets estimated from unlabelled echoes: their number, their echoes, their positions."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.evaluation.error_statistics import ratio
 from nlosctl.evaluation.point_sets import SetDistance, set_distance
 from nlosctl.evaluation.summaries import TargetSummary
 
@@ -20,14 +21,14 @@ __all__ = ["CASES", "EchoRows", "TargetScores", "case_of"]
 CASES = ("i", "ii", "iii", "iv", "v", "vi")
 """The six cases of Liang, Zeng, Li, Fig. 2."""
 
-_NOBODY = -1
+_NO_TARGET = -1
 
 
 @dataclass(frozen=True, kw_only=True)
 class EchoRows:
-    """The rows (R,) of one snapshot: found target and true target (-1: none), flagged and truly direct.
+    """The rows (R,) of one snapshot: estimated and true target (-1: none), whether flagged direct and truly direct.
 
-    ``true_m`` (R, 2) is the position of the row's true target in metres, NaN where it has none.
+    ``true_m`` (R, 2) is the position of the row's true target in metres, NaN without one.
     """
 
     target: IntArray
@@ -38,11 +39,11 @@ class EchoRows:
 
 
 def case_of(true_target: IntArray, true_los: BoolArray) -> str:
-    """Return the case of a found target from the truth of its rows: ``i`` is a true one, the others are not.
+    """Return the case of an estimated target from the truth of its rows: ``i`` is a true target, the others are false.
 
-    A crossing of two direct echoes of one target is a target intersection point (TIP). (i) direct echoes of one
-    target alone; (ii), (iii) some TIP, without and with other echoes than direct ones; (iv), (v), (vi) no TIP: all
-    direct, some direct, none.
+    A crossing of two direct echoes of the same target is a target intersection point (TIP). (i): only direct echoes
+    of one target; (ii): at least one TIP, only direct echoes; (iii): at least one TIP, some indirect echoes; (iv),
+    (v), (vi): no TIP, and all, some or no echoes are direct.
     """
     of_target = Counter(true_target[true_los].tolist())
     if not of_target:
@@ -56,34 +57,33 @@ def case_of(true_target: IntArray, true_los: BoolArray) -> str:
 
 
 class TargetScores:
-    """Found targets against true ones, snapshot by snapshot, by group."""
+    """Estimated targets against true ones, snapshot by snapshot, by group."""
 
     def __init__(self, *, order: float = 2.0, cutoff_m: float = 20.0) -> None:
         self._order, self._cutoff_m = order, cutoff_m
         self._groups: dict[Hashable, _Tally] = {}
 
-    def add(self, rows: EchoRows, found_m: FloatArray | None, key: Hashable = ("",)) -> None:
-        """Add a snapshot: its rows, and the positions (T, 2) of its found targets, None where no estimates are given.
+    def add(self, rows: EchoRows, estimated_m: FloatArray | None, key: Hashable = ("",)) -> None:
+        """Add a snapshot: its rows, and the estimated target positions (T, 2).
 
-        The targets found are those of the estimates, or of the flags where there are none.
+        With ``estimated_m`` None, targets are counted from the flags, and no distances are scored.
         """
         tally = self._groups.setdefault(key, _Tally())
-        found = _sets(rows.target, rows.los)
+        estimated = _sets(rows.target, rows.los)
         true = _sets(rows.true_target, rows.true_los)
-        numbers = np.unique(rows.true_target[rows.true_target != _NOBODY])
-        count = len(found) if found_m is None else found_m.shape[0]
+        numbers = np.unique(rows.true_target[rows.true_target != _NO_TARGET])
+        count = len(estimated) if estimated_m is None else estimated_m.shape[0]
         tally.snapshots += 1
         tally.true_targets += numbers.size
         tally.found_targets += count
         tally.number_right += count == numbers.size
-        tally.exact += count == numbers.size and len(true) == numbers.size and set(found) == set(true)
+        tally.exact += count == numbers.size and len(true) == numbers.size and set(estimated) == set(true)
         tally.confusion += np.bincount(2 * rows.true_los + rows.los, minlength=4)
-        tally.cases.update(case_of(rows.true_target[[*of]], rows.true_los[[*of]]) for of in found)
-        if found_m is not None:
+        tally.cases.update(case_of(rows.true_target[[*echoes]], rows.true_los[[*echoes]]) for echoes in estimated)
+        if estimated_m is not None:
             true_m = np.array([rows.true_m[rows.true_target == number][0] for number in numbers]).reshape(-1, 2)
-            tally.add_distance(
-                set_distance(found_m, true_m, order=self._order, cutoff_m=self._cutoff_m), found_m, true_m
-            )
+            distance = set_distance(estimated_m, true_m, order=self._order, cutoff_m=self._cutoff_m)
+            tally.add_distance(distance, estimated_m, true_m)
 
     def result(self) -> dict[Hashable, TargetSummary]:
         """Return the summary of each group, in order of first appearance."""
@@ -98,8 +98,8 @@ class TargetScores:
 
 
 def _sets(target: IntArray, direct: BoolArray) -> list[tuple[int, ...]]:
-    """Return the direct rows of each target."""
-    numbers = np.unique(target[(target != _NOBODY) & direct])
+    """Return the row indices of each target's direct echoes."""
+    numbers = np.unique(target[(target != _NO_TARGET) & direct])
     return [tuple(np.flatnonzero((target == number) & direct).tolist()) for number in numbers]
 
 
@@ -130,8 +130,8 @@ class _Tally:
     cases: Counter[str] = field(default_factory=Counter)
     distances: FloatArray = field(default_factory=lambda: np.zeros(len(_DISTANCES)))
 
-    def add_distance(self, distance: SetDistance, found_m: FloatArray, true_m: FloatArray) -> None:
-        error = found_m[distance.pairs[:, 0]] - true_m[distance.pairs[:, 1]]
+    def add_distance(self, distance: SetDistance, estimated_m: FloatArray, true_m: FloatArray) -> None:
+        error = estimated_m[distance.pairs[:, 0]] - true_m[distance.pairs[:, 1]]
         self.located += 1
         self.matched += distance.pairs.shape[0]
         self.squared_error_m2 += float((error * error).sum())
@@ -144,22 +144,18 @@ class _Tally:
     def summary(self) -> TargetSummary:
         _, false_alarms, missed, hits = (int(number) for number in self.confusion)
         means: dict[str, Any] = {
-            name: _ratio(total, self.located) for name, total in zip(_DISTANCES, self.distances, strict=True)
+            name: ratio(total, self.located) for name, total in zip(_DISTANCES, self.distances, strict=True)
         }
         return TargetSummary(
             snapshots=self.snapshots,
             true_targets=self.true_targets,
             found_targets=self.found_targets,
-            number_right=_ratio(self.number_right, self.snapshots),
-            exact=_ratio(self.exact, self.snapshots),
-            los_precision=_ratio(hits, hits + false_alarms),
-            los_recall=_ratio(hits, hits + missed),
+            number_right=ratio(self.number_right, self.snapshots),
+            exact=ratio(self.exact, self.snapshots),
+            los_precision=ratio(hits, hits + false_alarms),
+            los_recall=ratio(hits, hits + missed),
             matched_targets=self.matched,
-            matched_rmse_m=math.sqrt(_ratio(self.squared_error_m2, self.matched)),
+            matched_rmse_m=math.sqrt(ratio(self.squared_error_m2, self.matched)),
             **means,
             **{f"case_{name}": self.cases[name] for name in CASES},
         )
-
-
-def _ratio(part: float, whole: float) -> float:
-    return float(part) / whole if whole else math.nan

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nlosctl.evaluation.monte_carlo import share_std_error
+from nlosctl.evaluation.error_statistics import share_std_error
 from nlosctl.plotting.figures import axis_label
 
 __all__ = ["figure_label", "parameter_label", "std_error_of"]

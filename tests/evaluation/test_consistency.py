@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
-from nlosctl.evaluation.percentiles import error_percentiles
+from nlosctl.evaluation.error_statistics import error_percentiles
 
 
 def test_squared_mahalanobis_is_the_quadratic_form():

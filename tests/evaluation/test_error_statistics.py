@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from nlosctl.evaluation.monte_carlo import rmse_std_error, share_std_error
+from nlosctl.evaluation.error_statistics import rmse_std_error, share_std_error
 
 
 @pytest.mark.parametrize("law", ["normal", "laplace"])
