@@ -116,7 +116,7 @@ def test_a_bad_place_is_a_bad_row(tmp_path: Path, lat: str, lon: str, says: str)
 
 def test_no_place_at_all(tmp_path: Path) -> None:
     """A file whose places are all empty has no plane to lie in."""
-    with pytest.raises(DataError, match="no row has a place: 'sensor_lat_deg' and 'sensor_lon_deg'"):
+    with pytest.raises(DataError, match="no row has a location: 'sensor_lat_deg' and 'sensor_lon_deg'"):
         read(write(tmp_path, HEADER + "1,a,,,10,1\n"))
 
 

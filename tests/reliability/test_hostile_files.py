@@ -58,10 +58,10 @@ def test_a_line_without_end_in_a_zip(name: str, folder: Path) -> None:
 @pytest.mark.parametrize("limit", [None, "2000"])
 def test_a_zip_bomb_of_good_rows(limit: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A gzip that unpacks to hundreds of times its size is refused by name, however good its rows are."""
-    monkeypatch.setattr("nlosctl.io.readers.decompression.FREE_EXPANSION_BYTES", 4 << 20)
+    monkeypatch.setattr("nlosctl.io.readers.text_files.FREE_EXPANSION_BYTES", 4 << 20)
     gzip_bomb(folder / "m.csv.gz", HEADER, ROW, 16)
     if limit is None:
-        refused(folder, ["validate", "m.csv.gz"], "unpacks to more than 250 times its size")
+        refused(folder, ["validate", "m.csv.gz"], "expands to more than 250 times its compressed size")
         return
     monkeypatch.setenv("NLOSCTL_MAX_EXPANSION", limit)
     refused(folder, ["localize", "m.csv.gz", "-o", "e.csv", "--max-snapshot-rows", 1000], "more than 1000 rows")
@@ -74,7 +74,7 @@ def test_a_parquet_bomb(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table = pa.table({name: np.zeros(rows) for name in HEADER.decode().strip().split(",")})
     pa.parquet.write_table(table, folder / "m.parquet", compression="zstd", use_dictionary=False)
     assert (folder / "m.parquet").stat().st_size < 100_000
-    refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "unpacks to more than 250 times its size")
+    refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "expands to more than 250 times its compressed size")
 
 
 def constant_parquet(path: Path, rows: int) -> None:

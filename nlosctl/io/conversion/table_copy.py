@@ -14,8 +14,8 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import BadRow, BadRowSink, Problem, ProblemLog
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.readers.base import RawBatch, RawSource
-from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.readers.base import RecordBatch
+from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.scene_file import SCENE_KEY, find_scene, scene_to_toml
 
 __all__ = ["TableCopy"]
@@ -97,7 +97,7 @@ class TableCopy:
         scene = find_scene(self.scene_file, self._source.metadata, self.given.path)
         return scene if self.frame is None else replace(scene, frame=self.frame)
 
-    def _types(self, source: RawSource) -> dict[str, Any]:
+    def _types(self, source: TableFile) -> dict[str, Any]:
         """Return the contract's types of the columns, of the table that they are."""
         estimates = all(column.name in source.names for column in ESTIMATES.required)
         table: Table = ESTIMATES if estimates else KINDS[kind_of_columns(source.names)]
@@ -107,17 +107,15 @@ class TableCopy:
             types.update({name: column.type for name in names if name in source.names})
         return types
 
-    def _good(self, file: str, batch: RawBatch) -> Any:
+    def _good(self, file: str, batch: RecordBatch) -> Any:
         bad: dict[int, BadRow] = {}
         numbers = batch.row_numbers()
         for cell in batch.cell_faults:
-            line = None if batch.lines is None else int(batch.lines[cell.position])
-            problem = Problem(
-                file=file, row=int(numbers[cell.position]), line=line, column=cell.column, fault=cell.fault
-            )
+            line = None if batch.lines is None else int(batch.lines[cell.index])
+            problem = Problem(file=file, row=int(numbers[cell.index]), line=line, column=cell.column, fault=cell.fault)
             cells = batch.table if batch.text is None else batch.text
-            values = {name: _text(cells.column(name)[cell.position].as_py()) for name in cells.schema.names}
-            bad.setdefault(cell.position, BadRow(problem=problem, values=values))
+            values = {name: _text(cells.column(name)[cell.index].as_py()) for name in cells.schema.names}
+            bad.setdefault(cell.index, BadRow(problem=problem, values=values))
         rows = [
             BadRow(
                 problem=Problem(file=file, row=line.row, line=line.line, column=None, fault=line.fault),

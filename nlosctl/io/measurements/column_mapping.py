@@ -6,10 +6,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import KINDS, Column, ColumnType, Spelling, Table, contract_names
+from nlosctl.contract.tables import EARTH_PLACES, KINDS, Column, ColumnType, Spelling, Table, contract_names
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
-__all__ = ["ColumnPlan", "FoundColumn", "kind_of_columns", "kind_table", "plan_columns", "rename"]
+__all__ = [
+    "ColumnPlan",
+    "CoordinateColumns",
+    "FoundColumn",
+    "coordinate_columns",
+    "kind_of_columns",
+    "kind_table",
+    "plan_columns",
+    "rename",
+]
 
 SNAPSHOT = "snapshot"
 
@@ -28,6 +37,17 @@ class FoundColumn:
     def converted(self) -> bool:
         """Whether the file holds another unit than the contract's."""
         return self.scale != 1.0 or self.offset != 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateColumns:
+    """The file's columns of latitude and longitude (degrees), and the columns of x and y that they give."""
+
+    lat: str
+    lon: str
+    x: str
+    y: str
+    nullable: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +102,21 @@ def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file:
             raise DataError(f"{file}: --column {wanted}={given}: the file has a column {wanted!r} already")
         by_file_name[given] = wanted
     return tuple(by_file_name.get(name, name) for name in names)
+
+
+def coordinate_columns(names: Sequence[str], renames: Mapping[str, str]) -> list[CoordinateColumns]:
+    """Return the latitudes and longitudes among a file's columns ``names`` that have no x and y beside them.
+
+    ``renames`` (contract's name -> file's name) are their other names.
+    """
+    known = {*names, *renames}
+    pairs = []
+    for owner in EARTH_PLACES:
+        lat, lon = (renames.get(f"{owner}_{axis}_deg", f"{owner}_{axis}_deg") for axis in ("lat", "lon"))
+        x, y = f"{owner}_x_m", f"{owner}_y_m"
+        if lat in names and lon in names and x not in known and y not in known:
+            pairs.append(CoordinateColumns(lat=lat, lon=lon, x=x, y=y, nullable=owner in ("truth", "prior")))
+    return pairs
 
 
 def plan_columns(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pyarrow as pa
@@ -15,18 +15,18 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import (
     SNAPSHOT,
     ColumnPlan,
+    coordinate_columns,
     kind_of_columns,
     kind_table,
     plan_columns,
     rename,
 )
+from nlosctl.io.measurements.geographic import PlaneCoordinates
 from nlosctl.io.measurements.method_flags import METHOD, are_flags_by_method
 from nlosctl.io.measurements.row_checks import require_together
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.readers.arrow_text import plain_type
-from nlosctl.io.readers.base import RawSource
-from nlosctl.io.readers.geographic import EarthSource, with_places
-from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.readers.base import plain_type
+from nlosctl.io.readers.open_file import TableFile, open_part
 
 __all__ = ["OpenedPart", "TableOptions", "open_table", "plan_table", "unified_schema"]
 
@@ -51,12 +51,13 @@ class OpenedPart:
     """
 
     part: Part
-    source: RawSource
+    source: TableFile
     plan: ColumnPlan
     file_names: tuple[str, ...]
     names: tuple[str, ...]
     all_names: tuple[str, ...]
     schema: Any
+    coordinates: PlaneCoordinates | None = None
 
     @property
     def kept_schema(self) -> Any:
@@ -69,7 +70,7 @@ class OpenedPart:
         return tuple(name for name in self.all_names if name not in self._unkept())
 
     def _unkept(self) -> set[str]:
-        derived = self.source.derived if isinstance(self.source, EarthSource) else ()
+        derived = self.coordinates.names if self.coordinates is not None else ()
         return {name for name in derived if not name.startswith("truth")}
 
     def file_name(self, name: str) -> str:
@@ -85,17 +86,20 @@ def open_table(part: Part, table: Table | None, options: TableOptions) -> Opened
     return plan_table(part, open_part(part, options.batch_rows, options.use_threads), table, options)
 
 
-def plan_table(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
+def plan_table(part: Part, source: TableFile, table: Table | None, options: TableOptions) -> OpenedPart:
     """Plan the columns of a file that is open already; as `open_table` otherwise."""
-    source = with_places(source, options.renames, options.scene.frame)
+    pairs = coordinate_columns(source.names, options.renames)
+    coordinates = PlaneCoordinates(pairs, options.scene.frame) if pairs else None
+    if coordinates is not None:
+        source.add_step(coordinates)
     try:
-        return _plan(part, source, table, options)
+        return replace(_plan(part, source, table, options), coordinates=coordinates)
     except BaseException:
         source.close()
         raise
 
 
-def _plan(part: Part, source: RawSource, table: Table | None, options: TableOptions) -> OpenedPart:
+def _plan(part: Part, source: TableFile, table: Table | None, options: TableOptions) -> OpenedPart:
     if not source.names:
         raise DataError(f"{part.name}: no rows: the file has neither columns nor rows")
     twice = sorted(name for name, count in Counter(source.names).items() if count > 1)

@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from nlosctl.arrays import IntArray
 from nlosctl.errors import DataError
-from nlosctl.io.readers.arrow_text import plain
+from nlosctl.io.readers.base import plain
 from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["METHOD", "are_flags_by_method", "refuse_several_methods"]

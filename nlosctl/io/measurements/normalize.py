@@ -20,7 +20,7 @@ from nlosctl.io.measurements.bad_rows import Describe, Fault
 from nlosctl.io.measurements.column_mapping import SNAPSHOT, ColumnPlan, FoundColumn
 from nlosctl.io.measurements.name_codes import NULL_CODE, NameCodes
 from nlosctl.io.measurements.row_checks import half_filled_faults, placement_faults
-from nlosctl.io.readers.arrow_text import plain, text_at
+from nlosctl.io.readers.base import plain, text_at
 from nlosctl.io.scenes.earth_plane import plane_of
 
 __all__ = ["Normalized", "Normalizer", "RunNames"]

@@ -18,8 +18,7 @@ from nlosctl.io.measurements.mapped_file import OpenedPart
 from nlosctl.io.measurements.normalize import Normalizer
 from nlosctl.io.measurements.options import ReadReport
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots
-from nlosctl.io.readers.arrow_text import as_text, plain, text_at
-from nlosctl.io.readers.base import RawBatch
+from nlosctl.io.readers.base import RecordBatch, as_text, plain, text_at
 
 __all__ = ["Piece", "join_pieces", "read_pieces"]
 
@@ -180,14 +179,14 @@ def _cast(cells: Any, column: Any, opened: OpenedPart) -> Any:
 
 
 def _log_bad_rows(
-    raw: RawBatch, batch: Any, faults: Sequence[Fault], opened: OpenedPart, log: ProblemLog
+    raw: RecordBatch, batch: Any, faults: Sequence[Fault], opened: OpenedPart, log: ProblemLog
 ) -> BoolArray | None:
     """Hand the bad rows to the log, each once with its first fault; return their mask, or None if all are good."""
     if not (raw.line_faults or raw.cell_faults or faults):
         return None
     first: dict[int, tuple[str, str]] = {}
     for cell in raw.cell_faults:
-        first.setdefault(cell.position, (cell.column, cell.fault))
+        first.setdefault(cell.index, (cell.column, cell.fault))
     bad = np.zeros(batch.num_rows, dtype=np.bool_)
     bad[list(first)] = True
     wanted = log.wanted()
@@ -202,7 +201,7 @@ def _log_bad_rows(
     return bad
 
 
-def _bad_cells(raw: RawBatch, batch: Any, first: dict[int, tuple[str, str]], opened: OpenedPart) -> Iterator[BadRow]:
+def _bad_cells(raw: RecordBatch, batch: Any, first: dict[int, tuple[str, str]], opened: OpenedPart) -> Iterator[BadRow]:
     numbers = raw.row_numbers()
     cells = batch if raw.text is None else raw.text.rename_columns(list(opened.names))
     for place, (column, fault) in sorted(first.items()):
@@ -214,7 +213,7 @@ def _bad_cells(raw: RawBatch, batch: Any, first: dict[int, tuple[str, str]], ope
         )
 
 
-def _bad_lines(raw: RawBatch, opened: OpenedPart) -> Iterator[BadRow]:
+def _bad_lines(raw: RecordBatch, opened: OpenedPart) -> Iterator[BadRow]:
     for fault in raw.line_faults:
         problem = Problem(file=opened.part.name, row=fault.row, line=fault.line, column=None, fault=fault.fault)
         yield BadRow(problem=problem, values={}, raw_line=fault.text)

@@ -13,9 +13,7 @@ from nlosctl.io.measurements.column_mapping import SNAPSHOT, kind_of_columns, ki
 from nlosctl.io.measurements.mapped_file import OpenedPart, TableOptions, plan_table, unified_schema
 from nlosctl.io.measurements.options import ReadOptions
 from nlosctl.io.paths.inputs import Input, Part
-from nlosctl.io.readers.base import RawSource
-from nlosctl.io.readers.geographic import EarthSource
-from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.earth_plane import plane_of
 from nlosctl.io.scenes.scene_file import find_scene
 
@@ -80,7 +78,7 @@ def look_ahead(inputs: Sequence[Input], options: ReadOptions) -> LookAhead:
     return found
 
 
-def _scene_of(group: Input, part: Part, source: RawSource, options: ReadOptions) -> Scene:
+def _scene_of(group: Input, part: Part, source: TableFile, options: ReadOptions) -> Scene:
     """Return the scene of one file: a part of a folder may have its own beside it where the folder has none."""
     try:
         scene = options.scene
@@ -96,19 +94,20 @@ def _scene_of(group: Input, part: Part, source: RawSource, options: ReadOptions)
 
 def _with_frame(options: TableOptions, opened: OpenedPart) -> TableOptions:
     """Return the options with the plane on earth of the first file: the scene's, else about its first place."""
-    if not isinstance(opened.source, EarthSource):
+    step = opened.coordinates
+    if step is None:
         return options
     try:
-        frame = options.scene.frame or opened.source.first_frame(opened.part.name)
-        plane_of(frame)
+        if step.frame is None:
+            step.set_first_frame(opened.source, opened.part.name)
+        plane_of(step.frame)
     except BaseException:
         opened.source.close()
         raise
-    opened.source.frame = frame
-    return replace(options, scene=replace(options.scene, frame=frame))
+    return replace(options, scene=replace(options.scene, frame=step.frame))
 
 
-def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part, source: RawSource) -> None:
+def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part, source: TableFile) -> None:
     if other.frame is None:
         other = replace(other, frame=first.frame)
     if other != first:

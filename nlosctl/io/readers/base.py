@@ -1,36 +1,54 @@
-"""What every reader of a file format gives: batches of rows with the columns as they came."""
+"""What all format readers share: record batches with row numbers and faults, read errors, Arrow values as text."""
 
 from __future__ import annotations
 
+import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from nlosctl.arrays import IntArray
 from nlosctl.contract.limits import refusal_hint
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 
-__all__ = ["CellFault", "LineFault", "RawBatch", "RawSource", "readable", "rebatch"]
+__all__ = [
+    "FREE_EXPANSION_BYTES",
+    "CellFault",
+    "FormatReader",
+    "LineFault",
+    "RecordBatch",
+    "as_text",
+    "expansion_fault",
+    "json_default",
+    "plain",
+    "plain_type",
+    "readable",
+    "text_at",
+]
+
+FREE_EXPANSION_BYTES = 256 << 20
+"""Compressed content below this size may have any ratio of compression."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CellFault:
-    """A value that could not be read as its column's type: its place in the batch, and what to say."""
+    """A value that could not be read as its column's type: its index in the batch, and the fault."""
 
-    position: int
+    index: int
     column: str
     fault: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class LineFault:
-    """A line that is no row at all: its data row number and line, what to say, and its text."""
+    """A line that is not a row: its data row number, its line number, the fault, and its text."""
 
     row: int
     line: int
@@ -39,12 +57,12 @@ class LineFault:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RawBatch:
-    """Rows of a file.
+class RecordBatch:
+    """Rows of a file, as an Arrow record batch ``table``.
 
-    ``rows`` numbers them from 1 (None: they follow ``first_row`` without a gap); ``lines`` are the lines where they
-    begin, or None where the file has no lines. ``text`` holds the cells as text where the reader had to convert
-    them. Unreadable values are null in ``table`` and told in ``cell_faults``.
+    ``rows`` (N,) are their numbers from 1 (None: consecutive from ``first_row``), ``lines`` (N,) the lines where they
+    begin (None: not a text file). ``text`` holds the original cells where the reader converted text. Unreadable values
+    are null in ``table`` and listed in ``cell_faults``.
     """
 
     table: Any
@@ -53,26 +71,26 @@ class RawBatch:
     lines: IntArray | None = None
     text: Any = None
     cell_faults: Sequence[CellFault] = ()
-    line_faults: Sequence[LineFault] = field(default=())
+    line_faults: Sequence[LineFault] = ()
 
     def row_numbers(self) -> IntArray:
-        """Return the data row number of each row."""
+        """Return the data row numbers (N,)."""
         if self.rows is not None:
             return self.rows
         return np.arange(self.first_row, self.first_row + self.table.num_rows, dtype=np.int64)
 
 
-class RawSource(Protocol):
-    """An open file. ``names`` and ``metadata`` are there at once, the schema after ``start``."""
+class FormatReader(Protocol):
+    """An open file of one format: ``names`` are its columns, ``metadata`` its key-value metadata."""
 
     names: tuple[str, ...]
     metadata: Mapping[bytes, bytes]
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """Fix the type of the columns that the contract knows (and the subset to read); return the schema."""
+        """Set the types of the contract's columns, and which columns to read (None: all); return the Arrow schema."""
 
-    def batches(self) -> Iterator[RawBatch]:
-        """Yield the rows, in file order, in batches of bounded size."""
+    def batches(self) -> Iterator[RecordBatch]:
+        """Yield the rows in file order, in batches of bounded size; call `start` first."""
 
     def close(self) -> None:
         """Close the file."""
@@ -80,12 +98,12 @@ class RawSource(Protocol):
 
 @contextmanager
 def readable(name: str, what: str) -> Iterator[None]:
-    """Turn the faults of reading into a DataError that says ``name`` is not a whole ``what``."""
+    """Turn read errors into a DataError: ``name`` is not a complete ``what``."""
     try:
         yield
     except EOFError as error:
         raise DataError(f"{name}: the {what} is cut short; copy or write it again") from error
-    except MemoryError as error:  # that of pyarrow too
+    except MemoryError as error:  # pyarrow's out-of-memory error too
         raise DataError(
             f"{name}: reading the {what} takes more memory than there is; {refusal_hint('memory_mb')}"
         ) from error
@@ -96,26 +114,46 @@ def readable(name: str, what: str) -> Iterator[None]:
         raise DataError(f"{name}: not a readable {what}, perhaps cut short: {reason}") from error
 
 
-def rebatch(batches: Iterator[Any], rows: int) -> Iterator[Any]:
-    """Yield record batches of at most ``rows`` rows; runs of small ones are joined."""
-    waiting: list[Any] = []
-    count = 0
-    for batch in batches:
-        if waiting and count + batch.num_rows > rows:
-            yield _joined(waiting)
-            waiting, count = [], 0
-        if batch.num_rows >= rows:
-            for start in range(0, batch.num_rows, rows):
-                yield batch.slice(start, rows)
-        elif batch.num_rows:
-            waiting.append(batch)
-            count += batch.num_rows
-    if waiting:
-        yield _joined(waiting)
+def expansion_fault(name: str, most: int) -> str:
+    """Return the message for a file whose uncompressed content is larger than allowed."""
+    return f"{name}: expands to more than {most} times its compressed size; {refusal_hint('expansion')}"
 
 
-def _joined(batches: list[Any]) -> Any:
-    if len(batches) == 1:
-        return batches[0]
-    columns = [pa.concat_arrays(parts) for parts in zip(*(batch.columns for batch in batches), strict=True)]
-    return pa.RecordBatch.from_arrays(columns, schema=batches[0].schema)
+def as_text(cells: Any) -> Any:
+    """Return a column as text: bytes as UTF-8 with escapes, lists and structs as JSON, anything else as Arrow does."""
+    kind = cells.type
+    if not (pa.types.is_binary(kind) or pa.types.is_large_binary(kind) or pa.types.is_fixed_size_binary(kind)):
+        try:
+            return cells.cast(pa.string())
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            pass
+    return pa.array([_text(value) for value in cells.to_pylist()], pa.string())
+
+
+def _text(value: Any) -> str | None:
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, list | dict | tuple):
+        return json.dumps(value, ensure_ascii=False, default=json_default)
+    return str(json_default(value))
+
+
+def json_default(value: Any) -> Any:
+    """Return a value without a JSON type as text: for ``json.dumps(default=...)``."""
+    return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
+
+
+def text_at(column: Any, index: int) -> str | None:
+    """Return one value as text, None for null."""
+    value = column[index].as_py()
+    return None if value is None else str(value)
+
+
+def plain(column: Any) -> Any:
+    """Return a dictionary-encoded column decoded, any other as it is."""
+    return pc.cast(column, column.type.value_type) if pa.types.is_dictionary(column.type) else column
+
+
+def plain_type(arrow_type: Any) -> Any:
+    """Return the value type of a dictionary type, any other type as it is."""
+    return arrow_type.value_type if pa.types.is_dictionary(arrow_type) else arrow_type

@@ -16,20 +16,21 @@ from nlosctl.arrays import IntArray
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.readers.base import CellFault, LineFault, RawBatch, readable
+from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, readable
 from nlosctl.io.readers.csv_records import CsvBlock, RecordBlocks
-from nlosctl.io.readers.decompression import closed_on_failure, open_bytes
-from nlosctl.io.readers.text_conversion import (
+from nlosctl.io.readers.text_files import (
     arrow_type_of,
+    closed_on_failure,
     convert_text,
     decode_utf8,
     identifier_type,
     infer_type,
+    open_bytes,
     refuse_wrong_column,
     wider_type,
 )
 
-__all__ = ["CsvSource"]
+__all__ = ["CsvReader"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class _Parsed:
     bad: Sequence[tuple[int, str, str]]
 
 
-class CsvSource:
+class CsvReader:
     """A CSV file.
 
     Columns that the contract does not know get the narrowest type that all their cells fit: a large file is read
@@ -68,7 +69,7 @@ class CsvSource:
         self._first: _Parsed | None = None
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See RawSource; reads the first block to decide the types that the contract leaves open."""
+        """See FormatReader; reads the first block to decide the types that the contract leaves open."""
         self._kept = list(self.names if columns is None else columns)
         with readable(self._part.name, self._what):
             self._blocks = self._records.blocks()
@@ -144,8 +145,8 @@ class CsvSource:
             raise DataError(f"{self._part.name}: after line {block.lines[0]}: cells in quotes can't be told apart")
         return _Parsed(table=table if utf8 else _as_bytes(table), lines=block.lines, bad=bad)
 
-    def batches(self) -> Iterator[RawBatch]:
-        """See RawSource."""
+    def batches(self) -> Iterator[RecordBatch]:
+        """See FormatReader."""
         before = 0
         with readable(self._part.name, self._what):
             parsed, self._first = self._first, None
@@ -155,7 +156,7 @@ class CsvSource:
                 block = next(self._blocks, None)
                 parsed = None if block is None else self._parse(block, self._kept)
 
-    def _in_batches(self, parsed: _Parsed, before: int) -> Iterator[RawBatch]:
+    def _in_batches(self, parsed: _Parsed, before: int) -> Iterator[RecordBatch]:
         """Yield the rows of a block, which ``before`` rows precede, good or not; a bad line goes with the next rows."""
         bad = [
             LineFault(row=before + place + 1, line=int(parsed.lines[place]), fault=fault, text=text)
@@ -173,17 +174,17 @@ class CsvSource:
             bad = bad[len(told) :]
             yield self._converted(parsed.table.slice(start, self._batch_rows), rows, parsed.lines[here], told)
 
-    def _converted(self, table: Any, rows: IntArray, lines: IntArray, told: Sequence[LineFault]) -> RawBatch:
+    def _converted(self, table: Any, rows: IntArray, lines: IntArray, told: Sequence[LineFault]) -> RecordBatch:
         texts, columns, faults = [], [], list[CellFault]()
         for name in self._kept:
             cells, unreadable = decode_utf8(_one_chunk(table.column(name)), name)
             column, unfit = convert_text(cells, self._types[name], name, self._hints.get(name, ""))
             if unfit and name in self._guessed:
-                raise self._misguessed(unfit[0], int(lines[unfit[0].position]))
+                raise self._misguessed(unfit[0], int(lines[unfit[0].index]))
             faults += unreadable + unfit
             texts.append(cells)
             columns.append(column)
-        return RawBatch(
+        return RecordBatch(
             table=pa.RecordBatch.from_arrays(columns, names=self._kept),
             first_row=0,
             rows=rows,

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from nlosctl.contract.tables import ColumnType
 from nlosctl.io.readers.base import CellFault
-from nlosctl.io.readers.text_conversion import EXPECTED, arrow_type_of, shown
+from nlosctl.io.readers.text_files import EXPECTED, arrow_type_of, shown
 
 __all__ = ["NameSurvey", "json_column", "json_text"]
 
@@ -67,7 +67,7 @@ def json_column(
         except (ValueError, OverflowError):
             kept.append(None)
             fault = f"got {shown(value)}, expected {_expected(value, wanted, contract)}"
-            faults.append(CellFault(position=place, column=name, fault=fault))
+            faults.append(CellFault(index=place, column=name, fault=fault))
     return pa.array(kept, type=arrow_type_of(wanted)), faults
 
 

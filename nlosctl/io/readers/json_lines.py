@@ -13,14 +13,13 @@ from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.contract.tables import ColumnType, contract_names
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.readers.base import CellFault, LineFault, RawBatch, readable
-from nlosctl.io.readers.decompression import closed_on_failure, open_bytes
+from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, readable
 from nlosctl.io.readers.json_columns import NameSurvey, json_column, json_text
-from nlosctl.io.readers.text_conversion import arrow_type_of, shown
+from nlosctl.io.readers.text_files import arrow_type_of, closed_on_failure, open_bytes, shown
 
 __all__ = [
     "JsonBlock",
-    "JsonLinesSource",
+    "JsonLinesReader",
 ]
 
 
@@ -85,7 +84,7 @@ _BLOCK_BYTES = 64 << 20
 _FEWEST_WRONG = 5
 
 
-class JsonLinesSource:
+class JsonLinesReader:
     """A JSON Lines file; a row's number is its line.
 
     A file of more than a block (32768 lines or 64 MiB) is read once more beforehand, for the names and types in all
@@ -139,7 +138,7 @@ class JsonLinesSource:
         return found
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See RawSource."""
+        """See FormatReader."""
         self._kept = list(self.names if columns is None else columns)
         self._all_names = columns is None
         self._contract = types
@@ -166,8 +165,8 @@ class JsonLinesSource:
                 f"{faults[0].fault}; convert the column, or read another under this name with --column"
             )
 
-    def batches(self) -> Iterator[RawBatch]:
-        """See RawSource."""
+    def batches(self) -> Iterator[RecordBatch]:
+        """See FormatReader."""
         with readable(self._part.name, "JSON Lines file"):
             block, later = self._first, self._second
             self._first = self._second = None
@@ -175,14 +174,14 @@ class JsonLinesSource:
                 yield from self._in_batches(block)
                 block, later = later, next(self._blocks, None)
 
-    def _in_batches(self, block: JsonBlock) -> Iterator[RawBatch]:
+    def _in_batches(self, block: JsonBlock) -> Iterator[RecordBatch]:
         faults: Sequence[LineFault] = block.faults
         for start in range(0, max(len(block.objects), 1), self._batch_rows):
             stop = start + self._batch_rows
             yield self._converted(block, slice(start, stop), faults)
             faults = ()
 
-    def _converted(self, block: JsonBlock, part: slice, told: Sequence[LineFault]) -> RawBatch:
+    def _converted(self, block: JsonBlock, part: slice, told: Sequence[LineFault]) -> RecordBatch:
         objects = block.objects[part]
         numbers = np.array(block.numbers[part], dtype=np.int64)
         columns, faults = [], self._unknown_names(objects, numbers)
@@ -190,14 +189,14 @@ class JsonLinesSource:
             values = [row.get(name) for row in objects]
             column, unfit = json_column(values, self._types[name], name, self._contract.get(name))
             if unfit and self._guessed and name not in self._contract:
-                raise self._misguessed(name, unfit[0].fault, int(numbers[unfit[0].position]))
+                raise self._misguessed(name, unfit[0].fault, int(numbers[unfit[0].index]))
             columns.append(column)
             faults += unfit
         text = None
         if faults:
             texts = [pa.array([json_text(row.get(name)) for row in objects], pa.string()) for name in self._kept]
             text = pa.RecordBatch.from_arrays(texts, names=self._kept)
-        return RawBatch(
+        return RecordBatch(
             table=pa.RecordBatch.from_arrays(columns, names=self._kept),
             first_row=0,
             rows=numbers,
@@ -216,7 +215,7 @@ class JsonLinesSource:
             for name in new:
                 if name in contract_names():
                     fault = f"the name is not among those of the first {_BLOCK_LINES} lines"
-                    faults.append(CellFault(position=place, column=name, fault=fault))
+                    faults.append(CellFault(index=place, column=name, fault=fault))
                     break
                 if self._all_names:
                     raise self._misguessed(name, f"{shown(row[name])} comes under a new name", int(numbers[place]))

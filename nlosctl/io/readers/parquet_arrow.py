@@ -15,11 +15,9 @@ from nlosctl.errors import DataError
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.paths.locations import Location, pyarrow_source
-from nlosctl.io.readers.arrow_text import without_views
-from nlosctl.io.readers.base import RawBatch, readable, rebatch
-from nlosctl.io.readers.decompression import FREE_EXPANSION_BYTES, expansion_fault
+from nlosctl.io.readers.base import FREE_EXPANSION_BYTES, RecordBatch, expansion_fault, readable
 
-__all__ = ["ArrowSource", "ParquetSource", "fits_type", "parquet_end_value", "parquet_metadata"]
+__all__ = ["ArrowReader", "ParquetReader", "fits_type", "parquet_end_value", "parquet_metadata"]
 
 _BUFFER_BYTES = 1 << 20
 
@@ -59,7 +57,36 @@ def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> Non
 
 
 def _without_views(schema: Any) -> Any:
-    return pa.schema([column.with_type(without_views(column.type)) for column in schema], metadata=schema.metadata)
+    """Return the schema with plain text and bytes for views, on which Arrow can compute little."""
+    plain = {pa.string_view(): pa.string(), pa.binary_view(): pa.binary()}
+    return pa.schema(
+        [column.with_type(plain.get(column.type, column.type)) for column in schema], metadata=schema.metadata
+    )
+
+
+def _rebatch(batches: Iterator[Any], rows: int) -> Iterator[Any]:
+    """Yield Arrow record batches of at most ``rows`` rows; small ones are joined."""
+    waiting: list[Any] = []
+    count = 0
+    for batch in batches:
+        if waiting and count + batch.num_rows > rows:
+            yield _joined(waiting)
+            waiting, count = [], 0
+        if batch.num_rows >= rows:
+            for start in range(0, batch.num_rows, rows):
+                yield batch.slice(start, rows)
+        elif batch.num_rows:
+            waiting.append(batch)
+            count += batch.num_rows
+    if waiting:
+        yield _joined(waiting)
+
+
+def _joined(batches: list[Any]) -> Any:
+    if len(batches) == 1:
+        return batches[0]
+    columns = [pa.concat_arrays(parts) for parts in zip(*(batch.columns for batch in batches), strict=True)]
+    return pa.RecordBatch.from_arrays(columns, schema=batches[0].schema)
 
 
 def parquet_metadata(path: Location) -> Any:
@@ -73,7 +100,7 @@ def _parquet_metadata(path: Location, size: int, modified: int) -> Any:
     return pyarrow.parquet.read_metadata(pyarrow_source(path))
 
 
-class ParquetSource:
+class ParquetReader:
     """A Parquet file, read in batches whatever the size of its row groups."""
 
     def __init__(self, part: Part, batch_rows: int, use_threads: bool) -> None:
@@ -112,7 +139,7 @@ class ParquetSource:
         )
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See RawSource; text is read dictionary-encoded where the contract knows the column."""
+        """See FormatReader; text is read dictionary-encoded where the contract knows the column."""
         _check_types(self._part.name, self._schema, types)
         self._columns = list(columns) if columns is not None else None
         encoded = [
@@ -133,12 +160,12 @@ class ParquetSource:
             self._file.close(force=True)
         self._file = self._open(encoded)
 
-    def batches(self) -> Iterator[RawBatch]:
-        """See RawSource."""
+    def batches(self) -> Iterator[RecordBatch]:
+        """See FormatReader."""
         first, behind = self._part.row_groups or (0, self._file.metadata.num_row_groups)
         row = 1 + sum(self._file.metadata.row_group(place).num_rows for place in range(first))
         with readable(self._part.name, "Parquet file"):
-            for batch in rebatch(
+            for batch in _rebatch(
                 self._file.iter_batches(
                     self._batch_rows,
                     row_groups=range(first, behind),
@@ -149,7 +176,7 @@ class ParquetSource:
             ):
                 batch.validate(full=True)
                 wanted = _without_views(batch.schema)
-                yield RawBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
+                yield RecordBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
                 row += batch.num_rows
 
     def close(self) -> None:
@@ -183,7 +210,7 @@ def _opened(path: Location | None) -> Any:
     return pa.OSFile(source) if isinstance(source, str) else source
 
 
-class ArrowSource:
+class ArrowReader:
     """An Arrow IPC file or stream."""
 
     def __init__(self, part: Part, batch_rows: int) -> None:
@@ -199,18 +226,18 @@ class ArrowSource:
         self._columns: list[str] | None = None
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See RawSource."""
+        """See FormatReader."""
         _check_types(self._part.name, self._schema, types)
         self._columns = list(columns) if columns is not None else None
         schema = self._schema.remove_metadata()
         return schema if columns is None else pa.schema([schema.field(name) for name in columns])
 
-    def batches(self) -> Iterator[RawBatch]:
-        """See RawSource."""
+    def batches(self) -> Iterator[RecordBatch]:
+        """See FormatReader."""
         row = 1
         with readable(self._part.name, "Arrow file"):
-            for batch in rebatch(self._record_batches(), self._batch_rows):
-                yield RawBatch(table=batch, first_row=row)
+            for batch in _rebatch(self._record_batches(), self._batch_rows):
+                yield RecordBatch(table=batch, first_row=row)
                 row += batch.num_rows
 
     def _record_batches(self) -> Iterator[Any]:

@@ -1,8 +1,8 @@
-"""Columns that the names of folders tell (``year=2026/part.parquet``), added to the rows of a file."""
+"""Columns from the names of folders (``year=2026/part.parquet``)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,55 +11,49 @@ import pyarrow as pa
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.readers.base import RawBatch, RawSource
+from nlosctl.io.readers.base import RecordBatch
 
-__all__ = ["KeyedSource"]
+__all__ = ["PartitionColumns"]
+
+_EXPECTED = {"number": "a number", "integer": "an integer", "boolean": "true/false or 1/0"}
 
 
-class KeyedSource:
-    """A file with the columns that its folders' names tell; a column of the file itself comes first.
+class PartitionColumns:
+    """A `Step` that adds the columns in a file's folder names; a column of the file itself takes precedence.
 
-    A value is an integer where it is written as one, else text, unless the contract knows the column.
+    A value is an integer if it is written as one, else text; a column of the contract has the contract's type.
     """
 
-    def __init__(self, part: Part, source: RawSource) -> None:
-        self._part, self._source = part, source
-        self._texts = {name: text for name, text in part.keys if name not in source.names}
-        self.names: tuple[str, ...] = (*source.names, *self._texts)
-        self.metadata: Mapping[bytes, bytes] = source.metadata
+    def __init__(self, part: Part, file_names: Sequence[str]) -> None:
+        self._file = part.name
+        self._texts = {name: text for name, text in part.keys if name not in file_names}
+        self.names: tuple[str, ...] = tuple(self._texts)
         self._values: dict[str, Any] = {}
 
-    def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See RawSource; raises DataError where a folder's value does not fit its column."""
-        wanted = self.names if columns is None else tuple(columns)
+    def request(
+        self, types: Mapping[str, ColumnType], columns: list[str] | None
+    ) -> tuple[Mapping[str, ColumnType], list[str] | None]:
+        """See Step; raises DataError if a folder's value does not fit its column."""
         self._values = {
-            name: _scalar(text, types.get(name), self._part.name, name)
+            name: _scalar(text, types.get(name), self._file, name)
             for name, text in self._texts.items()
-            if name in wanted
+            if columns is None or name in columns
         }
         own = None if columns is None else [name for name in columns if name not in self._values]
-        schema = self._source.start({name: kind for name, kind in types.items() if name not in self._texts}, own)
-        fields = {field.name: field for field in schema}
-        fields |= {name: pa.field(name, value.type) for name, value in self._values.items()}
-        self.names = tuple(wanted)
-        return pa.schema([fields[name] for name in wanted])
+        return {name: kind for name, kind in types.items() if name not in self._texts}, own
 
-    def batches(self) -> Iterator[RawBatch]:
-        """See RawSource."""
-        for batch in self._source.batches():
-            texts = {name: pa.scalar(self._texts[name], pa.string()) for name in self._values}
-            text = batch.text if batch.text is None else self._with(batch.text, texts)
-            yield replace(batch, table=self._with(batch.table, self._values), text=text)
+    def extend(self, schema: Any) -> Any:
+        """See Step."""
+        return pa.schema([*schema, *(pa.field(name, value.type) for name, value in self._values.items())])
 
-    def _with(self, rows: Any, values: Mapping[str, Any]) -> Any:
-        columns = [
-            pa.repeat(values[name], rows.num_rows) if name in values else rows.column(name) for name in self.names
-        ]
-        return pa.RecordBatch.from_arrays(columns, names=list(self.names))
-
-    def close(self) -> None:
-        """Close the file."""
-        self._source.close()
+    def apply(self, batch: RecordBatch) -> RecordBatch:
+        """See Step."""
+        table, text = batch.table, batch.text
+        for name, value in self._values.items():
+            table = table.append_column(name, pa.repeat(value, table.num_rows))
+            if text is not None:
+                text = text.append_column(name, pa.repeat(pa.scalar(self._texts[name], pa.string()), table.num_rows))
+        return replace(batch, table=table, text=text)
 
 
 def _scalar(text: str | None, kind: ColumnType | None, file: str, name: str) -> Any:
@@ -68,8 +62,7 @@ def _scalar(text: str | None, kind: ColumnType | None, file: str, name: str) -> 
         try:
             return pa.scalar(text, pa.string()).cast(wanted)
         except pa.ArrowInvalid:
-            expected = {"number": "a number", "integer": "an integer", "boolean": "true/false or 1/0"}[kind]
-            raise DataError(f"{file}: its folder says {name}={text}, expected {expected}") from None
+            raise DataError(f"{file}: its folder name is {name}={text}, expected {_EXPECTED[kind]}") from None
     if kind != "text" and text is not None and _is_integer(text):
         return pa.scalar(int(text), pa.int64())
     return pa.scalar(text, pa.string())

@@ -12,7 +12,7 @@ import pyarrow as pa
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.tables import BOUND
 from nlosctl.errors import DataError
-from nlosctl.io.readers.arrow_text import plain_type
+from nlosctl.io.readers.base import plain_type
 from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["bound_schema", "bound_table", "truth_positions"]

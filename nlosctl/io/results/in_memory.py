@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input, Part
-from nlosctl.io.readers.arrow_text import plain_type
+from nlosctl.io.readers.base import plain_type
 
 __all__ = ["gather", "input_of_table"]
 

@@ -13,9 +13,8 @@ from nlosctl.contract.tables import KINDS, Table
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.inputs import Input, Part
-from nlosctl.io.readers.arrow_text import plain_type
-from nlosctl.io.readers.base import RawBatch, RawSource
-from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.readers.base import RecordBatch, plain_type
+from nlosctl.io.readers.open_file import TableFile, open_part
 
 __all__ = ["PlainReader"]
 
@@ -64,12 +63,12 @@ class PlainReader:
         """Close what was opened with the reader, for where its rows are not asked for."""
         self._first[0].close()
 
-    def _open(self, part: Part) -> tuple[RawSource, Any]:
+    def _open(self, part: Part) -> tuple[TableFile, Any]:
         source = open_part(part, _BATCH_ROWS, True)
         _table_of(part, source, [self.table])
         return self._started(part, source)
 
-    def _started(self, part: Part, source: RawSource) -> tuple[RawSource, Any]:
+    def _started(self, part: Part, source: TableFile) -> tuple[TableFile, Any]:
         types = {**_CARRIED, **{column.name: column.type for column in self.table.columns}}
         types = {name: kind for name, kind in types.items() if name in source.names}
         try:
@@ -78,10 +77,10 @@ class PlainReader:
             source.close()
             raise
 
-    def _take_faults(self, part: Part, batch: RawBatch) -> None:
+    def _take_faults(self, part: Part, batch: RecordBatch) -> None:
         numbers = batch.row_numbers()
         found = [
-            Problem(file=part.name, row=int(numbers[fault.position]), line=None, column=fault.column, fault=fault.fault)
+            Problem(file=part.name, row=int(numbers[fault.index]), line=None, column=fault.column, fault=fault.fault)
             for fault in batch.cell_faults
         ]
         found += [
@@ -104,7 +103,7 @@ def _refuse_endless(part: Part, table: Any) -> None:
                 )
 
 
-def _table_of(part: Part, source: RawSource, tables: Sequence[Table]) -> Table:
+def _table_of(part: Part, source: TableFile, tables: Sequence[Table]) -> Table:
     twice = sorted({name for name in source.names if source.names.count(name) > 1})
     if twice:
         source.close()

@@ -16,7 +16,7 @@ import pyarrow.parquet
 from nlosctl.io.measurements.bad_rows import BadRow
 from nlosctl.io.paths.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.paths.locations import Location, location
-from nlosctl.io.readers.arrow_text import plain_type
+from nlosctl.io.readers.base import plain_type
 from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
 from nlosctl.io.writers.text_encoders import CsvEncoder, JsonLinesEncoder

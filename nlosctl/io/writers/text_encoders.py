@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.csv
 
-from nlosctl.io.readers.arrow_text import as_text, json_default
+from nlosctl.io.readers.base import as_text, json_default
 
 __all__ = ["CsvEncoder", "JsonLinesEncoder"]
 

@@ -1,24 +1,33 @@
-"""Columns of text turned into typed ones; every value that doesn't fit is told by its row."""
+"""Text files: their bytes, unzipped within limits, and their cells converted to the contract's types."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import gzip
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, Any, Literal, cast
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nlosctl.contract.limits import limit
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
-from nlosctl.io.readers.base import CellFault
+from nlosctl.io.paths.inputs import Part
+from nlosctl.io.paths.locations import Location
+from nlosctl.io.readers.base import FREE_EXPANSION_BYTES, CellFault, expansion_fault
 
 __all__ = [
     "EXPECTED",
     "arrow_type_of",
+    "closed_on_failure",
     "convert_text",
     "decode_utf8",
     "identifier_type",
     "infer_type",
+    "open_bytes",
     "refuse_wrong_column",
     "shown",
     "wider_type",
@@ -33,6 +42,7 @@ EXPECTED = {
 }
 
 _EXPECTED_ALL = {"number": "numbers", "integer": "integers", "boolean": "true/false or 1/0"}
+_BUFFER_BYTES = 1 << 17
 _FEWEST_WRONG = 5
 _TRIED = 100
 
@@ -45,6 +55,62 @@ _ARROW_TYPES = {
     "text": pa.string(),
     "identifier": pa.string(),
 }
+
+
+def open_bytes(part: Part) -> IO[bytes]:
+    """Return the bytes of ``part``, unzipped where its format says so; raises OSError where it can't be opened."""
+    stream: Any = part.stream if part.stream is not None else cast(Location, part.path).open("rb")
+    if part.format.compressed:
+        stream = io.BufferedReader(_Unzipped(stream, part.name), _BUFFER_BYTES)
+    return cast(IO[bytes], stream)
+
+
+class _Unzipped(io.RawIOBase):
+    """The content of a gzipped stream; raises DataError where it grows beyond the limit ``expansion``."""
+
+    def __init__(self, zipped: IO[bytes], name: str) -> None:
+        self._counted = _Counted(zipped)
+        self._file = gzip.GzipFile(fileobj=cast(Any, self._counted))
+        self._name, self._most, self._given = name, limit("expansion"), 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        got = self._file.read1(len(buffer))
+        buffer[: len(got)] = got
+        self._given += len(got)
+        if self._given > FREE_EXPANSION_BYTES and self._given > self._most * self._counted.taken:
+            raise DataError(expansion_fault(self._name, self._most))
+        return len(got)
+
+    def close(self) -> None:
+        super().close()
+        self._file.close()
+        self._counted.zipped.close()
+
+
+class _Counted:
+    """A stream that counts what is read from it."""
+
+    def __init__(self, zipped: IO[bytes]) -> None:
+        self.zipped = zipped
+        self.taken = 0
+
+    def read(self, size: int = -1) -> bytes:
+        got = self.zipped.read(size)
+        self.taken += len(got)
+        return got
+
+
+@contextmanager
+def closed_on_failure(stream: IO[bytes]) -> Iterator[None]:
+    """Close ``stream`` if the block raises."""
+    try:
+        yield
+    except BaseException:
+        stream.close()
+        raise
 
 
 def arrow_type_of(wanted: ColumnType) -> Any:
@@ -129,7 +195,7 @@ def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") ->
     places = np.flatnonzero(unfit.to_numpy(zero_copy_only=False))
     faults = [
         CellFault(
-            position=int(place),
+            index=int(place),
             column=column,
             fault=f"got {shown(cells[int(place)].as_py())}, expected {EXPECTED[wanted]}{hint}",
         )
@@ -152,7 +218,7 @@ def decode_utf8(cells: Any, column: str) -> tuple[Any, list[CellFault]]:
         except UnicodeDecodeError as error:
             decoded.append(None)
             fault = f"got {shown(value)}, byte 0x{value[error.start]:02x} is not UTF-8; save the file as UTF-8"
-            faults.append(CellFault(position=place, column=column, fault=fault))
+            faults.append(CellFault(index=place, column=column, fault=fault))
     return pa.array(decoded, type=pa.string()), faults
 
 
