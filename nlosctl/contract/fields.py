@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from nlosctl.contract.limits import LARGEST_NUMBER
-from nlosctl.contract.toml_text import read_limited
+from nlosctl.contract.limits import LARGEST_NUMBER, read_limited
 from nlosctl.errors import DataError, UsageError
 
 __all__ = ["BoxField", "CircleField", "Field", "PolygonField", "SensorsField", "parse_field"]

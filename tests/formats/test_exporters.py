@@ -19,7 +19,7 @@ from shapely.geometry import Point
 
 from nlosctl.contract.scene import EarthFrame, parse_frame
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 
 GEOD = pyproj.Geod(ellps="WGS84")

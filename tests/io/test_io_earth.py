@@ -52,7 +52,7 @@ def test_true_azimuths_meet_in_the_source_in_any_plane(tmp_path: Path, words: st
     """Whatever the plane, bearings point from the sensors to the source: north is true north at each sensor."""
     frame = None if words is None else parse_frame(words, "--origin")
     reader, columns = read(write(tmp_path, HEADER + "".join(lines())), frame=frame)
-    from nlosctl.io.scenes.earth_plane import plane_of
+    from nlosctl.io.scenes.scene_file import plane_of
 
     assert reader.scene.frame is not None
     source = plane_of(reader.scene.frame).to_plane(*(np.array([degrees]) for degrees in SOURCE))

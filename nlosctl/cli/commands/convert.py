@@ -133,7 +133,7 @@ class _Conversion:
         overwrite: bool,
         others: list[Location],
     ) -> None:
-        from nlosctl.io.scenes.earth_plane import plane_of
+        from nlosctl.io.scenes.scene_file import plane_of
 
         self._stack, self._outputs, self._words = stack, outputs, words
         self._bad_rows, self._overwrite = bad_rows, overwrite

@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
-from nlosctl.contract.toml_text import parse_toml, read_limited
+from nlosctl.contract.limits import parse_toml, read_limited
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.paths.locations import location
 

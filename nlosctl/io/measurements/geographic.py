@@ -16,7 +16,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import CoordinateColumns
 from nlosctl.io.readers.base import CellFault, RecordBatch, plain
 from nlosctl.io.readers.open_file import TableFile
-from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.io.scenes.scene_file import plane_of
 
 __all__ = ["PlaneCoordinates"]
 

@@ -21,7 +21,7 @@ from nlosctl.io.measurements.column_mapping import SNAPSHOT, ColumnPlan, FoundCo
 from nlosctl.io.measurements.name_codes import NULL_CODE, NameCodes
 from nlosctl.io.measurements.row_checks import half_filled_faults, placement_faults
 from nlosctl.io.readers.base import plain, text_at
-from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.io.scenes.scene_file import plane_of
 
 __all__ = ["Normalized", "Normalizer", "RunNames"]
 

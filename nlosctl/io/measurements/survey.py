@@ -14,8 +14,7 @@ from nlosctl.io.measurements.mapped_file import OpenedPart, TableOptions, plan_t
 from nlosctl.io.measurements.options import ReadOptions
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.open_file import TableFile, open_part
-from nlosctl.io.scenes.earth_plane import plane_of
-from nlosctl.io.scenes.scene_file import find_scene
+from nlosctl.io.scenes.scene_file import find_scene, plane_of
 
 __all__ = ["LookAhead", "look_ahead"]
 

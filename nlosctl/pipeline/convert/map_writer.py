@@ -21,8 +21,7 @@ from nlosctl.geometry.earth import EarthPlane
 from nlosctl.geometry.error_ellipses import error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.paths.locations import Location, location
-from nlosctl.io.scenes.earth_plane import plane_of
-from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_from_toml
+from nlosctl.io.scenes.scene_file import SCENE_KEY, plane_of, scene_from_toml
 from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
 

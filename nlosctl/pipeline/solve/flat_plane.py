@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.geometry.earth import EarthPlane, flat_errors
-from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.pipeline.solve.solve_chunk import FlatEstimates, Problem
 
 __all__ = ["FlatPlaneTally"]

@@ -13,7 +13,7 @@ from nlosctl.contract.tables import ELLIPSE, PRECISION
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.geometry.error_ellipses import circular_error_probable, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.io.scenes.earth_plane import plane_of
+from nlosctl.io.scenes.scene_file import plane_of
 
 __all__ = ["ADDABLE", "on_earth", "precision_columns", "precision_of"]
 
