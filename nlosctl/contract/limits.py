@@ -1,7 +1,9 @@
-"""Limits that keep a hostile or broken file from taking time or memory, and TOML files read within them.
+"""Limits on what an input may ask for, sizes in which data are read and written, and TOML files within the limits.
 
 Each limit has a default far above what honest files need. The environment variable ``NLOSCTL_MAX_`` with its name in
-capitals changes it. The rows of a snapshot have a setting of their own, ``max_snapshot_rows``.
+capitals changes it. The rows of a snapshot have a setting of their own, ``max_snapshot_rows``. A size trades memory for
+speed; ``NLOSCTL_`` with its name in capitals changes it. Results do not depend on it, except for the row groups of the
+files written. The block size is a setting of its own, ``block_size``.
 """
 
 from __future__ import annotations
@@ -18,12 +20,16 @@ __all__ = [
     "LARGEST_NUMBER",
     "LEAST_POSITIVE",
     "LIMITS",
+    "SIZES",
     "Limit",
+    "Size",
     "limit",
     "limit_variable",
     "parse_toml",
     "read_limited",
     "refusal_hint",
+    "size",
+    "size_variable",
 ]
 
 LARGEST_NUMBER = 1e15
@@ -41,24 +47,53 @@ class Limit:
     meaning: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """A size: its default, and what it counts."""
+
+    default: int
+    meaning: str
+
+
 LIMITS = {
     "toml_bytes": Limit(default=16 << 20, meaning="bytes of a scene, a config file or a polygon"),
     "toml_key_parts": Limit(default=32, meaning="parts of a dotted key in TOML"),
     "line_bytes": Limit(default=4 << 20, meaning="bytes of a line of CSV or JSON Lines"),
     "columns": Limit(default=10_000, meaning="columns of a table"),
-    "expansion": Limit(default=250, meaning="times that a compressed file of more than 256 MiB may grow when read"),
+    "expansion": Limit(default=250, meaning="ratio of the decompressed to the compressed size of a file"),
+    "unchecked_expansion_mb": Limit(default=256, meaning="MiB that a file may decompress to at any ratio"),
+    "grid_vertices": Limit(default=10_000_000, meaning="vertices of the grid of the method ml-grid"),
     "memory_mb": Limit(default=0, meaning="MiB that the program may allocate; 0: as many as the system allows"),
 }
 """All limits by name."""
 
+SIZES = {
+    "chunk_rows": Size(default=131_072, meaning="rows read at a time; a chunk of whole snapshots may have more"),
+    "json_block_lines": Size(default=32_768, meaning="lines of JSON Lines whose names and types are inferred together"),
+    "slice_rows": Size(default=131_072, meaning="rows of Parquet that a worker process reads and solves at a time"),
+    "task_rows": Size(default=1_048_576, meaning="rows of Parquet in a task of a Dask cluster"),
+    "group_rows": Size(default=65_536, meaning="rows of a row group of results"),
+    "measurement_group_rows": Size(default=131_072, meaning="rows of a row group of measurements"),
+}
+"""All sizes by name."""
+
 
 def limit(name: str) -> int:
     """Return the value of a limit: its environment variable, else its default. Raises UsageError if not an integer."""
-    text = os.environ.get(limit_variable(name), "").strip()
+    return _integer(limit_variable(name), LIMITS[name].default, least=0)
+
+
+def size(name: str) -> int:
+    """Return the value of a size, as `limit` does; it is at least 1."""
+    return _integer(size_variable(name), SIZES[name].default, least=1)
+
+
+def _integer(variable: str, default: int, *, least: int) -> int:
+    text = os.environ.get(variable, "").strip()
     if not text:
-        return LIMITS[name].default
-    if not (text.isascii() and text.isdigit() and len(text) < 19):
-        raise UsageError(f"{limit_variable(name)} must be an integer of 0 or more. Got {text!r} instead.")
+        return default
+    if not (text.isascii() and text.isdigit() and len(text) < 19 and int(text) >= least):
+        raise UsageError(f"{variable} must be an integer of {least} or more. Got {text!r} instead.")
     return int(text)
 
 
@@ -70,6 +105,11 @@ def refusal_hint(name: str) -> str:
 def limit_variable(name: str) -> str:
     """Return the environment variable that sets a limit."""
     return f"NLOSCTL_MAX_{name.upper()}"
+
+
+def size_variable(name: str) -> str:
+    """Return the environment variable that sets a size."""
+    return f"NLOSCTL_{name.upper()}"
 
 
 class _Readable(Protocol):

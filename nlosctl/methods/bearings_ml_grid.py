@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
@@ -19,9 +20,6 @@ from nlosctl.solvers.bearings.grid_search import search_grid
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
 
 __all__ = ["METHOD", "GridOptions", "solve"]
-
-_MOST_VERTICES = 10_000_000
-"""A grid of more vertices is taken for a slip of the step, and would not fit in memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,12 +40,13 @@ def solve(batch: BearingBatch, options: GridOptions) -> Solution:
     The vertex with the least half chi-square among those of the field about the least-squares fix that the scene
     allows: ``boundary`` where it is on the field's edge, ``no_candidate`` where the scene allows none. The covariance
     is the inverse Fisher information at the vertex; the grid's own step is not in it. Raises UsageError for a grid of
-    more than ten million vertices.
+    more vertices than the limit ``grid_vertices``.
     """
     vertices = (options.width_m / options.step_m + 1.0) * (options.height_m / options.step_m + 1.0)
-    if vertices > _MOST_VERTICES:
+    if vertices > limit("grid_vertices"):
         raise UsageError(
-            f"method 'ml-grid': width_m, height_m and step_m make {vertices:.3g} vertices, more than {_MOST_VERTICES}"
+            f"method 'ml-grid': width_m, height_m and step_m make {vertices:.3g} vertices, more than "
+            f"{limit('grid_vertices')}; {refusal_hint('grid_vertices')}"
         )
     lines = sight_lines(batch)
     first = fit_least_squares(lines)

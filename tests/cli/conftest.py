@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import io
-import os
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +15,13 @@ Cli = Callable[..., Outcome]
 
 
 @pytest.fixture
-def cli(capsysbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Cli:
+def cli(
+    capsysbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch, plain_settings: None, tmp_path: Path
+) -> Cli:
     """Run ``nlosctl WORDS...`` with the test's folder as the current one; ``stdin`` takes bytes."""
     from nlosctl.cli.main import run
 
     monkeypatch.chdir(tmp_path)
-    for name in [name for name in os.environ if name.startswith(("NLOSCTL", "_NLOSCTL"))]:
-        monkeypatch.delenv(name)
 
     def call(*words: Any, stdin: bytes = b"") -> Outcome:
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
@@ -33,11 +31,3 @@ def cli(capsysbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPa
         return Outcome(code=code, out=captured.out, err=captured.err.decode())
 
     return call
-
-
-@pytest.fixture
-def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read measurements 37 rows at a time, so that small files come in several chunks."""
-    from nlosctl.io.measurements import reader as measurements
-
-    monkeypatch.setattr(measurements, "ReadOptions", partial(measurements.ReadOptions, chunk_rows=37))

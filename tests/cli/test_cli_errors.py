@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ import pytest
 from cli_support import FIXTURES, GOOD, SCENE, Outcome, crossing_rows, listing, plain_csv, process
 
 from nlosctl.errors import DataError
-from nlosctl.pipeline.solve import run as run_module
 
 Cli = Callable[..., Outcome]
 
@@ -227,14 +227,14 @@ def test_a_fault_of_the_program_is_one_line_too(cli: Cli, monkeypatch: pytest.Mo
     def broken(*_: Any, **__: Any) -> None:
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(run_module, "solve_flat", broken)
-    outcome = cli("localize", GOOD)
+    monkeypatch.setattr(os, "fsync", broken)
+    outcome = cli("localize", GOOD, "-o", "e.csv")
     assert outcome.code == 1
     assert len(outcome.err.splitlines()) == 1
     assert "ZeroDivisionError: division by zero" in outcome.err
     assert "--debug" in outcome.err
     with pytest.raises(ZeroDivisionError):
-        cli("localize", GOOD, "--debug")
+        cli("localize", GOOD, "-o", "e.csv", "--debug")
 
 
 def test_debug_raises(cli: Cli) -> None:

@@ -462,7 +462,7 @@ def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: 
             yield number, work.make(number)
 
     monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
-    monkeypatch.setattr("nlosctl.pipeline.engine.shared_parts.SLICE_ROWS", 8)
+    monkeypatch.setenv("NLOSCTL_TASK_ROWS", "8")
     told = {}
     for name, more in (("here", ()), ("there", ("--engine", "dask"))):
         outputs = ("-o", f"{name}/", "--flags-out", f"{name}_flags/")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,8 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nlosctl.cli.main import run
-from nlosctl.io.measurements import reader as measurements
-from nlosctl.io.writers.table_writer import GROUP_ROWS, MEASUREMENT_GROUP_ROWS, TableWriter
 from nlosctl.pipeline.engine import sliced, workers
 
 EXTENSIONS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]
@@ -26,10 +24,9 @@ def solved(folder: Path, extension: str, jobs: int, block_size: int, chunk_rows:
     estimates, flags = folder / f"e.{extension}", folder / f"f.{extension}"
     words = ["localize", GOOD, "-q", "--overwrite", "-o", estimates, "--flags-out", flags]
     words += ["-m", "ml", "-m", "ls", "-m", "stansfield", "--jobs", jobs, "--block-size", block_size]
-    keywords = TableWriter.__init__.__kwdefaults__
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measurements, "ReadOptions", partial(measurements.ReadOptions, chunk_rows=chunk_rows))
-        patch.setitem(keywords, "group_rows", group_rows)
+        patch.setenv("NLOSCTL_CHUNK_ROWS", str(chunk_rows))
+        patch.setenv("NLOSCTL_GROUP_ROWS", str(group_rows))
         assert run([str(word) for word in words]) == 0
     return estimates.read_bytes(), flags.read_bytes()
 
@@ -63,7 +60,7 @@ def test_processes_that_read_slices_change_no_byte(
     """Parquet is read in slices by the processes themselves, snapshots cut anywhere: the same bytes and summary."""
     table = pyarrow.parquet.read_table(GOOD)
     pyarrow.parquet.write_table(table, tmp_path / "m.parquet", row_group_size=row_group_size)
-    monkeypatch.setattr(sliced, "_SLICE_ROWS", 1)
+    monkeypatch.setenv("NLOSCTL_SLICE_ROWS", "1")
     used = []
     monkeypatch.setattr(
         sliced, "map_in_processes", lambda *given: used.append(given) or workers.map_in_processes(*given)
@@ -106,7 +103,7 @@ def test_processes_that_read_slices_tell_the_same_errors(
         columns = {name: [*cells[:150], cells[149], *cells[150:]] for name, cells in columns.items()}
     spoilt = pyarrow.table(columns, schema=table.schema)
     pyarrow.parquet.write_table(spoilt, tmp_path / "m.parquet", row_group_size=20)
-    monkeypatch.setattr(sliced, "_SLICE_ROWS", 1)
+    monkeypatch.setenv("NLOSCTL_SLICE_ROWS", "1")
     words = ["localize", str(tmp_path / "m.parquet"), "--scene", str(SCENE), "-o", str(tmp_path / "e.csv")]
     told = []
     for jobs in "12":
@@ -133,7 +130,7 @@ def test_a_long_file_has_row_groups_of_a_fixed_size(tmp_path: Path) -> None:
     assert run(["simulate", "ring", "-n", "45000", "-p", "sensors=3", "-q", "-o", str(drawn)]) == 0
     words = ["localize", str(drawn), "-m", "ls", "--block-size", "999", "-q", "-o", str(tmp_path / "e.parquet")]
     assert run([*words, "--flags-out", str(flags)]) == 0
-    for path, size in ((drawn, MEASUREMENT_GROUP_ROWS), (flags, GROUP_ROWS)):
+    for path, size in ((drawn, 131_072), (flags, 65_536)):
         told = pyarrow.parquet.read_metadata(path)
         groups = [told.row_group(place).num_rows for place in range(told.num_row_groups)]
         assert groups == [size] * (135_000 // size) + [135_000 % size]

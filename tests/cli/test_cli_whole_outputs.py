@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import gc
-import multiprocessing
 import os
 import stat
 import subprocess
@@ -15,27 +14,21 @@ from typing import Any
 
 import pytest
 from cli_support import GOOD, PROGRAM, SCENE, Outcome, crossing_rows, listing, plain_csv, plain_environment
+from plugins import ActInCall
 
 from nlosctl.errors import MethodError
-from nlosctl.io.writers.table_writer import TableWriter
-from nlosctl.pipeline.solve import run as run_module
 
 Cli = Callable[..., Outcome]
 OUTPUTS = ["-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]
 
 
-def fail_in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, error: BaseException) -> None:
-    """Make the solving of one chunk raise, in whichever process."""
-    solve, calls = run_module.solve_flat, multiprocessing.Value("i", 0)
+def raising(error: BaseException) -> Callable[[], None]:
+    """Return a function that raises a copy of an error: its traceback, and what that refers to, is not kept."""
 
-    def failing(*arguments: Any, **settings: Any) -> Any:
-        with calls.get_lock():
-            mine, calls.value = calls.value, calls.value + 1
-        if mine == number:
-            raise error
-        return solve(*arguments, **settings)
+    def fail() -> None:
+        raise type(error)(*error.args)
 
-    monkeypatch.setattr(run_module, "solve_flat", failing)
+    return fail
 
 
 @pytest.mark.usefixtures("small_chunks")
@@ -52,20 +45,20 @@ def fail_in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, error: BaseExcep
     ids=lambda value: type(value).__name__,
 )
 def test_a_failure_in_a_run_leaves_nothing(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, jobs: int
+    cli: Cli, tmp_path: Path, acting_method: ActInCall, error: BaseException, code: int, jobs: int
 ) -> None:
     """Whatever is raised between two chunks, no output file is there, and no temporary one."""
-    fail_in_chunk(monkeypatch, 3, error)
-    outcome = cli("localize", GOOD, *OUTPUTS, "--jobs", jobs)
+    acting_method(3, raising(error))
+    outcome = cli("localize", GOOD, "-m", "acting", *OUTPUTS, "--jobs", jobs)
     assert outcome.code == code
     assert outcome.out == b""
     assert listing(tmp_path) == []
 
 
-def test_an_interrupted_run_says_so_in_one_line(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_says_so_in_one_line(cli: Cli, acting_method: ActInCall) -> None:
     """Exit 130 comes with one line that says what happened."""
-    fail_in_chunk(monkeypatch, 0, KeyboardInterrupt())
-    outcome = cli("localize", GOOD, "-o", "e.csv")
+    acting_method(0, raising(KeyboardInterrupt()))
+    outcome = cli("localize", GOOD, "-m", "acting", "-o", "e.csv")
     assert outcome.code == 130
     assert outcome.err.strip() == "nlosctl: interrupted; no partial output is left"
 
@@ -73,28 +66,29 @@ def test_an_interrupted_run_says_so_in_one_line(cli: Cli, monkeypatch: pytest.Mo
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("extension", ["parquet", "arrow", "csv.gz", "jsonl.gz"])
 def test_a_failure_after_rows_are_written_is_quiet(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, extension: str
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, acting_method: ActInCall, extension: str
 ) -> None:
     """An output that is given up half written says nothing of its own: no ``Exception ignored in ...`` on stderr."""
     noise: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", noise.append)
     gc.collect()
     noise.clear()  # what other tests have left behind
-    monkeypatch.setitem(TableWriter.__init__.__kwdefaults__, "group_rows", 5)
-    fail_in_chunk(monkeypatch, 4, KeyboardInterrupt())
-    assert cli("localize", GOOD, "-o", f"e.{extension}", "--flags-out", f"f.{extension}", "--jobs", 1).code == 130
+    monkeypatch.setenv("NLOSCTL_GROUP_ROWS", "5")
+    acting_method(4, raising(KeyboardInterrupt()))
+    outputs = ["-o", f"e.{extension}", "--flags-out", f"f.{extension}"]
+    assert cli("localize", GOOD, "-m", "acting", *outputs, "--jobs", 1).code == 130
     gc.collect()
     assert [str(item.exc_value) for item in noise] == []
     assert listing(tmp_path) == []
 
 
 @pytest.mark.usefixtures("small_chunks")
-def test_a_failure_keeps_what_was_there(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_keeps_what_was_there(cli: Cli, tmp_path: Path, acting_method: ActInCall) -> None:
     """With ``--overwrite`` the old file stands until the new one is whole."""
     (tmp_path / "e.parquet").write_text("old")
     (tmp_path / "f.csv").write_text("old")
-    fail_in_chunk(monkeypatch, 2, RuntimeError("out of luck"))
-    assert cli("localize", GOOD, *OUTPUTS, "--overwrite").code == 1
+    acting_method(2, raising(RuntimeError("out of luck")))
+    assert cli("localize", GOOD, "-m", "acting", *OUTPUTS, "--overwrite").code == 1
     assert listing(tmp_path) == ["e.parquet", "f.csv"]
     assert (tmp_path / "e.parquet").read_text() == (tmp_path / "f.csv").read_text() == "old"
 

@@ -13,7 +13,6 @@ from reading_support import Gathered, read, whole
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.paths.inputs import expand_inputs
-from nlosctl.io.readers import json_lines as jsonl_file
 
 
 def row(place: int = 1, **more: Any) -> str:
@@ -82,7 +81,7 @@ def test_own_columns_lose_nothing(tmp_path: Path, values: list[Any], kept: list[
 
 def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A new name or another type after the first block changes nothing for a file, and is one line for a stream."""
-    monkeypatch.setattr(jsonl_file, "_BLOCK_LINES", 4)
+    monkeypatch.setenv("NLOSCTL_JSON_BLOCK_LINES", "4")
     lines = [row(place, own=place) for place in range(20)] + [row(20, own="x"), row(21, late=1)]
     path = save_lines(tmp_path / "a.jsonl", *lines)
     found = whole(read([path])).table
@@ -99,7 +98,7 @@ def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pyt
 
 def test_a_late_column_of_the_contract_in_a_stream_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A flag that comes after the first block of a stream is never ignored."""
-    monkeypatch.setattr(jsonl_file, "_BLOCK_LINES", 2)
+    monkeypatch.setenv("NLOSCTL_JSON_BLOCK_LINES", "2")
     data = "\n".join([*(row(place) for place in range(5)), row(5, los=False)]).encode()
     reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), ReadOptions(extra_columns=()))
     with pytest.raises(DataError, match="row 6, column 'los': the name is not among those"):

@@ -90,7 +90,7 @@ def test_residuals_and_cost_agree(method: MethodSpec) -> None:
 
 def test_a_grid_of_too_many_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A grid has a vertex at each end of both sides; as many as the limit are searched, more are a usage error."""
-    monkeypatch.setattr(bearings_ml_grid, "_MOST_VERTICES", 12)
+    monkeypatch.setenv("NLOSCTL_MAX_GRID_VERTICES", "12")
     batch = make_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]])
     found = estimate(bearings_ml_grid.METHOD, batch, width_m=3.0, height_m=2.0, step_m=1.0)
     assert np.abs(found.position_m - 5.0).max() <= 0.5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,11 +11,9 @@ from writing_jobs import make_inputs
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain_settings: None) -> Path:
     """Make an empty folder the current one."""
     monkeypatch.chdir(tmp_path)
-    for name in [name for name in os.environ if name.startswith(("NLOSCTL", "_NLOSCTL"))]:
-        monkeypatch.delenv(name)
     return tmp_path
 
 
@@ -35,11 +32,3 @@ def job_folder(folder: Path, job_inputs: Path) -> Path:
     """Link the inputs of all writing jobs into the current folder."""
     shutil.copytree(job_inputs, folder, copy_function=os.link, dirs_exist_ok=True)
     return folder
-
-
-@pytest.fixture
-def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read measurements 37 rows at a time, so that small files come in several chunks."""
-    from nlosctl.io.measurements import reader as measurements
-
-    monkeypatch.setattr(measurements, "ReadOptions", partial(measurements.ReadOptions, chunk_rows=37))

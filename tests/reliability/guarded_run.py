@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -41,12 +41,15 @@ class Ending:
     raised: str = ""
 
 
-def run_guarded(words: Sequence[Any], *, stdin: bytes = b"", seconds: float = 20.0) -> Ending:
-    """Run ``nlosctl WORDS...`` in this process; whatever it raises, HangError too, is told in the ending."""
+def run_guarded(words: Sequence[Any], *, stdin: bytes = b"", seconds: float = 20.0, terminal: bool = False) -> Ending:
+    """Run ``nlosctl WORDS...`` in this process; the result records what it raises, HangError too.
+
+    ``terminal``: standard error is a terminal as far as ``isatty`` reports it.
+    """
     from nlosctl.cli.main import run
 
     streams = sys.stdin, sys.stdout, sys.stderr
-    out, err = io.BytesIO(), io.BytesIO()
+    out, err = io.BytesIO(), _Terminal() if terminal else io.BytesIO()
     sys.stdin = io.TextIOWrapper(io.BytesIO(stdin))
     sys.stdout = io.TextIOWrapper(out, write_through=True)
     sys.stderr = io.TextIOWrapper(err, encoding="utf-8", errors="backslashreplace", write_through=True)
@@ -63,6 +66,13 @@ def run_guarded(words: Sequence[Any], *, stdin: bytes = b"", seconds: float = 20
     return Ending(words=[str(word) for word in words], code=code, out=said_out, err=said_err, raised=raised)
 
 
+class _Terminal(io.BytesIO):
+    """Bytes of a stream that claims to be a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
 @cache
 def _parser() -> Any:
     from nlosctl.cli.main import app
@@ -70,8 +80,17 @@ def _parser() -> Any:
     return typer.main.get_command(app)
 
 
-_known_methods = cache(registry.entries)
-_known_formats = cache(registry.format_entries)
+_list_methods, _list_formats = registry.entries, registry.format_entries
+
+
+@cache
+def _known_methods(path: tuple[str, ...]) -> list[registry.MethodEntry]:
+    return _list_methods()
+
+
+@cache
+def _known_formats(path: tuple[str, ...]) -> list[registry.MethodEntry]:
+    return _list_formats()
 
 
 @contextmanager
@@ -80,8 +99,8 @@ def _prepared() -> Iterator[None]:
     from nlosctl.cli import main
 
     main.app, made_again = _parser(), main.app
-    registry.entries, listed_again = _known_methods, registry.entries
-    registry.format_entries, formats_again = _known_formats, registry.format_entries
+    registry.entries, listed_again = partial(_known_methods, tuple(sys.path)), registry.entries
+    registry.format_entries, formats_again = partial(_known_formats, tuple(sys.path)), registry.format_entries
     try:
         yield
     finally:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import itertools
-import multiprocessing
 import os
 import pty
 import resource
@@ -21,9 +20,8 @@ from typing import Any
 import pytest
 from guarded_run import Ending, complaints, run_guarded, told_complaints
 from kill_runs import kill_and_resume, kill_at_random
+from plugins import ActInCall
 from writing_jobs import FIXTURES, WritingJob, resumed_jobs, writing_jobs
-
-from nlosctl.pipeline.solve import run as run_module
 
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 GOOD = FIXTURES / "good_bearings.parquet"
@@ -60,20 +58,6 @@ def shell(script: str, folder: Path, **settings: Any) -> tuple[int, bytes, str]:
 def unread(pipe: Any) -> int:
     """Return how many bytes of a pipe nobody has read yet."""
     return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
-
-
-def in_chunk(monkeypatch: pytest.MonkeyPatch, number: int, action: Callable[[], Any]) -> None:
-    """Do something between two chunks of a run, in whichever process."""
-    solve, calls = run_module.solve_flat, multiprocessing.Value("i", 0)
-
-    def solve_then(*arguments: Any, **settings: Any) -> Any:
-        with calls.get_lock():
-            mine, calls.value = calls.value, calls.value + 1
-        if mine == number:
-            action()
-        return solve(*arguments, **settings)
-
-    monkeypatch.setattr(run_module, "solve_flat", solve_then)
 
 
 @pytest.fixture
@@ -118,11 +102,11 @@ def test_a_disk_that_is_full(job: WritingJob, job_folder: Path) -> None:
 
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_output_folder_that_goes_away(jobs: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_output_folder_that_goes_away(jobs: int, folder: Path, acting_method: ActInCall) -> None:
     """When the folder of an output goes while the run goes on, that is exit 1 with the file named."""
     (folder / "out").mkdir()
-    in_chunk(monkeypatch, 2, lambda: shutil.rmtree(folder / "out"))
-    ending = run_guarded(["localize", GOOD, "-o", "out/e.csv", "-q", "--jobs", jobs])
+    acting_method(2, lambda: shutil.rmtree(folder / "out"))
+    ending = run_guarded(["localize", GOOD, "-m", "acting", "-o", "out/e.csv", "-q", "--jobs", jobs])
     check(ending, folder, [], "out/e.csv: can't be written: No such file or directory")
 
 
@@ -139,15 +123,15 @@ CHANGES: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 @pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl"])
 def test_an_input_that_changes(
-    extension: str, change: Callable[[Path], Any], folder: Path, monkeypatch: pytest.MonkeyPatch
+    extension: str, change: Callable[[Path], Any], folder: Path, acting_method: ActInCall
 ) -> None:
     """An input that changes under way gives no result: neither the old file's nor the new one's, and no crash."""
     source = folder / f"m.{extension}"
     shutil.copy(FIXTURES / f"good_bearings.{extension}", source)
     shutil.copy(FIXTURES / f"good_bearings.{extension}", folder / "other")
-    in_chunk(monkeypatch, 1, lambda: change(source))
+    acting_method(1, lambda: change(source))
     scene = FIXTURES / "good_bearings.scene.toml"
-    ending = run_guarded(["localize", source.name, "--scene", scene, "-o", "e.csv", "-q", "--jobs", 1])
+    ending = run_guarded(["localize", source.name, "-m", "acting", "--scene", scene, "-o", "e.csv", "-q", "--jobs", 1])
     check(ending, folder, names(folder), f"m.{extension}: was changed while it was read")
     assert "e.csv" not in names(folder)
 
@@ -287,8 +271,7 @@ def test_a_clock_that_goes_backwards(folder: Path, monkeypatch: pytest.MonkeyPat
     ticks = itertools.count()
     for name in ("time", "monotonic", "perf_counter"):
         monkeypatch.setattr(time, name, lambda: 1e9 - 100.0 * next(ticks))
-    monkeypatch.setattr("nlosctl.cli.shared.terminal._is_terminal", lambda stream: True)
-    ending = run_guarded(["localize", GOOD, "-o", "b.parquet", "--jobs", 1])
+    ending = run_guarded(["localize", GOOD, "-o", "b.parquet", "--jobs", 1], terminal=True)
     assert (ending.code, ending.raised) == (0, "")
     assert (folder / "a.parquet").read_bytes() == (folder / "b.parquet").read_bytes()
 

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 from guarded_run import Ending, complaints, run_guarded
+from plugins import install_plugin
 from writing_jobs import FIXTURES
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +59,7 @@ def test_a_line_without_end_in_a_zip(name: str, folder: Path) -> None:
 @pytest.mark.parametrize("limit", [None, "2000"])
 def test_a_zip_bomb_of_good_rows(limit: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A gzip that unpacks to hundreds of times its size is refused by name, however good its rows are."""
-    monkeypatch.setattr("nlosctl.io.readers.text_files.FREE_EXPANSION_BYTES", 4 << 20)
+    monkeypatch.setenv("NLOSCTL_MAX_UNCHECKED_EXPANSION_MB", "4")
     gzip_bomb(folder / "m.csv.gz", HEADER, ROW, 16)
     if limit is None:
         refused(folder, ["validate", "m.csv.gz"], "expands to more than 250 times its compressed size")
@@ -69,7 +70,7 @@ def test_a_zip_bomb_of_good_rows(limit: str | None, folder: Path, monkeypatch: p
 
 def test_a_parquet_bomb(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Parquet pages that unpack to hundreds of times their size are refused before they are unpacked."""
-    monkeypatch.setattr("nlosctl.io.readers.parquet_arrow.FREE_EXPANSION_BYTES", 1 << 20)
+    monkeypatch.setenv("NLOSCTL_MAX_UNCHECKED_EXPANSION_MB", "1")
     rows = 1_000_000
     table = pa.table({name: np.zeros(rows) for name in HEADER.decode().strip().split(",")})
     pa.parquet.write_table(table, folder / "m.parquet", compression="zstd", use_dictionary=False)
@@ -287,16 +288,9 @@ METHOD = """METHOD = MethodSpec(name="hostile", kind="bearings", job="localize",
 @pytest.mark.parametrize(("fault", "told"), PLUGINS.values(), ids=PLUGINS.keys())
 def test_plugins_that_do_harm(fault: str, told: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A plugin that raises, exits, or answers nonsense is told by its name and fault; nothing of it is written."""
-    from importlib.metadata import EntryPoint
-
-    from nlosctl import registry
-
     (folder / "hostile.py").write_text(FRAME.format(fault=fault, method=METHOD if "solve" in fault else ""))
-    monkeypatch.syspath_prepend(str(folder))
+    install_plugin(folder, monkeypatch, "bearings.hostile", "hostile:METHOD")
     monkeypatch.delitem(sys.modules, "hostile", raising=False)
-    point = EntryPoint(name="bearings.hostile", value="hostile:METHOD", group="nlosctl.methods")
-    entry = registry.MethodEntry(kind="bearings", name="hostile", distribution="h", version="1", entry_point=point)
-    monkeypatch.setattr("guarded_run._known_methods", lambda: [entry])
     words = ["localize", GOOD, "-m", "hostile", "-o", "e.csv", "--flags-out", "f.csv"]
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     ending = refused(folder, words, told)

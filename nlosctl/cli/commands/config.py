@@ -22,7 +22,7 @@ from nlosctl.cli.options.settings import (
     variable_name,
 )
 from nlosctl.cli.shared.terminal import print_json, print_table, tell
-from nlosctl.contract.limits import LIMITS, limit_variable
+from nlosctl.contract.limits import LIMITS, SIZES, limit_variable, size_variable
 from nlosctl.errors import UsageError, did_you_mean
 
 __all__ = ["config_app"]
@@ -114,7 +114,7 @@ def _shown(value: Any) -> str:
 def _remark_on_variables(commands: dict[str, Any]) -> None:
     """Tell of variables that begin as ours do and set nothing: a misspelt one would go unnoticed."""
     known = {variable_name(name, option) for name, command in commands.items() for option in options_of(command)}
-    known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS))
+    known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS), map(size_variable, SIZES))
     for variable in sorted(os.environ):
         if variable.startswith("NLOSCTL_") and variable not in known:
             tell(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}")

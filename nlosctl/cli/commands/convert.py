@@ -200,8 +200,9 @@ class _Conversion:
         self, output: str, exporter: str | None, format: str | None, parameters: dict[str, str]
     ) -> tuple[int, int]:
         """Write all rows; return how many, and how many were bad."""
+        from nlosctl.contract.limits import size
         from nlosctl.io.paths.file_format import FileFormat, format_named, format_of_path
-        from nlosctl.io.writers.table_writer import MEASUREMENT_GROUP_ROWS, TableWriter
+        from nlosctl.io.writers.table_writer import TableWriter
         from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 
         name = exporter or exporter_of(output, format)
@@ -216,7 +217,7 @@ class _Conversion:
             kind = chosen or (FileFormat.CSV if output == "-" else format_of_path(output))
             self.loses_scene = self._scene_text is not None and preview is None and not kind.carries_metadata
             writer = preview or TableWriter(
-                output, self.schema, format=chosen, group_rows=MEASUREMENT_GROUP_ROWS, **common
+                output, self.schema, format=chosen, group_rows=size("measurement_group_rows"), **common
             )
         rows = 0
         sink = writer if preview is not None else self._outputs.take(writer)

@@ -155,13 +155,21 @@ def open_output(
 
     Where extension or format name an exporter of maps, it takes estimates; any other table is told as its fault.
     """
+    from nlosctl.contract.limits import size
     from nlosctl.io.paths.file_format import format_named
-    from nlosctl.io.writers.table_writer import MEASUREMENT_GROUP_ROWS, TableWriter
+    from nlosctl.io.writers.table_writer import TableWriter
     from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 
     exporter = exporter_of(target, format_name)
     if exporter is not None:
         return MapWriter(target, exporter, {}, overwrite=overwrite, inputs=inputs, metadata=metadata)
     chosen = None if format_name is None else format_named(format_name)
-    size: dict[str, Any] = {"group_rows": MEASUREMENT_GROUP_ROWS} if of_measurements else {}
-    return TableWriter(target, schema, format=chosen, overwrite=overwrite, inputs=inputs, metadata=metadata, **size)
+    return TableWriter(
+        target,
+        schema,
+        format=chosen,
+        overwrite=overwrite,
+        inputs=inputs,
+        metadata=metadata,
+        group_rows=size("measurement_group_rows" if of_measurements else "group_rows"),
+    )

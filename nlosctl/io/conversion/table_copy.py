@@ -8,6 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import ESTIMATES, KINDS, Table
 from nlosctl.errors import DataError
@@ -19,8 +20,6 @@ from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.scene_file import SCENE_KEY, find_scene, scene_to_toml
 
 __all__ = ["TableCopy"]
-
-_BATCH_ROWS = 131_072
 
 
 @dataclass
@@ -35,7 +34,7 @@ class TableCopy:
     def __post_init__(self) -> None:
         self.log = ProblemLog()
         part = self.given.parts[0]
-        self._source = open_part(part, _BATCH_ROWS, True)
+        self._source = open_part(part, size("chunk_rows"), True)
         try:
             if not self._source.names:
                 raise DataError(f"{part.name}: the table has no columns")
@@ -71,7 +70,7 @@ class TableCopy:
         for part in self.given.parts:
             source = self._source
             if part is not self.given.parts[0]:
-                source = open_part(part, _BATCH_ROWS, True)
+                source = open_part(part, size("chunk_rows"), True)
                 if source.names != self._source.names:
                     source.close()
                     raise DataError(

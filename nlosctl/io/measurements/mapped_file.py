@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.contract.limits import size
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table, contract_names
 from nlosctl.errors import DataError
@@ -38,7 +40,7 @@ class TableOptions:
     renames: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, float] = field(default_factory=dict)
     scene: Scene = field(default_factory=Scene)
-    batch_rows: int = 131_072
+    batch_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
     extra_columns: Sequence[str] | None = None
 

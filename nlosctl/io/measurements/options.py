@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
+from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene
 
 __all__ = ["ReadOptions", "ReadReport"]
@@ -28,7 +30,7 @@ class ReadOptions:
     scene_file: str | None = None
     frame: EarthFrame | None = None
     all_rows: bool = False
-    chunk_rows: int = 131_072
+    chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     max_snapshot_rows: int = 1_000_000
     use_threads: bool = True
     extra_columns: Sequence[str] | None = None

@@ -9,10 +9,7 @@ from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.parquet_arrow import parquet_metadata
 
-__all__ = ["SLICE_ROWS", "sliced"]
-
-SLICE_ROWS = 1_048_576
-"""How many rows a machine of a cluster takes at a time, at least."""
+__all__ = ["sliced"]
 
 
 def sliced(inputs: Sequence[Input], rows: int) -> tuple[Input, ...]:

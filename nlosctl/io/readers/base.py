@@ -19,7 +19,6 @@ from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 
 __all__ = [
-    "FREE_EXPANSION_BYTES",
     "CellFault",
     "FormatReader",
     "LineFault",
@@ -32,9 +31,6 @@ __all__ = [
     "readable",
     "text_at",
 ]
-
-FREE_EXPANSION_BYTES = 256 << 20
-"""Compressed content below this size may have any ratio of compression."""
 
 
 @dataclass(frozen=True, kw_only=True)

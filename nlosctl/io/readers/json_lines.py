@@ -9,7 +9,7 @@ from typing import IO, Any
 import numpy as np
 import pyarrow as pa
 
-from nlosctl.contract.limits import limit, refusal_hint
+from nlosctl.contract.limits import limit, refusal_hint, size
 from nlosctl.contract.tables import ColumnType, contract_names
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
@@ -76,8 +76,6 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 _DECODER = json.JSONDecoder(object_pairs_hook=_object)
-
-_BLOCK_LINES = 1 << 15
 
 _BLOCK_BYTES = 64 << 20
 
@@ -214,7 +212,7 @@ class JsonLinesReader:
             new = sorted(row.keys() - known) if not row.keys() <= known else []
             for name in new:
                 if name in contract_names():
-                    fault = f"the name is not among those of the first {_BLOCK_LINES} lines"
+                    fault = f"the name is not among those of the first {size('json_block_lines')} lines"
                     faults.append(CellFault(index=place, column=name, fault=fault))
                     break
                 if self._all_names:
@@ -224,7 +222,7 @@ class JsonLinesReader:
     def _misguessed(self, name: str, fault: str, line: int) -> DataError:
         return DataError(
             f"{self._part.name}, line {line}, column {name!r}: {fault}; columns of your own are told by the first "
-            f"{_BLOCK_LINES} lines of a stream: save it as a file, and all of it is looked at"
+            f"{size('json_block_lines')} lines of a stream: save it as a file, and all of it is looked at"
         )
 
     def close(self) -> None:
@@ -241,18 +239,18 @@ def _read_blocks(stream: IO[bytes], name: str) -> Iterator[JsonBlock]:
 
 def _some_lines(stream: IO[bytes], name: str, first: int) -> Iterator[bytes]:
     """Yield the lines of a block; raise DataError for one that is too long to be a row."""
-    longest, size = limit("line_bytes"), 0
-    for number in range(first, first + _BLOCK_LINES):
+    longest, taken = limit("line_bytes"), 0
+    for number in range(first, first + size("json_block_lines")):
         line = stream.readline(longest + 1)
         if len(line) > longest:
             raise DataError(
                 f"{name}, line {number}: the line is longer than {longest} bytes, expected a row; "
                 f"{refusal_hint('line_bytes')}"
             )
-        size += len(line)
+        taken += len(line)
         if line:
             yield line
-        if not line or size > _BLOCK_BYTES:
+        if not line or taken > _BLOCK_BYTES:
             return
 
 

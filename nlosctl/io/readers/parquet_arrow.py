@@ -15,7 +15,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.paths.locations import Location, pyarrow_source
-from nlosctl.io.readers.base import FREE_EXPANSION_BYTES, RecordBatch, expansion_fault, readable
+from nlosctl.io.readers.base import RecordBatch, expansion_fault, readable
 
 __all__ = ["ArrowReader", "ParquetReader", "fits_type", "parquet_end_value", "parquet_metadata"]
 
@@ -121,7 +121,7 @@ class ParquetReader:
         metadata, most = self._file.metadata, limit("expansion")
         groups = [metadata.row_group(place) for place in range(metadata.num_row_groups)]
         unpacked = sum(group.total_byte_size for group in groups)
-        if unpacked <= FREE_EXPANSION_BYTES:
+        if unpacked <= limit("unchecked_expansion_mb") << 20:
             return
         columns = range(metadata.num_columns)
         packed = sum(group.column(place).total_compressed_size for group in groups for place in columns)

@@ -17,7 +17,7 @@ from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.paths.locations import Location
-from nlosctl.io.readers.base import FREE_EXPANSION_BYTES, CellFault, expansion_fault
+from nlosctl.io.readers.base import CellFault, expansion_fault
 
 __all__ = [
     "EXPECTED",
@@ -72,6 +72,7 @@ class _Unzipped(io.RawIOBase):
         self._counted = _Counted(zipped)
         self._file = gzip.GzipFile(fileobj=cast(Any, self._counted))
         self._name, self._most, self._given = name, limit("expansion"), 0
+        self._unchecked = limit("unchecked_expansion_mb") << 20
 
     def readable(self) -> bool:
         return True
@@ -80,7 +81,7 @@ class _Unzipped(io.RawIOBase):
         got = self._file.read1(len(buffer))
         buffer[: len(got)] = got
         self._given += len(got)
-        if self._given > FREE_EXPANSION_BYTES and self._given > self._most * self._counted.taken:
+        if self._given > self._unchecked and self._given > self._most * self._counted.taken:
             raise DataError(expansion_fault(self._name, self._most))
         return len(got)
 

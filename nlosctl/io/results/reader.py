@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.limits import LARGEST_NUMBER, size
 from nlosctl.contract.tables import KINDS, Table
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
@@ -18,7 +18,6 @@ from nlosctl.io.readers.open_file import TableFile, open_part
 
 __all__ = ["PlainReader"]
 
-_BATCH_ROWS = 131_072
 _CARRIED = {column.name: column.type for table in KINDS.values() for column in table.columns if column.carried}
 """Truth and flags that results carry along: their types."""
 
@@ -33,7 +32,7 @@ class PlainReader:
     def __init__(self, given: Input, *tables: Table) -> None:
         self._given = given
         self._log = ProblemLog()
-        source = open_part(given.parts[0], _BATCH_ROWS, True)
+        source = open_part(given.parts[0], size("chunk_rows"), True)
         self.table = _table_of(given.parts[0], source, tables)
         self._first = self._started(given.parts[0], source)
         self.schema: Any = self._first[1]
@@ -64,7 +63,7 @@ class PlainReader:
         self._first[0].close()
 
     def _open(self, part: Part) -> tuple[TableFile, Any]:
-        source = open_part(part, _BATCH_ROWS, True)
+        source = open_part(part, size("chunk_rows"), True)
         _table_of(part, source, [self.table])
         return self._started(part, source)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
+from nlosctl.contract.limits import size
 from nlosctl.io.measurements.bad_rows import BadRow
 from nlosctl.io.paths.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.paths.locations import Location, location
@@ -26,12 +27,6 @@ __all__ = [
     "TableWriter",
     "provenance_text",
 ]
-
-GROUP_ROWS = 65_536
-"""Rows of a row group of results (in Arrow: of a record batch); it is in memory twice while it is encoded."""
-
-MEASUREMENT_GROUP_ROWS = 131_072
-"""Rows of a row group of measurements: a reader keeps the footer's description of every row group in memory."""
 
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
 
@@ -57,14 +52,14 @@ class TableWriter:
         inputs: Sequence[Location] = (),
         metadata: Mapping[str, str] | None = None,
         stdout: IO[bytes] | None = None,
-        group_rows: int = GROUP_ROWS,
+        group_rows: int | None = None,
     ) -> None:
         self.target = target
         self.rows = 0
         self.schema = pa.schema([column.with_type(plain_type(column.type)) for column in schema])
         self._metadata = dict(metadata or {})
         self._output = ByteOutput(target, stdout)
-        self._group_rows = group_rows
+        self._group_rows = group_rows or size("group_rows")
         self._format = _format_for(target, format)
         self._buffered: list[Any] = []
         self._buffered_rows = 0
@@ -246,7 +241,7 @@ class _ParquetEncoder:
         self._written = dict(metadata)
         schema = schema.with_metadata(self._written)
         texts = [column.name for column in schema if pa.types.is_string(column.type)]
-        self._writer = pa.parquet.ParquetWriter(sink, schema, compression="zstd", use_dictionary=texts)
+        self._writer = pa.parquet.ParquetWriter(_unclosed(sink), schema, compression="zstd", use_dictionary=texts)
 
     def write(self, table: Any) -> None:
         if table.num_rows:

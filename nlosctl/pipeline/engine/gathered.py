@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.parts.row_group_slices import SLICE_ROWS, sliced
+from nlosctl.io.parts.row_group_slices import sliced
 from nlosctl.io.parts.scratch import read_part
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
@@ -31,7 +32,7 @@ def gathered_tables(
         raise UsageError("standard input can't be shared out: save it as a file, or leave --engine out")
     if reader.sets_bad_rows_aside:
         raise UsageError("--engine with --bad-rows FILE: give -o and --bad-rows a folder each")
-    pieces = sliced(inputs, SLICE_ROWS)
+    pieces = sliced(inputs, size("task_rows"))
     places = [(group, place) for group, given in enumerate(pieces) for place in range(len(given.parts))]
     work = PartWork(
         command="",

@@ -7,8 +7,9 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, MethodError
-from nlosctl.io.parts.row_group_slices import SLICE_ROWS, sliced
+from nlosctl.io.parts.row_group_slices import sliced
 from nlosctl.io.parts.scratch import read_part, scratch_folder
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.locations import location
@@ -50,13 +51,13 @@ def _slices(work: PartWork) -> tuple[PartWork, list[list[int]]]:
     behind = [0] * len(work.inputs)
     for group, place in work.places:
         given = work.inputs[group]
-        count = len(sliced([replace(given, parts=(given.parts[place],))], SLICE_ROWS)[0].parts)
+        count = len(sliced([replace(given, parts=(given.parts[place],))], size("task_rows"))[0].parts)
         of_part.append(list(range(len(places), len(places) + count)))
         places += [(group, behind[group] + number) for number in range(count)]
         behind[group] += count
     slices = replace(
         work,
-        inputs=sliced(work.inputs, SLICE_ROWS),
+        inputs=sliced(work.inputs, size("task_rows")),
         names=tuple(f"{number}.arrow" for number in range(len(places))),
         places=tuple(places),
         format=FileFormat.ARROW,

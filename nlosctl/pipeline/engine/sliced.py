@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from nlosctl.contract.limits import size
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.measurements.survey import LookAhead
@@ -21,7 +22,6 @@ from nlosctl.pipeline.engine.writing import ChunkTables, Run
 
 __all__ = ["tables_of"]
 
-_SLICE_ROWS = 131_072
 _SLICES_PER_JOB = 2
 
 
@@ -53,7 +53,7 @@ def tables_of(run: Run, inputs: Sequence[Input], jobs: int) -> Iterator[ChunkTab
     if jobs == 1 or not CAN_FORK or reader.sets_bad_rows_aside or not _can_be_sliced(inputs):
         yield from run.tables(jobs)
         return
-    pieces = sliced(inputs, _SLICE_ROWS)
+    pieces = sliced(inputs, size("slice_rows"))
     places = [(group, place) for group, given in enumerate(pieces) for place in range(len(given.parts))]
     if len(places) < _SLICES_PER_JOB * jobs:
         yield from run.tables(jobs)
