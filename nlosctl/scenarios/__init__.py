@@ -1,1 +1,1 @@
-"""Simulated worlds: arrays and truth."""
+"""Simulated worlds: measurements with their truth, one file per scenario."""

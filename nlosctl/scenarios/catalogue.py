@@ -1,4 +1,4 @@
-"""Which scenarios there are. Listing them imports none of them, and no numpy.
+"""Names of the scenarios. Listing them imports neither the scenarios nor NumPy.
 
 A new scenario is a file with a ``SCENARIO`` and one line here.
 """
@@ -33,7 +33,7 @@ _MODULES = {
 
 
 class _Catalogue(Mapping[str, "ScenarioSpec"]):
-    """Specs by name, in the order of the names; a module is imported when its scenario is asked for."""
+    """Specs by name, sorted by name; a module is imported when its scenario is looked up."""
 
     def __getitem__(self, name: str) -> ScenarioSpec:
         spec: ScenarioSpec = import_module(_MODULES[name]).SCENARIO
@@ -55,12 +55,12 @@ def scenarios() -> Mapping[str, ScenarioSpec]:
 
 
 def scenario_module(name: str) -> str | None:
-    """Return the name of the module that a scenario is in, or None; imports nothing."""
+    """Return the name of a scenario's module, or None if unknown; imports nothing."""
     return _MODULES.get(name)
 
 
 def find_scenario(name: str) -> ScenarioSpec:
-    """Return the scenario ``name``; raise UsageError with the nearest name where there is none."""
+    """Return the scenario ``name``; raise UsageError with the nearest name if it is unknown."""
     known = scenarios()
     if name not in known:
         raise UsageError(f"no scenario {name!r}{did_you_mean(name, known)}; there are: {', '.join(known)}")

@@ -1,4 +1,4 @@
-"""Sensors, targets and scatterers anywhere in a rectangle, echoes unlabelled: irregular layouts."""
+"""Sensors, targets and scatterers anywhere in a rectangle, with unlabelled echoes: irregular layouts."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class EchoFieldOptions(EchoOptions):
     layout: Literal["fresh", "fixed"] = option(
         "fresh", meaning="fresh: new sensors and scatterers in each snapshot; fixed: drawn once, from layout_seed"
     )
-    layout_seed: int = option(0, minimum=0, meaning="seed of sensors and scatterers where they are fixed")
+    layout_seed: int = option(0, minimum=0, meaning="seed of fixed sensors and scatterers")
 
 
 def scene(options: EchoFieldOptions) -> Scene:
-    """Return the sensors where they are fixed; else an empty scene."""
+    """Return the sensors of a fixed layout, otherwise an empty scene."""
     if options.layout == "fresh":
         return Scene()
     sensors, _ = _layout(options, np.random.default_rng(options.layout_seed), 1)
@@ -44,7 +44,7 @@ def scene(options: EchoFieldOptions) -> Scene:
 
 
 def generate(options: EchoFieldOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with targets of its own, all uniform over the field."""
+    """Sample snapshots, each with its own targets, all uniform over the field."""
     if options.layout == "fresh":
         sensors, scatterers = _layout(options, generator, snapshots)
     else:

@@ -1,4 +1,4 @@
-"""Rows of a simulated file of unlabelled echoes: the signal model (1) of Liang, Zeng, Li, once geometry is drawn."""
+"""Rows of a simulated file of unlabelled echoes: the signal model (1) of Liang, Zeng, Li."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["EchoOptions", "echo_columns"]
 
 @dataclass(frozen=True, kw_only=True)
 class EchoOptions:
-    """Parameters that all scenarios of unlabelled echoes have."""
+    """Parameters of all scenarios with unlabelled echoes."""
 
     targets: int = option(3, minimum=0, maximum=1000, meaning="targets in each snapshot")
-    scatterers: int = option(3, minimum=0, maximum=1000, meaning="scatterers, each of which echoes every target")
+    scatterers: int = option(3, minimum=0, maximum=1000, meaning="scatterers; each one echoes every target")
     range_std_m: float = option(
         1.0,
         unit="m",
@@ -29,17 +29,17 @@ class EchoOptions:
         meaning="standard deviation of every range (1 m is 0 dB in the paper)",
     )
     detection_probability: float = option(
-        1.0, minimum=0.0, maximum=1.0, meaning="chance that a sensor has the direct echo of a target"
+        1.0, minimum=0.0, maximum=1.0, meaning="probability that a sensor detects the direct echo of a target"
     )
     false_echoes: float = option(
         0.0,
         minimum=0.0,
         maximum=1000.0,
-        meaning="mean number of false echoes of a sensor, uniform over the others' span",
+        meaning="mean number of false echoes per sensor, uniform up to the longest true range",
     )
     nlos_range: Literal["sum", "half"] = option(
         "sum",
-        meaning="range by a scatterer: sum of target, scatterer and way back as in (1), or half the round trip",
+        meaning="range via a scatterer: sum: to the target, on to the scatterer and back, (1); half: half of that",
     )
 
 
@@ -53,9 +53,9 @@ def echo_columns(
 ) -> Columns:
     """Return the flat columns of B snapshots, the rows of each in random order; equation (1).
 
-    Sensors (B, N, 2), targets (B, K, 2) and scatterers (B, L, 2) in metres. A direct range is one way; one by a
-    scatterer is |p - a| + |p - s| + |s - a|, or half of that. ``truth_target`` is NaN for a false echo, which has no
-    true position either.
+    Sensors (B, N, 2), targets (B, K, 2) and scatterers (B, L, 2) in metres. A direct range is one way; a range via a
+    scatterer is |p - a| + |p - s| + |s - a|, or half of that. ``truth_target`` and the true position are NaN for a
+    false echo.
     """
     direct, detour = _ranges(sensor_xy_m, target_xy_m, scatterer_xy_m)
     if options.nlos_range == "half":
@@ -69,25 +69,25 @@ def echo_columns(
         detour.reshape(snapshots, sensors, -1),
         span[:, None, None] * generator.uniform(0.0, 1.0, (snapshots, sensors, most_false)),
     ]
-    there = [
+    detected = [
         generator.random(direct.shape) < options.detection_probability,
         np.ones(parts[1].shape, dtype=bool),
         np.arange(most_false) < false_count[..., None],
     ]
     number = np.arange(targets, dtype=np.float64)
     labels = [number, np.repeat(number, scatterer_xy_m.shape[1]), np.full(most_false, np.nan)]
-    ranges, there_all = np.concatenate(parts, axis=2), np.concatenate(there, axis=2)
+    ranges, is_echo = np.concatenate(parts, axis=2), np.concatenate(detected, axis=2)
     noisy = np.abs(ranges + options.range_std_m * generator.standard_normal(ranges.shape))
     los = np.arange(ranges.shape[2]) < targets
-    return _shuffled(generator, sensor_xy_m, target_xy_m, noisy, there_all, np.concatenate(labels), los, options)
+    return _shuffled(generator, sensor_xy_m, target_xy_m, noisy, is_echo, np.concatenate(labels), los, options)
 
 
 def _ranges(sensor: FloatArray, target: FloatArray, scatterer: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return direct ranges (B, N, K) and those by scatterers (B, N, K, L)."""
+    """Return direct ranges (B, N, K) and ranges via scatterers (B, N, K, L)."""
 
-    def distance(one: FloatArray, other: FloatArray) -> FloatArray:
-        away = one[:, :, None] - other[:, None]
-        return np.hypot(away[..., 0], away[..., 1])
+    def distance(start: FloatArray, end: FloatArray) -> FloatArray:
+        offset = start[:, :, None] - end[:, None]
+        return np.hypot(offset[..., 0], offset[..., 1])
 
     direct = distance(sensor, target)
     detour = direct[..., None] + distance(target, scatterer)[:, None] + distance(sensor, scatterer)[:, :, None]
@@ -99,13 +99,13 @@ def _shuffled(
     sensor_xy_m: FloatArray,
     target_xy_m: FloatArray,
     ranges: FloatArray,
-    there: BoolArray,
+    is_echo: BoolArray,
     label: FloatArray,
     los: BoolArray,
     options: EchoOptions,
 ) -> Columns:
-    """Return the columns of the echoes (B, N, M) that are ``there``, in a random order within each snapshot."""
-    snapshot, sensor, echo = np.nonzero(there)
+    """Return the columns of the ranges (B, N, M) where ``is_echo``, in random order within each snapshot."""
+    snapshot, sensor, echo = np.nonzero(is_echo)
     order = np.lexsort((generator.random(snapshot.shape[0]), snapshot))
     snapshot, sensor, echo = snapshot[order], sensor[order], echo[order]
     target = label[echo]

@@ -25,7 +25,7 @@ class LiangOptions(EchoOptions):
     side_m: float = option(
         400.0, unit="m", minimum=0.0, exclusive=True, meaning="side of the square, centred on (0, 0)"
     )
-    scatterer_seed: int = option(0, minimum=0, meaning="seed of the scatterers, which stay where they are")
+    scatterer_seed: int = option(0, minimum=0, meaning="seed of the scatterers, the same in all snapshots")
 
 
 def scene(options: LiangOptions) -> Scene:
@@ -40,9 +40,9 @@ def scene(options: LiangOptions) -> Scene:
 
 
 def generate(options: LiangOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with targets of its own, uniform over the square (section IV)."""
+    """Sample snapshots, each with its own targets, uniform over the square (section IV)."""
     half = 0.5 * options.side_m
-    scatterers = _on_the_edge(np.random.default_rng(options.scatterer_seed), options.scatterers, half)
+    scatterers = _edge_points(np.random.default_rng(options.scatterer_seed), options.scatterers, half)
     return echo_columns(
         options=options,
         generator=generator,
@@ -57,7 +57,7 @@ def _sensors(options: LiangOptions) -> FloatArray:
     return options.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _on_the_edge(generator: np.random.Generator, count: int, half: float) -> FloatArray:
+def _edge_points(generator: np.random.Generator, count: int, half: float) -> FloatArray:
     """Return points (count, 2) uniform on the edge of the square."""
     side, along = generator.integers(0, 4, count), generator.uniform(-half, half, count)
     across = np.where(side < 2, -half, half)
@@ -68,7 +68,7 @@ def _on_the_edge(generator: np.random.Generator, count: int, half: float) -> Flo
 SCENARIO = ScenarioSpec(
     name="liang",
     kind="ranges",
-    summary="several passive targets seen by sensors on a circle, directly and through scatterers, echoes unlabelled",
+    summary="several passive targets, echoes unlabelled, direct or via scatterers, at sensors on a circle",
     reference="Liang, Zeng, Li, section IV, signal model (1)",
     options=LiangOptions,
     scene=scene,

@@ -12,15 +12,14 @@ from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.errors import UsageError
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.scenarios.bearing_errors import draw_errors
-from nlosctl.scenarios.bearing_rows import sensor_names
+from nlosctl.scenarios.bearing_rows import bearing_errors, sensor_names
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "MadhowRingOptions", "generate", "scene"]
 
 
 _GRID = (-0.6, -0.3, 0.0, 0.3, 0.6)
-"""Coordinates of the 25 sources, in radii; the paper does not say where its 25 are."""
+"""Coordinates of the 25 sources, in radii; the paper does not give the positions of its 25."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,50 +32,50 @@ class MadhowRingOptions:
     )
     radius_m: float = option(1.0, unit="m", minimum=0.0, exclusive=True, meaning="radius of the disc")
     sources: Literal["grid", "disc"] = option(
-        "grid", meaning="grid: 25 places in turn, up to 0.6 radii in x and y; disc: uniform up to source_share"
+        "grid", meaning="grid: 25 positions in turn, up to 0.6 radii in x and y; disc: uniform up to source_share"
     )
     source_share: float = option(
         0.8, minimum=0.0, maximum=1.0, meaning="radius of the disc of sources, in radii of the disc of receivers"
     )
     bearing_std_deg: float = option(
-        4.0, unit="deg", minimum=0.0, maximum=90.0, exclusive=True, meaning="spread of the direct bearings"
+        4.0, unit="deg", minimum=0.0, maximum=90.0, exclusive=True, meaning="standard deviation of direct bearings"
     )
     noise: Literal["gaussian", "laplace", "cauchy"] = option(
         "gaussian", meaning="error of direct bearings: models (1), (2), or Cauchy with bearing_std_deg as half width"
     )
     nlos_receivers: int = option(
-        0, minimum=0, maximum=10_000, meaning="receivers, drawn anew each time, whose direct path is blocked: model (3)"
+        0, minimum=0, maximum=10_000, meaning="receivers with a blocked direct path, new in each snapshot: model (3)"
     )
     alpha: float = option(
-        0.0, minimum=0.0, maximum=1.0, meaning="probability of each other receiver to be blocked too: model (4)"
+        0.0, minimum=0.0, maximum=1.0, meaning="probability that each other receiver is blocked too: model (4)"
     )
     paths: int = option(
-        1, minimum=1, maximum=100, meaning="paths that a receiver resolves, the direct one in a random place: model (5)"
+        1, minimum=1, maximum=100, meaning="paths per receiver, the direct one at a random position: model (5)"
     )
     nlos_span_deg: float = option(
         180.0,
         unit="deg",
         minimum=1.0,
         maximum=360.0,
-        meaning="angle about the inward normal over which outliers are uniform",
+        meaning="width of the sector about the inward normal over which outliers are uniform",
     )
     range_std_share: float = option(
         0.0,
         minimum=0.0,
         maximum=1.0,
-        meaning="standard deviation of the logarithm of log-normal ranges; 0: none",
+        meaning="standard deviation of the logarithm of log-normal ranges; 0: no ranges",
     )
 
     def __post_init__(self) -> None:
         if self.nlos_receivers > self.sensors:
             raise UsageError(
-                f"The 'nlos_receivers' parameter of madhow-ring must not exceed the sensors, {self.sensors}. "
+                f"The 'nlos_receivers' parameter of madhow-ring must not exceed the number of sensors, {self.sensors}. "
                 f"Got {self.nlos_receivers} instead."
             )
 
 
 def scene(options: MadhowRingOptions) -> Scene:
-    """Return the receivers on the circle, the first on the +x axis; none where they are drawn anew."""
+    """Return the receivers on the circle, the first on the +x axis; an empty scene if they are random."""
     if options.layout == "random":
         return Scene()
     angle = 2.0 * np.pi * np.arange(options.sensors) / options.sensors
@@ -89,18 +88,18 @@ def scene(options: MadhowRingOptions) -> Scene:
 
 
 def generate(options: MadhowRingOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots: sources in turn or at random, blocked receivers, then errors and outliers."""
+    """Sample snapshots: sources in turn or at random, blocked receivers, then errors and outliers."""
     shape = (snapshots, options.sensors, options.paths)
     sensor_xy = _receivers(options, generator, snapshots)
     source_xy = _sources(options, generator, snapshots)
     offset = source_xy[:, None] - sensor_xy
     true_bearing = np.arctan2(offset[..., 1], offset[..., 0])
     std = np.full(shape, np.radians(options.bearing_std_deg))
-    direct = ~_blocked(options, generator, snapshots)[..., None] & _direct_place(generator, shape)
+    direct = ~_blocked(options, generator, snapshots)[..., None] & _direct_path(generator, shape)
     inward = np.arctan2(-sensor_xy[..., 1], -sensor_xy[..., 0])
     span = np.radians(options.nlos_span_deg)
     outlier = inward[..., None] + generator.uniform(-0.5 * span, 0.5 * span, shape)
-    bearing = np.where(direct, true_bearing[..., None] + draw_errors(generator, options.noise, std), outlier)
+    bearing = np.where(direct, true_bearing[..., None] + bearing_errors(generator, options.noise, std), outlier)
     rows = options.sensors * options.paths
     return {
         "snapshot": np.repeat(np.arange(snapshots, dtype=np.int64), rows),
@@ -144,21 +143,21 @@ def _blocked(options: MadhowRingOptions, generator: np.random.Generator, snapsho
     return blocked
 
 
-def _direct_place(generator: np.random.Generator, shape: tuple[int, ...]) -> BoolArray:
-    """Return which path (B, K, L) of each receiver is the direct one, if it is not blocked."""
-    place = generator.integers(0, shape[2], shape[:2])
-    return np.asarray(place[..., None] == np.arange(shape[2]))
+def _direct_path(generator: np.random.Generator, shape: tuple[int, ...]) -> BoolArray:
+    """Return a mask (B, K, L) of each receiver's direct path, if it is not blocked."""
+    index = generator.integers(0, shape[2], shape[:2])
+    return np.asarray(index[..., None] == np.arange(shape[2]))
 
 
 def _ranges(
     options: MadhowRingOptions, generator: np.random.Generator, true_range_m: FloatArray, direct: BoolArray
 ) -> dict[str, FloatArray]:
-    """Return log-normal ranges: of direct rows, and of outliers by a way up to three times as long."""
+    """Return log-normal ranges; the path of an outlier is up to three times as long as the direct one."""
     if options.range_std_share == 0.0:
         return {}
     noise = np.exp(options.range_std_share * generator.standard_normal(direct.shape))
-    way = true_range_m[..., None] * np.where(direct, 1.0, generator.uniform(1.0, 3.0, direct.shape))
-    range_m = way * noise
+    path_m = true_range_m[..., None] * np.where(direct, 1.0, generator.uniform(1.0, 3.0, direct.shape))
+    range_m = path_m * noise
     return {"range_m": range_m.ravel(), "range_std_m": (options.range_std_share * range_m).ravel()}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,10 +13,12 @@ from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, SegmentReflector, Sensor
 from nlosctl.errors import UsageError
 from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.segments import crosses_segment, reflect_in_segment
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
-from nlosctl.scenarios.wall_paths import WallPath, trace_paths
 
-__all__ = ["SCENARIO", "MadhowWallsOptions", "generate", "scene"]
+__all__ = ["SCENARIO", "MadhowWallsOptions", "WallPath", "generate", "scene", "trace_paths"]
+
+Point = tuple[float, float]
 
 
 _WORLDS = {
@@ -37,7 +40,7 @@ _WORLDS = {
         reflectors=(SegmentReflector(name="wall", start=(-400.0, 0.0), end=(900.0, 0.0)),),
     ),
 }
-"""Four receivers each; the positions are ours, the text has none."""
+"""Four receivers each; the positions are ours, the paper gives none."""
 
 _SOURCES = {
     "10": {"A": (290.0, 270.0), "B": (420.0, 110.0), "C": (360.0, 80.0), "D": (350.0, 260.0)},
@@ -50,7 +53,7 @@ class MadhowWallsOptions:
     """Parameters of ``madhow-walls``."""
 
     figure: Literal["10", "11"] = option("10", meaning="10: one wall blocks, one reflects; 11: one reflects")
-    source: Literal["A", "B", "C", "D"] = option("A", meaning="place of the source; Figure 11 has A alone")
+    source: Literal["A", "B", "C", "D"] = option("A", meaning="position of the source; Figure 11 has only A")
     band: Literal["narrow", "wide"] = option(
         "narrow", meaning="narrow: the power-weighted superposition of all paths; wide: a row for every path"
     )
@@ -61,7 +64,7 @@ class MadhowWallsOptions:
         0.5,
         minimum=0.0,
         maximum=1.0,
-        meaning="share of the power that a wall reflects; it falls with length squared",
+        meaning="share of the power that a wall reflects; power falls with the squared path length",
     )
 
     def __post_init__(self) -> None:
@@ -78,9 +81,9 @@ def scene(options: MadhowWallsOptions) -> Scene:
 
 
 def generate(options: MadhowWallsOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots of the one source; only the errors differ. Receivers that no path reaches have no row.
+    """Sample snapshots of the source, which differ only in their errors. Receivers that no path reaches have no row.
 
-    ``truth_los`` is true for rows of the direct path alone, without a reflected one in the superposition.
+    ``truth_los`` is true for rows of the direct path, unless a reflected one is superposed.
     """
     world = scene(options)
     source = _SOURCES[options.figure][options.source]
@@ -93,8 +96,8 @@ def generate(options: MadhowWallsOptions, generator: np.random.Generator, snapsh
         if options.band == "wide":
             rows += [(sensor, k, noisy[k], path.wall is None) for k, path in enumerate(paths)]
         elif paths:
-            alone = all(path.wall is None for path in paths)
-            rows.append((sensor, 0, _superposition(paths, noisy, options.reflected_power), alone))
+            all_direct = all(path.wall is None for path in paths)
+            rows.append((sensor, 0, _superposition(paths, noisy, options.reflected_power), all_direct))
     count = len(rows)
 
     def column(values: list[float]) -> FloatArray:
@@ -115,13 +118,47 @@ def generate(options: MadhowWallsOptions, generator: np.random.Generator, snapsh
 
 
 def _superposition(paths: list[WallPath], bearing_rad: list[FloatArray], reflected_power: float) -> FloatArray:
-    """Return the direction (B,) of the sum of unit vectors along the paths, each times its power."""
+    """Return the direction (B,) of the power-weighted sum of unit vectors along the paths."""
     x, y = np.zeros_like(bearing_rad[0]), np.zeros_like(bearing_rad[0])
     for path, bearing in zip(paths, bearing_rad, strict=True):
         power = (1.0 if path.wall is None else reflected_power) / path.length_m**2
         x += power * np.cos(bearing)
         y += power * np.sin(bearing)
     return np.arctan2(y, x)
+
+
+@dataclass(frozen=True)
+class WallPath:
+    """A path that reaches a receiver: its bearing there, its length, and its reflecting wall (None: direct)."""
+
+    bearing_rad: float
+    length_m: float
+    wall: str | None
+
+
+def trace_paths(source: Point, receiver: Point, walls: Sequence[SegmentReflector]) -> list[WallPath]:
+    """Return the unobstructed paths from source to receiver, shortest first: the direct one, and one via each wall."""
+    paths = []
+    if not any(_crosses(source, receiver, wall) for wall in walls):
+        paths.append(_path(receiver, source, 0.0, None))
+    for wall in walls:
+        x, y = reflect_in_segment(*(np.array(part) for part in (*source, *receiver, *wall.start, *wall.end)))
+        point = (float(x), float(y))
+        others = [other for other in walls if other is not wall]
+        blocked = any(_crosses(end, point, other) for other in others for end in (source, receiver))
+        if np.isfinite(x) and not blocked:
+            first_leg_m = float(np.hypot(point[0] - source[0], point[1] - source[1]))
+            paths.append(_path(receiver, point, first_leg_m, wall.name))
+    return sorted(paths, key=lambda path: path.length_m)
+
+
+def _path(receiver: Point, last_point: Point, length_before_m: float, wall: str | None) -> WallPath:
+    dx, dy = last_point[0] - receiver[0], last_point[1] - receiver[1]
+    return WallPath(float(np.arctan2(dy, dx)), length_before_m + float(np.hypot(dx, dy)), wall)
+
+
+def _crosses(start: Point, end: Point, wall: SegmentReflector) -> bool:
+    return bool(crosses_segment(*(np.array(part) for part in (*start, *end, *wall.start, *wall.end))))
 
 
 SCENARIO = ScenarioSpec(

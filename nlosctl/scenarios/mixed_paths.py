@@ -1,4 +1,4 @@
-"""Direct rows, rows by a flat mirror and rows by a circle together: sensors in a valley under a curved layer."""
+"""Direct rows, rows via a flat mirror and rows via a circle together: sensors in a valley under a curved layer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MixedPathsOptions:
         10e3, unit="m", minimum=0.0, exclusive=True, meaning="distance along the ground from first to last sensor"
     )
     shares: tuple[float, float, float] = option(
-        (0.4, 0.3, 0.3), minimum=0.0, maximum=1.0, meaning="shares of direct, flat-mirror and circle rows"
+        (0.4, 0.3, 0.3), minimum=0.0, maximum=1.0, meaning="shares of direct rows, rows via the mirror, via the circle"
     )
     bearing_std_deg: float = option(
         1.0, unit="deg", minimum=0.0, maximum=180.0, exclusive=True, meaning="standard deviation of every bearing"
@@ -37,7 +37,7 @@ class MixedPathsOptions:
 
 
 def scene(options: MixedPathsOptions) -> Scene:
-    """Return sensors on a ground of 40 baselines radius, a ``layer`` 1.5 baselines above it, and a steep ``cliff``."""
+    """Return sensors on ground with a radius of 40 baselines, a ``layer`` 1.5 baselines above it, a steep ``cliff``."""
     ground = _GROUND_SHARE * options.baseline_m
     angle = np.linspace(-0.5, 0.5, options.sensors) / _GROUND_SHARE if options.sensors > 1 else np.zeros(1)
     sensors = (
@@ -59,7 +59,7 @@ def scene(options: MixedPathsOptions) -> Scene:
 
 
 def generate(options: MixedPathsOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with a source of its own above the ground: every sensor sees it along every path."""
+    """Sample snapshots, each with its own source above the ground: every sensor sees it along every path."""
     world = scene(options)
     positions = np.array([sensor.position for sensor in world.sensors])
     shape = (snapshots, options.sensors)
@@ -82,7 +82,7 @@ def generate(options: MixedPathsOptions, generator: np.random.Generator, snapsho
 SCENARIO = ScenarioSpec(
     name="mixed",
     kind="bearings",
-    summary="direct rows, rows by a flat mirror and rows by a circle over an opaque ground, in one snapshot",
+    summary="direct rows, rows via a flat mirror and rows via a circle over opaque ground, in one snapshot",
     reference="generic",
     options=MixedPathsOptions,
     scene=scene,

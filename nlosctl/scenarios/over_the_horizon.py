@@ -1,4 +1,4 @@
-"""Sensors along the ground see sources anywhere beyond their horizon by one of two ionospheric layers."""
+"""Sensors along the ground receive sources beyond their horizon via one of two ionospheric layers."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class OverTheHorizonOptions:
         (110e3, 300e3), unit="m", minimum=0.0, exclusive=True, meaning="heights of the E and the F layer"
     )
     far_layer_fraction: float = option(
-        0.5, minimum=0.0, maximum=1.0, meaning="share of the rows by the F layer, where the E layer reaches too"
+        0.5, minimum=0.0, maximum=1.0, meaning="share of rows via the F layer, of those that the E layer reaches too"
     )
     source_heights_m: tuple[float, float] = option(
-        (1e3, 60e3), unit="m", minimum=0.0, exclusive=True, meaning="least and largest height of the sources"
+        (1e3, 60e3), unit="m", minimum=0.0, exclusive=True, meaning="smallest and largest height of the sources"
     )
     min_elevation_deg: float = option(
-        0.0, unit="deg", minimum=0.0, maximum=89.0, meaning="least elevation at which the sensors receive"
+        0.0, unit="deg", minimum=0.0, maximum=89.0, meaning="smallest elevation at which the sensors receive"
     )
     bearing_std_deg: float = option(
         1.0, unit="deg", minimum=0.0, maximum=180.0, exclusive=True, meaning="standard deviation of every bearing"
@@ -50,8 +50,8 @@ class OverTheHorizonOptions:
         near, far = self.layer_heights_m
         if not low <= high < near < far:
             raise UsageError(
-                "The 'source_heights_m' and 'layer_heights_m' parameters of over-the-horizon must rise, sources below "
-                f"layers. Got {low:g},{high:g} and {near:g},{far:g} instead."
+                "The 'source_heights_m' and 'layer_heights_m' parameters of over-the-horizon must be ascending, with "
+                f"sources below layers. Got {low:g},{high:g} and {near:g},{far:g} instead."
             )
 
 
@@ -78,10 +78,10 @@ def scene(options: OverTheHorizonOptions) -> Scene:
 
 
 def generate(options: OverTheHorizonOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with a source of its own that every sensor sees by the F layer.
+    """Sample snapshots, each with its own source that every sensor receives via the F layer.
 
-    A row is by the E layer where that reaches the source too, but for the ``far_layer_fraction``. Raises UsageError
-    where the sensors are too far apart to see one source.
+    Rows that the E layer reaches too are via the E layer, except a ``far_layer_fraction`` of them. Raises UsageError
+    if the sensors are too far apart to receive the same source.
     """
     world = scene(options)
     positions = np.array([sensor.position for sensor in world.sensors])
@@ -93,7 +93,7 @@ def generate(options: OverTheHorizonOptions, generator: np.random.Generator, sna
     room = reach[1] - half
     if (room <= 0.0).any():
         raise UsageError(
-            "The 'baseline_m' parameter of over-the-horizon leaves no source that all sensors see: the F layer "
+            "The 'baseline_m' parameter of over-the-horizon leaves no source that all sensors receive: the F layer "
             f"reaches {float(reach[1].min()) * options.ground_radius_m:.4g} m. Got {options.baseline_m:g} instead."
         )
     angle = generator.uniform(-room, room)
@@ -113,7 +113,7 @@ def generate(options: OverTheHorizonOptions, generator: np.random.Generator, sna
 
 
 def _reach(options: OverTheHorizonOptions, source_radius: FloatArray, layer_height_m: float) -> FloatArray:
-    """Return the largest angle at the earth's centre from a sensor to a source that it sees by the layer."""
+    """Return the largest angle at the earth's centre from a sensor to a source that it receives via the layer."""
     ground = np.full(source_radius.shape, options.ground_radius_m)
     least = np.full(source_radius.shape, np.radians(options.min_elevation_deg))
     return reach_by_reflection(source_radius, ground + layer_height_m, ground, least)
@@ -122,7 +122,7 @@ def _reach(options: OverTheHorizonOptions, source_radius: FloatArray, layer_heig
 SCENARIO = ScenarioSpec(
     name="over-the-horizon",
     kind="bearings",
-    summary="sensors along the ground see sources beyond their horizon by the E or the F layer of the ionosphere",
+    summary="sensors along the ground receive sources beyond their horizon via the E or the F layer of the ionosphere",
     reference="Song, Willett, Zhou 2013, Section 3.4 (geometry)",
     options=OverTheHorizonOptions,
     scene=scene,

@@ -1,4 +1,4 @@
-"""Sensors and sources anywhere in a square field, unequal sigmas, some rows seen in line mirrors around it."""
+"""Sensors and sources anywhere in a square field, unequal standard deviations, some rows via line mirrors around it."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ class RandomFieldOptions:
     layout: Literal["fresh", "fixed"] = option(
         "fresh", meaning="fresh: new sensor positions in each snapshot; fixed: the scene's, drawn from layout_seed"
     )
-    layout_seed: int = option(0, minimum=0, meaning="seed of the mirrors, and of the sensors where they are fixed")
+    layout_seed: int = option(0, minimum=0, meaning="seed of the mirrors, and of fixed sensors")
     field_m: float = option(1000.0, unit="m", minimum=0.0, exclusive=True, meaning="side of the square field")
-    min_range_m: float = option(20.0, unit="m", minimum=0.0, meaning="no source comes closer to a sensor than this")
+    min_range_m: float = option(20.0, unit="m", minimum=0.0, meaning="smallest distance of a source from a sensor")
     bearing_std_deg: tuple[float, float] = option(
         (0.5, 4.0),
         unit="deg",
         minimum=0.0,
         maximum=180.0,
         exclusive=True,
-        meaning="least and largest standard deviation; each row draws its own, evenly in the logarithm",
+        meaning="smallest and largest standard deviation; log-uniform over the rows",
     )
     mirrors: int = option(3, minimum=0, maximum=10_000, meaning="line mirrors around the field")
     reflected_fraction: float = option(
-        0.5, minimum=0.0, maximum=1.0, meaning="share of the rows seen in a mirror (none where there are no mirrors)"
+        0.5, minimum=0.0, maximum=1.0, meaning="share of the rows seen in a mirror, if there are mirrors"
     )
     outlier_fraction: float = option(
         0.0, minimum=0.0, maximum=1.0, meaning="share of the rows whose bearing is uniform over the circle"
@@ -52,16 +52,16 @@ class RandomFieldOptions:
     def __post_init__(self) -> None:
         if self.bearing_std_deg[0] > self.bearing_std_deg[1]:
             raise UsageError(
-                "The 'bearing_std_deg' parameter of random must be least,largest. "
+                "The 'bearing_std_deg' parameter of random must be smallest,largest. "
                 f"Got {self.bearing_std_deg[0]:g},{self.bearing_std_deg[1]:g} instead."
             )
 
 
 def scene(options: RandomFieldOptions) -> Scene:
-    """Return mirrors of any direction, all beyond the corners of the field, and the sensors where they are fixed.
+    """Return mirrors of random direction, all beyond the corners of the field, and the sensors of a fixed layout.
 
-    The field is centred on (0, 0): every source and sensor is on the same side of every mirror, so each row of
-    each mirror is physical. Mirrors and sensors come from streams of their own: more of one leaves the other.
+    The field is centred on (0, 0): every source and sensor is on the same side of every mirror, so that every mirror
+    path exists. Mirrors and sensors use separate random streams: the number of one does not change the other.
     """
     mirror_stream, sensor_stream = np.random.default_rng(options.layout_seed).spawn(2)
     normal = mirror_stream.uniform(-np.pi, np.pi, options.mirrors)
@@ -85,9 +85,9 @@ def scene(options: RandomFieldOptions) -> Scene:
 
 
 def generate(options: RandomFieldOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with a source of its own, uniform over the field.
+    """Sample snapshots, each with its own source, uniform over the field.
 
-    Raises UsageError where the sensors leave no room for a source at ``min_range_m``.
+    Raises UsageError if the sensors leave no room for a source at ``min_range_m``.
     """
     world = scene(options)
     shape = (snapshots, options.sensors)
@@ -117,7 +117,7 @@ def _uniform(generator: np.random.Generator, shape: tuple[int, ...], field_m: fl
 
 
 def _sources(generator: np.random.Generator, sensors: FloatArray, options: RandomFieldOptions) -> FloatArray:
-    """Return sources (B, 2), drawn anew until none is closer to a sensor (B, K, 2) than ``min_range_m``."""
+    """Return sources (B, 2), redrawn until none is closer to a sensor (B, K, 2) than ``min_range_m``."""
     sources = np.empty((sensors.shape[0], 2))
     pending = np.arange(sensors.shape[0])
     for _ in range(_REDRAWS):
@@ -129,14 +129,14 @@ def _sources(generator: np.random.Generator, sensors: FloatArray, options: Rando
             return sources
     raise UsageError(
         f"The 'min_range_m' parameter of random leaves no room for a source among {options.sensors} sensors "
-        f"in a field of {options.field_m:g} m. Got {options.min_range_m:g} instead of a smaller one."
+        f"in a field of {options.field_m:g} m. Got {options.min_range_m:g}; use a smaller distance."
     )
 
 
 SCENARIO = ScenarioSpec(
     name="random",
     kind="bearings",
-    summary="sensors and sources anywhere in a square field, unequal sigmas, some rows seen in mirrors around it",
+    summary="sensors and sources anywhere in a square field, unequal standard deviations, some rows via mirrors",
     reference="generic",
     options=RandomFieldOptions,
     scene=scene,

@@ -1,4 +1,4 @@
-"""Sensors evenly on a circle, a source anywhere in a disc within: the well-conditioned direct-path world."""
+"""Sensors evenly spaced on a circle, a source in a concentric disc: a well-conditioned world of direct paths."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RingOptions:
     sensors: int = option(8, minimum=1, maximum=100_000, meaning="sensors on the circle")
     radius_m: float = option(500.0, unit="m", minimum=0.0, exclusive=True, meaning="radius of the sensors' circle")
     source_radius_m: float = option(
-        400.0, unit="m", minimum=0.0, meaning="radius of the disc, about the same centre, that holds the source"
+        400.0, unit="m", minimum=0.0, meaning="radius of the concentric disc that contains the source"
     )
     bearing_std_deg: float = option(
         1.0, unit="deg", minimum=0.0, maximum=180.0, exclusive=True, meaning="standard deviation of every bearing"
@@ -44,7 +44,7 @@ def scene(options: RingOptions) -> Scene:
 
 
 def generate(options: RingOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with a source of its own, uniform over the disc."""
+    """Sample snapshots, each with its own source, uniform over the disc."""
     world = scene(options)
     positions = np.array([sensor.position for sensor in world.sensors])
     radius = options.source_radius_m * np.sqrt(generator.random(snapshots))
@@ -63,7 +63,7 @@ def generate(options: RingOptions, generator: np.random.Generator, snapshots: in
 SCENARIO = ScenarioSpec(
     name="ring",
     kind="bearings",
-    summary="sensors evenly on a circle, a source uniform in a disc about its centre, direct paths",
+    summary="sensors evenly spaced on a circle, a source uniform in a concentric disc, direct paths",
     reference="generic",
     options=RingOptions,
     scene=scene,

@@ -1,4 +1,4 @@
-"""A room with reflecting walls: one transmitter, several receivers, a target, and paths over single wall bounces."""
+"""A room with reflecting walls: one transmitter, several receivers, a target, and legs with at most one wall bounce."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["SCENARIO", "RoomOptions", "generate", "scene"]
 
 
 _MARGIN = 0.05
-"""Nodes and targets keep this share of the room's sides away from the walls."""
+"""Smallest distance of nodes and targets from the walls, as a share of the room's sides."""
 _LEGS = 5
-"""A leg between a node and the target goes straight, or over one of the four walls."""
+"""Legs between a node and the target: the straight one, and one via each of the four walls."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +27,8 @@ class RoomOptions:
 
     width_m: float = option(10.0, unit="m", minimum=0.0, exclusive=True, meaning="side of the room along x")
     depth_m: float = option(8.0, unit="m", minimum=0.0, exclusive=True, meaning="side of the room along y")
-    receivers: int = option(3, minimum=1, maximum=1000, meaning="receivers, at random places of each snapshot")
-    paths: int = option(4, minimum=1, maximum=_LEGS**2, meaning="paths resolved at each receiver: the shortest")
+    receivers: int = option(3, minimum=1, maximum=1000, meaning="receivers, at random positions in each snapshot")
+    paths: int = option(4, minimum=1, maximum=_LEGS**2, meaning="paths resolved at each receiver, the shortest ones")
     blocked_fraction: float = option(
         0.1, minimum=0.0, maximum=1.0, meaning="share of the receivers whose direct path is blocked"
     )
@@ -51,28 +51,28 @@ def scene(options: RoomOptions) -> Scene:
 
 
 def generate(options: RoomOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots, each with a transmitter, a target and receivers anywhere in the room.
+    """Sample snapshots, each with a transmitter, a target and receivers anywhere in the room.
 
-    A path goes from the transmitter over at most one wall to the target, and over at most one wall to a receiver: by
-    images, which in a rectangular room all exist. It is direct where it touches no wall.
+    A path goes from the transmitter via at most one wall to the target, and via at most one wall to a receiver, by the
+    image method: all images exist in a rectangular room. A path that touches no wall is direct.
     """
     receivers = options.receivers
     tx, target = _inside(generator, options, (snapshots, 1)), _inside(generator, options, (snapshots, 1))
     rx = _inside(generator, options, (snapshots, receivers))
-    # Seen from the target, a wall shows the image of a node; the angle at the node is that to the target's image.
+    # The angle at a node points to the target's image in the wall.
     images = _images(options, target)
     from_tx, from_rx = images - tx[:, :, None], images - rx[:, :, None]
     out, back = np.hypot(*np.moveaxis(from_tx, -1, 0)), np.hypot(*np.moveaxis(from_rx, -1, 0))
     first, second = np.divmod(np.arange(_LEGS**2), _LEGS)
     length = out[:, :, first] + back[:, :, second]
     blocked = generator.random((snapshots, receivers)) < options.blocked_fraction
-    shown = np.where(blocked[:, :, None] & (first + second == 0), np.inf, length)
-    kept = np.argsort(shown, axis=2, kind="stable")[:, :, : options.paths]
-    resolved = np.isfinite(np.take_along_axis(shown, kept, axis=2))
+    unblocked = np.where(blocked[:, :, None] & (first + second == 0), np.inf, length)
+    shortest = np.argsort(unblocked, axis=2, kind="stable")[:, :, : options.paths]
+    resolved = np.isfinite(np.take_along_axis(unblocked, shortest, axis=2))
     dod = np.arctan2(from_tx[..., 1], from_tx[..., 0])[:, :, first]
     doa = np.arctan2(from_rx[..., 1], from_rx[..., 0])[:, :, second]
     snapshot, receiver, _ = np.nonzero(resolved)
-    chosen = kept[resolved]
+    chosen = shortest[resolved]
 
     def flat(values: FloatArray) -> FloatArray:
         """Return the values (B, R or 1, paths) of the resolved paths."""
@@ -100,18 +100,18 @@ def _inside(generator: np.random.Generator, options: RoomOptions, shape: tuple[i
 
 
 def _images(options: RoomOptions, target: FloatArray) -> FloatArray:
-    """Return the target (B, 1, 2) itself and its images in the four walls, (B, 1, 5, 2), in the scene's order."""
+    """Return the target (B, 1, 2) and its images in the four walls, (B, 1, 5, 2), walls in the scene's order."""
     images = np.repeat(target[:, :, None], _LEGS, axis=2)
-    for place, (axis, side) in enumerate(((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0)), 1):
+    for leg, (axis, side) in enumerate(((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0)), 1):
         wall = side * 0.5 * (options.width_m, options.depth_m)[axis]
-        images[:, :, place, axis] = 2.0 * wall - images[:, :, place, axis]
+        images[:, :, leg, axis] = 2.0 * wall - images[:, :, leg, axis]
     return images
 
 
 SCENARIO = ScenarioSpec(
     name="room",
     kind="triplets",
-    summary="a rectangular room: a target, one transmitter, several receivers, paths over single wall bounces",
+    summary="a rectangular room: a target, one transmitter, several receivers, legs with at most one wall bounce",
     reference="generic",
     options=RoomOptions,
     scene=scene,

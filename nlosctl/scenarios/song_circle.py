@@ -1,4 +1,4 @@
-"""The circular geometry of Song, Willett, Zhou 2013: sensors on the earth see the target by the ionosphere."""
+"""The circular geometry of Song, Willett, Zhou 2013: sensors on the earth receive the target via the ionosphere."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SongCircleOptions:
 
 
 def scene(options: SongCircleOptions) -> Scene:
-    """Return the sensors of Table III or IV, about the centre of the earth, and the ``ionosphere`` around it."""
+    """Return the sensors of Table III or IV on the earth, and the concentric ``ionosphere``."""
     angles = np.pi * np.array(_ANGLES_OVER_PI[options.parameter_set])
     positions = _EARTH_M * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     sensors = (
@@ -44,7 +44,7 @@ def scene(options: SongCircleOptions) -> Scene:
 
 
 def generate(options: SongCircleOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots with one bearing from each sensor; only the noise differs between them."""
+    """Sample snapshots with one bearing from each sensor; they differ only in their noise."""
     world = scene(options)
     positions = np.array([sensor.position for sensor in world.sensors])
     shape = (snapshots, positions.shape[0])
@@ -62,7 +62,7 @@ def generate(options: SongCircleOptions, generator: np.random.Generator, snapsho
 SCENARIO = ScenarioSpec(
     name="song-circle",
     kind="bearings",
-    summary="three or four sensors on the earth see one fixed target, 50 km up, by the ionosphere",
+    summary="three or four sensors on the earth receive one fixed target, 50 km up, via the ionosphere",
     reference="Song, Willett, Zhou 2013, Section 5.2, Tables III and IV",
     options=SongCircleOptions,
     scene=scene,

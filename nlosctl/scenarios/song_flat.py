@@ -38,7 +38,7 @@ def scene(options: SongFlatOptions) -> Scene:
 
 
 def generate(options: SongFlatOptions, generator: np.random.Generator, snapshots: int) -> Columns:
-    """Draw snapshots of three bearings each; only the noise differs between them."""
+    """Sample snapshots of three bearings each; they differ only in their noise."""
     world = scene(options)
     positions = np.array([sensor.position for sensor in world.sensors])
     sensors = len(world.sensors)

@@ -1,4 +1,4 @@
-"""Rows of a simulated triplets file: what every triplets scenario does once its paths are traced."""
+"""Rows of a simulated triplets file: the columns that follow from a scenario's traced paths."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ def triplet_columns(
     truth_ip: BoolArray,
     target_xy_m: FloatArray,
 ) -> Columns:
-    """Return the flat columns (N,) of a triplets file: noise-free DOD, DOA (rad), path length (m) plus Gaussian errors.
+    """Return the flat columns (N,) of a triplets file.
 
-    ``stds`` are of the same three; positions (N, 2) in metres. Noisy angles are wrapped to (-pi, pi].
+    ``triplet`` holds noise-free DOD, DOA (rad) and path length (m), to which Gaussian errors with ``stds`` are added;
+    positions (N, 2) in metres. Noisy angles are wrapped to (-pi, pi].
     """
     noise = generator.standard_normal((3, snapshot.shape[0]))
     dod, doa, length = (value + std * error for value, std, error in zip(triplet, stds, noise, strict=True))

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield, bearings_stansfield_focused
 from nlosctl.scenarios.catalogue import find_scenario
-from nlosctl.scenarios.drawing import draw_snapshots
+from nlosctl.scenarios.spec import draw_snapshots
 
 EARTH_M, IONOSPHERE_M = 6371e3, 6671e3
 TARGET_M = np.array([6421e3, 0.0])

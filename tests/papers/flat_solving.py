@@ -8,7 +8,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
 from nlosctl.scenarios.catalogue import find_scenario
-from nlosctl.scenarios.drawing import draw_snapshots
+from nlosctl.scenarios.spec import draw_snapshots
 
 METHODS = {module.METHOD.name: module.METHOD for module in (bearings_ls, bearings_stansfield, bearings_ml)}
 

@@ -16,7 +16,7 @@ from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.mirrors import reflect_points
 from nlosctl.models.bearings import predict_bearings, sight_lines
 from nlosctl.scenarios.catalogue import find_scenario
-from nlosctl.scenarios.drawing import draw_snapshots
+from nlosctl.scenarios.spec import draw_snapshots
 
 SIGMAS_DEG = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0)
 PATHS = tuple(zip(paper.SENSORS, paper.MIRRORS, strict=True))

@@ -142,5 +142,5 @@ def test_sigma_bounds_are_read_from_text_and_checked():
     """``bearing_std_deg=0.5,2`` is a pair; the wrong way round it is refused."""
     options = scenarios()["random"].options
     assert parse_options(options, {"bearing_std_deg": "0.5,2"}, "random").bearing_std_deg == (0.5, 2.0)
-    with pytest.raises(UsageError, match=r"must be least,largest. Got 2,0.5 instead"):
+    with pytest.raises(UsageError, match=r"must be smallest,largest. Got 2,0.5 instead"):
         parse_options(options, {"bearing_std_deg": "2,0.5"}, "random")

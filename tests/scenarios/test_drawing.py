@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nlosctl.scenarios.catalogue import scenarios
-from nlosctl.scenarios.drawing import SNAPSHOTS_PER_BLOCK, draw_block, draw_snapshots
+from nlosctl.scenarios.spec import SNAPSHOTS_PER_BLOCK, draw_block, draw_snapshots
 
 NAMES = list(scenarios())
 

@@ -83,7 +83,7 @@ def test_the_papers_scene() -> None:
     away = np.hypot(columns["truth_x_m"] - columns["sensor_x_m"], columns["truth_y_m"] - columns["sensor_y_m"])
     scattered = ~columns["truth_los"]
     generator = np.random.default_rng(0)
-    scatterer = liang._on_the_edge(generator, 1, 200.0)[0]
+    scatterer = liang._edge_points(generator, 1, 200.0)[0]
     assert np.abs(scatterer).max() == pytest.approx(200.0)
     legs = np.hypot(columns["truth_x_m"] - scatterer[0], columns["truth_y_m"] - scatterer[1])
     legs += np.hypot(columns["sensor_x_m"] - scatterer[0], columns["sensor_y_m"] - scatterer[1])

@@ -11,10 +11,9 @@ from scipy import integrate, stats
 from nlosctl.contract.scene import SegmentReflector
 from nlosctl.errors import UsageError
 from nlosctl.scenarios import madhow_ring, madhow_walls
-from nlosctl.scenarios.bearing_errors import draw_errors
+from nlosctl.scenarios.bearing_rows import bearing_errors
 from nlosctl.scenarios.madhow_ring import MadhowRingOptions
-from nlosctl.scenarios.madhow_walls import MadhowWallsOptions
-from nlosctl.scenarios.wall_paths import trace_paths
+from nlosctl.scenarios.madhow_walls import MadhowWallsOptions, trace_paths
 
 
 def test_laplace_density_needs_the_corrected_constant() -> None:
@@ -35,7 +34,7 @@ def test_laplace_density_needs_the_corrected_constant() -> None:
 def test_errors_follow_their_truncated_distribution(model: str) -> None:
     """Errors have the distribution of their model, cut at a right angle on either side."""
     std = 0.6
-    errors = draw_errors(np.random.default_rng(1), model, np.full(4000, std))  # type: ignore[arg-type]
+    errors = bearing_errors(np.random.default_rng(1), model, np.full(4000, std))  # type: ignore[arg-type]
     laws = {
         "gaussian": stats.norm(scale=std),
         "laplace": stats.laplace(scale=std / math.sqrt(2.0)),

@@ -17,7 +17,7 @@ from nlosctl.io.sweep_columns import SweepColumns
 from nlosctl.pipeline.engine.provenance import file_metadata
 from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
 from nlosctl.scenarios.catalogue import find_scenario
-from nlosctl.scenarios.drawing import draw_block, draw_snapshots
+from nlosctl.scenarios.spec import draw_block, draw_snapshots
 
 __all__ = ["Simulation"]
 
