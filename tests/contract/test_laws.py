@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
+from method_options import BUILT_IN, options_of
 
 from nlosctl import registry
 from nlosctl.testing import LAWS, MethodLaw, check_law
-
-BUILT_IN = [entry for entry in registry.entries() if entry.distribution == "nlosctl"]
-
-GIVEN: dict[str, dict[str, Any]] = {
-    "ranges.tca": {"targets": 2},
-    "ranges.extended-tca": {"eta": 20.0},
-    "bearings.ml-grid": {"step_m": 20e3},
-}
-"""Options that have no default, or with whose default a law would take a minute."""
-
-
-def options_of(entry: registry.MethodEntry) -> Any:
-    """Return the options to try a method with."""
-    return registry.load(entry).options(**GIVEN.get(entry.full_name, {}))
 
 
 def test_there_are_methods_to_check() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from batches import bearing_batch
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
@@ -25,30 +26,6 @@ class World:
 
     batch: BearingBatch
     source_xy_m: FloatArray
-
-
-def make_batch(
-    sensor_xy: Any,
-    bearing: Any,
-    std: Any = 0.01,
-    reflector: Any = -1,
-    scene: Scene | None = None,
-    want_flags: bool = True,
-) -> BearingBatch:
-    """Return a batch of the given bearings (B, K); std and reflector may be single values."""
-    bearing = np.asfortranarray(bearing, dtype=float)
-    shape = bearing.shape
-    return BearingBatch(
-        scene=scene or Scene(),
-        seed=np.zeros(shape[0], dtype=np.uint64),
-        want_flags=want_flags,
-        sensor=np.asfortranarray(np.tile(np.arange(shape[1]), (shape[0], 1))),
-        sensor_xy_m=np.asfortranarray(np.broadcast_to(np.asarray(sensor_xy, dtype=float), (*shape, 2))),
-        bearing_rad=bearing,
-        bearing_std_rad=np.asfortranarray(np.broadcast_to(np.asarray(std, dtype=float), shape)),
-        path=np.zeros(shape, dtype=np.int64, order="F"),
-        reflector=np.asfortranarray(np.broadcast_to(np.asarray(reflector), shape)),
-    )
 
 
 def draw_world(
@@ -82,7 +59,7 @@ def draw_world(
     std = np.exp(generator.uniform(np.log(std_rad[0]), np.log(std_rad[1]), shape))
     exact = predict_bearings(sensor_xy, reflector, scene, np.broadcast_to(source[:, None], sensor_xy.shape))
     bearing = exact + noise * std * generator.normal(size=shape)
-    return World(batch=make_batch(sensor_xy, bearing, std, reflector, scene), source_xy_m=source)
+    return World(batch=bearing_batch(sensor_xy, bearing, std, reflector, scene), source_xy_m=source)
 
 
 def estimate(method: MethodSpec, batch: BearingBatch, **options: Any) -> Estimates:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from batches import range_batch
 
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.contract.fields import BoxField, Field, SensorsField
+from nlosctl.contract.fields import BoxField, Field
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
@@ -19,24 +20,6 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 PAPER_FIELD = BoxField(xmin_m=-200.0, xmax_m=200.0, ymin_m=-200.0, ymax_m=200.0)
-
-
-def make_batch(
-    sensor_xy: Any, range_m: Any, std: Any = 0.1, height: Any = 0.0, sensor: Any = None, field: Field | None = None
-) -> RangeBatch:
-    """Return a batch of the given ranges (B, K); std and height may be single values, sensors are all different."""
-    ranges = np.asfortranarray(range_m, dtype=float)
-    shape = ranges.shape
-    return RangeBatch(
-        seed=np.zeros(shape[0], dtype=np.uint64),
-        field=field or SensorsField(factor=1.0),
-        sensor=np.asfortranarray(np.broadcast_to(np.arange(shape[1]) if sensor is None else sensor, shape)),
-        sensor_xy_m=np.asfortranarray(np.broadcast_to(np.asarray(sensor_xy, dtype=float), (*shape, 2))),
-        range_m=ranges,
-        range_std_m=np.asfortranarray(np.broadcast_to(np.asarray(std, dtype=float), shape)),
-        path=np.full(shape, -1, dtype=np.int64, order="F"),
-        sensor_height_m=np.asfortranarray(np.broadcast_to(np.asarray(height, dtype=float), shape)),
-    )
 
 
 def exact_ranges(sensor_xy: Any, point: Any, height: float = 0.0) -> FloatArray:
@@ -97,7 +80,7 @@ def echo_world(
     order = generator.permutation(len(rows))
     number = np.array([rows[i][0] for i in order])
     ranges = np.array([rows[i][1] for i in order]) + std_m * generator.normal(size=len(rows))
-    batch = make_batch(sensors[number][None], np.abs(ranges)[None], std_m, sensor=number[None], field=field)
+    batch = range_batch(sensors[number][None], np.abs(ranges)[None], std_m, sensor=number[None], field=field)
     return EchoWorld(batch=batch, targets=targets, label=np.array([rows[i][2] for i in order]))
 
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from bearing_worlds import estimate, flags_of, make_batch, words
+from batches import bearing_batch
+from bearing_worlds import estimate, flags_of, words
 
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
@@ -54,7 +55,7 @@ def test_every_method_finds_an_exact_source(method: MethodSpec) -> None:
     sensor_xy = np.concatenate([SENSORS, on_ground(0.02, -0.03, 0.01)], axis=1)
     reflector = np.array([[0, 0, 0, 0, -1, -1, 1]])
     bearing = bearings_of(sensor_xy, SOURCE, reflector)
-    found = estimate(method, make_batch(sensor_xy, bearing, 0.01, reflector, IONOSPHERE))
+    found = estimate(method, bearing_batch(sensor_xy, bearing, 0.01, reflector, IONOSPHERE))
     assert words(found) == ["ok"]
     np.testing.assert_allclose(found.position_m[0], SOURCE, atol=1e-3)
     assert found.cost[0] < 1e-9
@@ -64,7 +65,7 @@ def test_focus_changes_nothing_without_circles() -> None:
     """Without circle rows stansfield-focused is stansfield, to the bit."""
     sensor_xy = on_ground(0.02, -0.03, 0.01)
     bearing = bearings_of(sensor_xy, SOURCE, -1) + 0.01 * np.array([[1.0, -1.0, 0.5]])
-    batch = make_batch(sensor_xy, bearing, 0.01, -1, IONOSPHERE)
+    batch = bearing_batch(sensor_xy, bearing, 0.01, -1, IONOSPHERE)
     first, second = (estimate(m.METHOD, batch) for m in (bearings_stansfield, bearings_stansfield_focused))
     np.testing.assert_array_equal(first.position_m, second.position_m)
     np.testing.assert_array_equal(first.covariance_m2, second.covariance_m2)
@@ -75,7 +76,7 @@ def test_an_estimate_that_the_scene_forbids_is_infeasible(method: MethodSpec, so
     """Where the rays meet under the ground or where they can't come from, the free estimate is kept and told."""
     sensor_xy = on_ground(0.03, 0.06, -0.02, -0.06)
     bearing = bearings_of(sensor_xy, source)
-    found = estimate(method, make_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE))
+    found = estimate(method, bearing_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE))
     assert words(found) == ["infeasible"]
     assert np.isfinite(found.covariance_m2).all()
 
@@ -86,7 +87,7 @@ def test_a_sensor_that_cannot_be_there_gives_no_number(method: MethodSpec) -> No
     bearing = np.repeat(bearings_of(SENSORS, SOURCE), 3, axis=0)
     sensor_xy[1, 2] *= 1.1
     sensor_xy[2, 0] *= 0.99
-    found = estimate(method, make_batch(sensor_xy, bearing, 0.01, 0, IONOSPHERE))
+    found = estimate(method, bearing_batch(sensor_xy, bearing, 0.01, 0, IONOSPHERE))
     assert words(found) == ["ok", "degenerate", "degenerate"]
     assert np.isnan(found.position_m[1:]).all()
 
@@ -96,7 +97,7 @@ def test_rays_under_the_horizon_are_flagged(method: MethodSpec) -> None:
     bearing = bearings_of(SENSORS, SOURCE)
     straight_down = np.arctan2(-SENSORS[0, 0, 1], -SENSORS[0, 0, 0])
     bearing[0, 0] = straight_down + 1.4
-    batch = make_batch(SENSORS, bearing, 0.1, 0, IONOSPHERE)
+    batch = bearing_batch(SENSORS, bearing, 0.1, 0, IONOSPHERE)
     assert flags_of(method, batch).columns["under_horizon"].tolist() == [[True, False, False, False]]
 
 
@@ -104,14 +105,14 @@ def test_all_rays_under_the_horizon_are_no_ok(method: MethodSpec) -> None:
     """When every bearing points into the ground, the number that comes out is not called a fix."""
     level = np.arctan2(SENSORS[..., 1], SENSORS[..., 0])
     below = level + np.sign(-SENSORS[..., 1]) * np.radians(92.0)
-    found = estimate(method, make_batch(SENSORS, below, 0.05, 0, IONOSPHERE))
+    found = estimate(method, bearing_batch(SENSORS, below, 0.05, 0, IONOSPHERE))
     assert words(found) != ["ok"]
-    assert flags_of(method, make_batch(SENSORS, below, 0.05, 0, IONOSPHERE)).columns["under_horizon"].all()
+    assert flags_of(method, bearing_batch(SENSORS, below, 0.05, 0, IONOSPHERE)).columns["under_horizon"].all()
 
 
 def test_one_row_is_too_few(method: MethodSpec) -> None:
     """One bearing is no fix."""
-    batch = make_batch(SENSORS[:, :1], bearings_of(SENSORS, SOURCE)[:, :1], 0.01, 0, IONOSPHERE)
+    batch = bearing_batch(SENSORS[:, :1], bearings_of(SENSORS, SOURCE)[:, :1], 0.01, 0, IONOSPHERE)
     assert words(estimate(method, batch)) == ["too_few"]
 
 
@@ -122,7 +123,7 @@ def test_least_elevation_makes_low_paths_infeasible() -> None:
         layer = CircleReflector(
             name="i", center=(0.0, 0.0), radius=IONOSPHERE_M, blocker_radius=EARTH_M, min_elevation_deg=least
         )
-        batch = make_batch(SENSORS, bearing, 0.01, 0, Scene(reflectors=(layer,)))
+        batch = bearing_batch(SENSORS, bearing, 0.01, 0, Scene(reflectors=(layer,)))
         assert words(estimate(bearings_ml.METHOD, batch)) == [expected]
 
 
@@ -131,7 +132,7 @@ def test_a_direct_row_beyond_the_horizon_is_infeasible() -> None:
     sensor_xy = on_ground(0.1, 0.08, -0.09, 0.2)
     reflector = np.array([[0, 0, 0, -1]])
     bearing = bearings_of(sensor_xy, SOURCE, reflector)
-    assert words(estimate(bearings_ml.METHOD, make_batch(sensor_xy, bearing, 0.01, reflector, IONOSPHERE))) == [
+    assert words(estimate(bearings_ml.METHOD, bearing_batch(sensor_xy, bearing, 0.01, reflector, IONOSPHERE))) == [
         "infeasible"
     ]
 
@@ -139,7 +140,7 @@ def test_a_direct_row_beyond_the_horizon_is_infeasible() -> None:
 def test_feasible_moves_an_estimate_to_the_edge() -> None:
     """Held to the scene, an estimate under the ground comes up to it: boundary, no covariance, a higher cost."""
     bearing = bearings_of(SENSORS, (6365e3, 0.0))
-    batch = make_batch(SENSORS, bearing, 0.02, 0, IONOSPHERE)
+    batch = bearing_batch(SENSORS, bearing, 0.02, 0, IONOSPHERE)
     free, held = estimate(bearings_ml.METHOD, batch), estimate(bearings_ml.METHOD, batch, feasible=True)
     assert (words(free), words(held)) == (["infeasible"], ["boundary"])
     assert np.hypot(*held.position_m[0]) == pytest.approx(EARTH_M, abs=1.0)
@@ -158,7 +159,7 @@ def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
     chosen = np.argmax(np.where(np.isnan(paths), -1.0, generator.random(paths.shape)), axis=0)
     bearing = paths[chosen, np.arange(600)].reshape(150, 4)
     noisy = bearing + std * generator.normal(size=bearing.shape)
-    batch = make_batch(center + sensor_xy, noisy, max(std, 0.01), np.zeros((150, 4), dtype=int), RING)
+    batch = bearing_batch(center + sensor_xy, noisy, max(std, 0.01), np.zeros((150, 4), dtype=int), RING)
     return batch, center + source[:, 0]
 
 
@@ -170,7 +171,7 @@ def test_feasible_holds_every_fix_in_an_open_circle() -> None:
     sensor_xy = np.concatenate([batch.sensor_xy_m, np.full((150, 1, 2), -10.0)], axis=1)
     image = np.arctan2(source[:, 1] + 10.0, 60.0 - source[:, 0] + 10.0)
     bearing = np.concatenate([batch.bearing_rad, image[:, None]], axis=1)
-    both = make_batch(sensor_xy, bearing, 0.01, np.array([[0, 0, 0, 0, 1]]), scene)
+    both = bearing_batch(sensor_xy, bearing, 0.01, np.array([[0, 0, 0, 0, 1]]), scene)
     free, held = (estimate(bearings_ml.METHOD, both, feasible=feasible) for feasible in (False, True))
     beyond = source[:, 0] > 31.0
     first = np.array(words(free))[free.alternative == 0][beyond]
@@ -216,7 +217,7 @@ def test_a_field_without_allowed_vertices_has_no_candidate() -> None:
     """ml-grid does not fall back on least squares where the scene forbids all of its field."""
     sensor_xy = on_ground(0.03, 0.06, 0.045)
     bearing = bearings_of(sensor_xy, (6300e3, 500e3))
-    batch = make_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE)
+    batch = bearing_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE)
     found = estimate(bearings_ml_grid.METHOD, batch, width_m=10e3, height_m=10e3, step_m=5e3)
     assert words(found) == ["no_candidate"]
     assert np.isnan(found.position_m).all()
@@ -226,7 +227,7 @@ def test_the_best_vertex_on_the_edge_of_the_field_is_told() -> None:
     """When the likelihood still rises at the edge of the field the status is boundary."""
     sensor_xy = np.array([[[0.0, 0.0], [100.0, 0.0], [50.0, 80.0]]])
     bearing = np.array([[0.6, 2.8, -1.2]])
-    batch = make_batch(sensor_xy, bearing, [0.001, 0.5, 0.001])
+    batch = bearing_batch(sensor_xy, bearing, [0.001, 0.5, 0.001])
     found = estimate(bearings_ml_grid.METHOD, batch, width_m=4.0, height_m=4.0, step_m=1.0)
     wide = estimate(bearings_ml_grid.METHOD, batch, width_m=80.0, height_m=80.0, step_m=1.0)
     assert (words(found), words(wide)) == (["boundary"], ["ok"])
@@ -236,7 +237,7 @@ def test_the_best_vertex_on_the_edge_of_the_field_is_told() -> None:
 
 def test_flags_without_circles_say_nothing_of_horizons(method: MethodSpec) -> None:
     """In a scene without circles there is no such column."""
-    batch = make_batch([[[0.0, 0.0], [10.0, 0.0]]], [[0.8, 2.3]])
+    batch = bearing_batch([[[0.0, 0.0], [10.0, 0.0]]], [[0.8, 2.3]])
     assert set(flags_of(method, batch).columns) == {"residual_rad"}
 
 
@@ -258,8 +259,8 @@ def test_the_mixture_weighs_rows_by_circles_as_wide_as_their_tubes() -> None:
     placed = np.zeros((400, 6), dtype=np.int64)
     exact = predict_bearings(sensor_xy, placed, IONOSPHERE, np.broadcast_to(source_xy[:, None], sensor_xy.shape))
     bearing = exact + 1e-4 * generator.normal(size=exact.shape)
-    plain = estimate(bearings_ml.METHOD, make_batch(sensor_xy, bearing, 1e-4, 0, IONOSPHERE))
-    robust = estimate(bearings_mixture_ml.METHOD, make_batch(sensor_xy, bearing, 1e-4, 0, IONOSPHERE))
+    plain = estimate(bearings_ml.METHOD, bearing_batch(sensor_xy, bearing, 1e-4, 0, IONOSPHERE))
+    robust = estimate(bearings_mixture_ml.METHOD, bearing_batch(sensor_xy, bearing, 1e-4, 0, IONOSPHERE))
     best = robust.alternative == 0
     apart = np.hypot(*(plain.position_m - robust.position_m[best]).T)
     std = np.sqrt(plain.covariance_m2[:, 0] + plain.covariance_m2[:, 2])
@@ -270,7 +271,7 @@ def test_the_mixture_weighs_rows_by_circles_as_wide_as_their_tubes() -> None:
     lying = bearing.copy()
     lying[:, 2] += 0.02
     solution = bearings_mixture_ml.METHOD.solve(
-        make_batch(sensor_xy, lying, 1e-4, 0, IONOSPHERE), bearings_mixture_ml.METHOD.options()
+        bearing_batch(sensor_xy, lying, 1e-4, 0, IONOSPHERE), bearings_mixture_ml.METHOD.options()
     )
     assert solution.flags is not None
     assert solution.flags.columns["los"].mean(axis=0)[2] < 0.01

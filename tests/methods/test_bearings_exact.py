@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from bearing_worlds import draw_world, estimate, flags_of, make_batch, words
+from batches import bearing_batch
+from bearing_worlds import draw_world, estimate, flags_of, words
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,7 +50,7 @@ def test_any_scale_and_any_offset(exponent: float, east: float, north: float, me
 def test_one_sensor_with_a_direct_and_a_mirrored_path_has_a_fix(method: MethodSpec) -> None:
     """From (0, 0), directly at 45 degrees and in the mirror x = 3 at atan2(2, 4): the source is (2, 2)."""
     scene = Scene(reflectors=(LineReflector(name="wall", point=(3.0, 0.0), direction=(0.0, 1.0)),))
-    batch = make_batch((0.0, 0.0), [[np.pi / 4, math.atan2(2.0, 4.0)]], reflector=[[-1, 0]], scene=scene)
+    batch = bearing_batch((0.0, 0.0), [[np.pi / 4, math.atan2(2.0, 4.0)]], reflector=[[-1, 0]], scene=scene)
     np.testing.assert_allclose(estimate(method, batch).position_m, [[2.0, 2.0]], atol=1e-12)
 
 
@@ -58,7 +59,7 @@ def test_two_bearings_by_hand(method: MethodSpec) -> None:
 
     Both ranges are r = sqrt(50), both lines are square to each other: covariance (std r)^2 in every direction.
     """
-    estimates = estimate(method, make_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]], std=0.01))
+    estimates = estimate(method, bearing_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]], std_rad=0.01))
     np.testing.assert_allclose(estimates.position_m, [[5.0, 5.0]], atol=1e-12)
     np.testing.assert_allclose(estimates.covariance_m2, [[50e-4, 0.0, 50e-4]], atol=1e-12)
 
@@ -66,7 +67,7 @@ def test_two_bearings_by_hand(method: MethodSpec) -> None:
 def test_turns_of_a_bearing_do_not_matter(method: MethodSpec) -> None:
     """A bearing a whole turn off is the same bearing: fix, cost and residual stay."""
     world = draw_world(50, 6)
-    turned = make_batch(
+    turned = bearing_batch(
         world.batch.sensor_xy_m,
         world.batch.bearing_rad + 2 * np.pi * np.array([1, -1, 0, 1, 0, -1]),
         world.batch.bearing_std_rad,
@@ -91,7 +92,7 @@ def test_residuals_and_cost_agree(method: MethodSpec) -> None:
 def test_a_grid_of_too_many_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A grid has a vertex at each end of both sides; as many as the limit are searched, more are a usage error."""
     monkeypatch.setenv("NLOSCTL_MAX_GRID_VERTICES", "12")
-    batch = make_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]])
+    batch = bearing_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]])
     found = estimate(bearings_ml_grid.METHOD, batch, width_m=3.0, height_m=2.0, step_m=1.0)
     assert np.abs(found.position_m - 5.0).max() <= 0.5
     with pytest.raises(UsageError, match="make 16 vertices, more than 12"):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from bearing_worlds import estimate, make_batch, squared_mahalanobis
+from batches import bearing_batch
+from bearing_worlds import estimate, squared_mahalanobis
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
@@ -25,7 +26,7 @@ def close_world(snapshots: int, std_deg: float, seed: int) -> tuple[BearingBatch
     offset = source[:, None] - sensor
     std = np.radians(std_deg)
     bearing = np.arctan2(offset[..., 1], offset[..., 0]) + std * generator.normal(size=(snapshots, 8))
-    return make_batch(sensor, bearing, std, want_flags=False), source
+    return bearing_batch(sensor, bearing, std, want_flags=False), source
 
 
 @pytest.mark.parametrize("std_deg", [0.1, 0.3, 1.0])
@@ -77,7 +78,7 @@ def test_no_fix_of_fine_bearings_is_absurd() -> None:
         offset = source[:, None] - sensor
         std = np.radians(np.exp(generator.uniform(np.log(0.05), 0.0, (4000, 8))))
         bearing = np.arctan2(offset[..., 1], offset[..., 0]) + std * generator.normal(size=(4000, 8))
-        estimates = estimate(bearings_ml.METHOD, make_batch(sensor, bearing, std, want_flags=False))
+        estimates = estimate(bearings_ml.METHOD, bearing_batch(sensor, bearing, std, want_flags=False))
         squared = squared_mahalanobis(estimates, source)
         assert not np.any(squared > 100.0)
         assert np.all(np.abs(estimates.position_m[~np.isnan(squared)] - 500.0) < 1000.0)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from batches import bearing_batch
+from outlier_worlds import ring_batch, without_flags
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import BoxField, CircleField
@@ -22,9 +22,6 @@ from nlosctl.solvers.sequential import suppression as suppressed_fixes
 from nlosctl.solvers.sequential.hypotheses import grow_hypotheses
 from nlosctl.testing import check_method
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
-from robust_worlds import ring_batch, without_flags
-
 _ROBUST = [bearings_mixture_ml, bearings_suppress]
 _ALL = [*_ROBUST, bearings_sequential]
 
@@ -33,19 +30,9 @@ def _errors(estimates: Estimates, truth: np.ndarray) -> np.ndarray:
     return np.hypot(*(estimates.position_m[estimates.alternative == 0] - truth).T)
 
 
-def _bearings(sensor_xy: list[tuple[float, float]], bearing_deg: list[float], **more: object) -> BearingBatch:
-    """Return one snapshot of direct rows, each by a sensor of its own."""
-    count = len(sensor_xy)
-    fields = {
-        "seed": np.zeros(1, dtype=np.uint64),
-        "sensor": np.arange(count)[None, :],
-        "sensor_xy_m": np.asfortranarray(np.array(sensor_xy, dtype=float)[None]),
-        "bearing_rad": np.radians(np.array(bearing_deg, dtype=float))[None, :],
-        "bearing_std_rad": np.full((1, count), np.radians(1.0)),
-        "path": np.full((1, count), -1),
-        "reflector": np.full((1, count), -1),
-    }
-    return BearingBatch(**{**fields, **more})  # type: ignore[arg-type]
+def _bearings(sensor_xy: list[tuple[float, float]], bearing_deg: list[float], **columns: object) -> BearingBatch:
+    """Return one snapshot of direct bearings with a std of 1 degree, each by a sensor of its own."""
+    return bearing_batch([sensor_xy], np.radians([bearing_deg]), np.radians(1.0), **columns)
 
 
 @pytest.mark.parametrize("method", _ALL, ids=lambda module: module.METHOD.name)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bearing_worlds import draw_world, estimate, flags_of, make_batch, words
+from batches import bearing_batch
+from bearing_worlds import draw_world, estimate, flags_of, words
 
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import LineReflector, Scene
@@ -23,7 +24,7 @@ def towards(sensors: list[tuple[float, float]], point: tuple[float, float], turn
 
 def test_one_bearing_is_too_few(method: MethodSpec) -> None:
     """A single bearing gives too_few."""
-    assert words(estimate(method, make_batch((0.0, 0.0), [[0.3], [1.0]]))) == ["too_few", "too_few"]
+    assert words(estimate(method, bearing_batch((0.0, 0.0), [[0.3], [1.0]]))) == ["too_few", "too_few"]
 
 
 @pytest.mark.parametrize("turn", [0.0, np.pi])
@@ -31,14 +32,14 @@ def test_parallel_lines_are_degenerate(method: MethodSpec, turn: float) -> None:
     """Parallel lines, exactly or to 1e-7 rad, whichever way their rays go, are degenerate."""
     sensors = [(0.0, 0.0), (0.0, 10.0), (5.0, -10.0)]
     bearings = [[0.4, 0.4, 0.4 + turn], [0.4, 0.4 + 1e-8, 0.4 - 1e-8 + turn]]
-    assert words(estimate(method, make_batch([sensors, sensors], bearings))) == ["degenerate"] * 2
+    assert words(estimate(method, bearing_batch([sensors, sensors], bearings))) == ["degenerate"] * 2
 
 
 def test_a_fix_less_sure_than_it_is_far_is_degenerate(method: MethodSpec) -> None:
     """Lines that cross at an angle of half their std meet nowhere in particular."""
     sensors = [(0.0, 0.0), (0.0, 10.0)]
-    assert words(estimate(method, make_batch([sensors], [[0.01, 0.0]], std=0.02))) == ["degenerate"]
-    assert words(estimate(method, make_batch([sensors], [[0.01, 0.0]], std=0.0002))) == ["ok"]
+    assert words(estimate(method, bearing_batch([sensors], [[0.01, 0.0]], std_rad=0.02))) == ["degenerate"]
+    assert words(estimate(method, bearing_batch([sensors], [[0.01, 0.0]], std_rad=0.0002))) == ["ok"]
 
 
 @pytest.mark.parametrize("measurements", [2, 3, 8])
@@ -66,13 +67,13 @@ def test_lines_that_cross_nowhere_but_on_a_sensor_are_degenerate(
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3e6, -2e6)])
 def test_two_bearings_from_one_place_are_degenerate(method: MethodSpec, place: tuple[float, float]) -> None:
     """Two bearings of one sensor cross on the sensor itself: degenerate."""
-    assert words(estimate(method, make_batch(place, [[0.2, 1.4]]))) == ["degenerate"]
+    assert words(estimate(method, bearing_batch(place, [[0.2, 1.4]]))) == ["degenerate"]
 
 
 def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
     """A fix closer to a sensor than ``min_range_m`` is degenerate."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
-    batch = make_batch([sensors], towards(sensors, (1.0, 1.0)))
+    batch = bearing_batch([sensors], towards(sensors, (1.0, 1.0)))
     assert words(estimate(method, batch)) == ["ok"]
     assert words(estimate(method, batch, min_range_m=1.5)) == ["degenerate"]
 
@@ -80,7 +81,7 @@ def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
 def test_lines_that_cross_behind_the_sensors_are_behind(method: MethodSpec) -> None:
     """Rays that all point away from where their lines cross give no answer; linear fits say behind."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
-    estimates = estimate(method, make_batch([sensors], towards(sensors, (4.0, 5.0), turn=np.pi)))
+    estimates = estimate(method, bearing_batch([sensors], towards(sensors, (4.0, 5.0), turn=np.pi)))
     assert set(words(estimates)) <= ({"behind"} if method.name != "ml" else NO_ANSWER)
     assert np.isnan(estimates.position_m).all()
 
@@ -99,7 +100,7 @@ def test_the_wrong_side_of_a_mirror_is_infeasible(method: MethodSpec) -> None:
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
     beyond = (5.0, 1.0)  # the mirrored row looks at the image (1, 1), which no wave can reach by the mirror x = 3
     bearing = np.array([[np.arctan2(1.0, 1.0), *towards(sensors[1:], beyond)[0]]])
-    estimates = estimate(method, make_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL))
+    estimates = estimate(method, bearing_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL))
     assert words(estimates) == ["infeasible"]
     np.testing.assert_allclose(estimates.position_m, [beyond], atol=1e-9)
     assert np.isfinite(estimates.covariance_m2).all()
@@ -109,7 +110,7 @@ def test_ml_can_be_held_to_what_the_scene_allows() -> None:
     """With ``feasible`` a fix beyond its mirror is brought back to the mirror: boundary, without a covariance."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
     bearing = np.array([[np.arctan2(1.0, 1.0), *towards(sensors[1:], (5.0, 1.0))[0]]])
-    batch = make_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL)
+    batch = bearing_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL)
     estimates = estimate(bearings_ml.METHOD, batch, feasible=True)
     assert words(estimates) == ["boundary"]
     assert estimates.position_m[0, 0] == pytest.approx(3.0, abs=1e-3)
@@ -119,7 +120,7 @@ def test_ml_can_be_held_to_what_the_scene_allows() -> None:
 def test_a_direct_row_is_not_held_to_a_mirror(method: MethodSpec) -> None:
     """A mirror of the scene that no row uses makes no fix infeasible."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
-    assert words(estimate(method, make_batch([sensors], towards(sensors, (5.0, 1.0)), scene=WALL))) == ["ok"]
+    assert words(estimate(method, bearing_batch([sensors], towards(sensors, (5.0, 1.0)), scene=WALL))) == ["ok"]
 
 
 def test_one_iteration_is_not_enough() -> None:
@@ -141,6 +142,6 @@ def test_rows_without_an_answer_use_nothing(method: MethodSpec) -> None:
     """``used`` is false and ``residual_rad`` NaN for all rows of a snapshot without an answer, and only there."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
     bearings = np.concatenate([towards(sensors, (4.0, 5.0)), np.full((1, 3), 0.7)])
-    flags = flags_of(method, make_batch([sensors, sensors], bearings))
+    flags = flags_of(method, bearing_batch([sensors, sensors], bearings))
     assert flags.used.tolist() == [[True] * 3, [False] * 3]
     assert np.isnan(flags.columns["residual_rad"].astype(float)).tolist() == [[False] * 3, [True] * 3]

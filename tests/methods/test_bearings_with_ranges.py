@@ -8,7 +8,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from bearing_worlds import draw_world, estimate, make_batch
+from batches import bearing_batch
+from bearing_worlds import draw_world, estimate
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
@@ -29,7 +30,7 @@ def ranged_batch(snapshots: int) -> tuple[BearingBatch, np.ndarray]:
     range_m = np.hypot(away[..., 0], away[..., 1]) * np.exp(generator.normal(0.0, SHARE, std.shape))
     bearing = np.arctan2(away[..., 1], away[..., 0]) + std * generator.normal(size=std.shape)
     batch = dataclasses.replace(
-        make_batch(world.batch.sensor_xy_m, bearing, std),
+        bearing_batch(world.batch.sensor_xy_m, bearing, std),
         range_m=np.asfortranarray(range_m),
         range_std_m=np.asfortranarray(SHARE * range_m),
     )

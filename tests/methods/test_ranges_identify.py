@@ -7,13 +7,13 @@ import time
 
 import numpy as np
 import pytest
+from batches import range_batch
 from range_worlds import (
     PAPER_FIELD,
     EchoWorld,
     echo_world,
     found_sets,
     irregular_world,
-    make_batch,
     paper_world,
     perimeter,
     solve,
@@ -71,7 +71,7 @@ def test_slant_ranges_of_high_sensors_give_the_same_targets(module, options) -> 
     for target, rows in enumerate(sorted(trial.truth_sets(), key=lambda rows: trial.label[min(rows)])):
         alone = solve(
             ranges_r_ls.METHOD,
-            make_batch(
+            range_batch(
                 *(array[:, sorted(rows)] for array in (batch.sensor_xy_m, batch.range_m)),
                 std=batch.range_std_m[:, sorted(rows)],
                 height=60.0,
@@ -95,7 +95,9 @@ def test_targets_are_located_by_range_least_squares(module, options) -> None:  #
     ):
         rows = np.flatnonzero(solution.flags.columns["target"][0] == target)
         batch = trial.batch
-        alone = solve(ranges_r_ls.METHOD, make_batch(batch.sensor_xy_m[:, rows], batch.range_m[:, rows], 0.3)).estimates
+        alone = solve(
+            ranges_r_ls.METHOD, range_batch(batch.sensor_xy_m[:, rows], batch.range_m[:, rows], 0.3)
+        ).estimates
         nearest = np.hypot(*(alone.position_m - position).T).argmin()
         np.testing.assert_allclose(position, alone.position_m[nearest], atol=1e-4)
         np.testing.assert_allclose(covariance, alone.covariance_m2[nearest], rtol=1e-4)
@@ -105,7 +107,7 @@ def test_no_target_is_a_possible_answer() -> None:
     """Echoes that fit no target give one row without one, and no flags."""
     generator = np.random.default_rng(3)
     number = np.repeat(np.arange(5), 4)
-    batch = make_batch(SENSORS[number][None], generator.uniform(300.0, 900.0, (1, 20)), sensor=number[None])
+    batch = range_batch(SENSORS[number][None], generator.uniform(300.0, 900.0, (1, 20)), sensor=number[None])
     solution = solve(ranges_assignment.METHOD, batch)
     assert words(solution) == ["no_target"]
     assert solution.estimates.target.tolist() == [0]
@@ -127,7 +129,7 @@ def test_a_sensor_with_no_echo_at_all_is_as_if_it_were_not_there() -> None:
     trial = world()
     keep = np.flatnonzero(trial.batch.sensor[0] != 3)
     batch = trial.batch
-    less = make_batch(
+    less = range_batch(
         batch.sensor_xy_m[:, keep], batch.range_m[:, keep], 0.3, sensor=batch.sensor[:, keep], field=PAPER_FIELD
     )
     for module, options in METHODS:
@@ -139,7 +141,7 @@ def test_a_sensor_with_no_echo_at_all_is_as_if_it_were_not_there() -> None:
 def test_fewer_than_three_sensors_are_too_few(module, options) -> None:  # type: ignore[no-untyped-def]
     """Echoes of two sensors cannot tell direct ones: too_few."""
     number = np.array([[0, 0, 1, 1]])
-    batch = make_batch(SENSORS[number], [[100.0, 200.0, 150.0, 300.0]], sensor=number)
+    batch = range_batch(SENSORS[number], [[100.0, 200.0, 150.0, 300.0]], sensor=number)
     assert words(solve(module.METHOD, batch, **options)) == ["too_few"]
 
 
@@ -163,7 +165,7 @@ def test_sensors_on_a_line_give_both_sides(module, options) -> None:  # type: ig
 def test_the_number_of_echoes_has_a_limit() -> None:
     """More echoes at a sensor than ``max_echoes`` are an error that names the parameter."""
     number = np.concatenate([np.zeros(300, dtype=np.int64), [1, 2, 3]])
-    batch = make_batch(SENSORS[number][None], np.linspace(50.0, 400.0, 303)[None], sensor=number[None])
+    batch = range_batch(SENSORS[number][None], np.linspace(50.0, 400.0, 303)[None], sensor=number[None])
     with pytest.raises(DataError, match=r"300 echoes .* max_echoes=100"):
         solve(ranges_assignment.METHOD, batch)
     assert solve(ranges_assignment.METHOD, batch, max_echoes=300).estimates.row.size >= 1
@@ -174,7 +176,7 @@ def test_a_hundred_echoes_at_each_sensor_end_in_time() -> None:
     generator = np.random.default_rng(6)
     number = np.repeat(np.arange(4), 100)
     ranges = generator.uniform(50.0, 500.0, (1, 400))
-    batch = make_batch(SENSORS[number][None], ranges, 0.05, sensor=number[None], field=PAPER_FIELD)
+    batch = range_batch(SENSORS[number][None], ranges, 0.05, sensor=number[None], field=PAPER_FIELD)
     start = time.perf_counter()
     solve(ranges_assignment.METHOD, batch)
     assert time.perf_counter() - start < 60.0

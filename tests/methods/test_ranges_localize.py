@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from range_worlds import exact_ranges, make_batch, solve, words
+from batches import range_batch
+from range_worlds import exact_ranges, solve, words
 from scipy.optimize import minimize
 
 from nlosctl.contract.methods import MethodSpec
@@ -28,14 +29,14 @@ def test_exact_ranges_give_the_source(method: MethodSpec, height: float, offset:
     """Without noise the fix is the source, slant ranges included, wherever the frame's origin is."""
     sensors = np.array(SQUARE) + offset
     source = np.array([3.0, 14.0]) + offset
-    estimates = solve(method, make_batch(sensors, exact_ranges(sensors, source, height), height=height)).estimates
+    estimates = solve(method, range_batch(sensors, exact_ranges(sensors, source, height), height=height)).estimates
     np.testing.assert_allclose(estimates.position_m[0], source, atol=1e-7)
     assert estimates.cost[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_slant_ranges_taken_for_plane_ones_miss_the_source(method: MethodSpec) -> None:
     """Heights matter: slant ranges without them give another place and a cost."""
-    estimates = solve(method, make_batch(SQUARE, exact_ranges(SQUARE, (3.0, 5.0), 3.0))).estimates
+    estimates = solve(method, range_batch(SQUARE, exact_ranges(SQUARE, (3.0, 5.0), 3.0))).estimates
     assert estimates.cost[0] > 10.0
 
 
@@ -43,7 +44,7 @@ def test_a_slant_range_shorter_than_the_height_is_no_fault(method: MethodSpec) -
     """A source under a sensor whose noisy range is less than its height still gets a fix near it."""
     ranges = exact_ranges(SQUARE, (0.2, 0.1), 3.0)
     ranges[0, 0] = 2.9
-    estimates = solve(method, make_batch(SQUARE, ranges, height=3.0)).estimates
+    estimates = solve(method, range_batch(SQUARE, ranges, height=3.0)).estimates
     np.testing.assert_allclose(estimates.position_m[0], (0.2, 0.1), atol=0.5)
 
 
@@ -67,14 +68,14 @@ def test_range_least_squares_is_the_global_minimum() -> None:
 
 def test_one_sensor_is_too_few(method: MethodSpec) -> None:
     """One range, and any number of ranges of one sensor, are too few."""
-    assert words(solve(method, make_batch((0.0, 0.0), [[5.0]]))) == ["too_few"]
-    assert words(solve(method, make_batch((0.0, 0.0), [[5.0, 5.1, 4.9]]))) == ["too_few"]
+    assert words(solve(method, range_batch((0.0, 0.0), [[5.0]]))) == ["too_few"]
+    assert words(solve(method, range_batch((0.0, 0.0), [[5.0, 5.1, 4.9]]))) == ["too_few"]
 
 
 def test_two_sensors_are_ambiguous(method: MethodSpec) -> None:
     """Two circles that cross give both crossings."""
     sensors = [(0.0, 0.0), (10.0, 0.0)]
-    solution = solve(method, make_batch(sensors, exact_ranges(sensors, (3.0, 4.0))))
+    solution = solve(method, range_batch(sensors, exact_ranges(sensors, (3.0, 4.0))))
     assert words(solution) == ["ambiguous", "ambiguous"]
     assert solution.estimates.alternative.tolist() == [0, 1]
     found = solution.estimates.position_m[np.argsort(solution.estimates.position_m[:, 1])]
@@ -83,24 +84,24 @@ def test_two_sensors_are_ambiguous(method: MethodSpec) -> None:
 
 def test_two_circles_that_miss_each_other_have_no_fix(method: MethodSpec) -> None:
     """Two circles that do not meet, whose covariance across is infinite, are degenerate."""
-    assert words(solve(method, make_batch([(0.0, 0.0), (10.0, 0.0)], [[3.0, 3.0]]))) == ["degenerate"]
+    assert words(solve(method, range_batch([(0.0, 0.0), (10.0, 0.0)], [[3.0, 3.0]]))) == ["degenerate"]
 
 
 def test_sensors_on_a_line_are_ambiguous(method: MethodSpec) -> None:
     """Sensors on one line, or a noisy range away from it, give the source and its mirror image."""
-    solution = solve(method, make_batch(LINE, exact_ranges(LINE, (6.0, 9.0))))
+    solution = solve(method, range_batch(LINE, exact_ranges(LINE, (6.0, 9.0))))
     assert words(solution) == ["ambiguous", "ambiguous"]
     found = solution.estimates.position_m[np.argsort(solution.estimates.position_m[:, 1])]
     np.testing.assert_allclose(found, [(6.0, -9.0), (6.0, 9.0)], atol=1e-6)
     bent = [(0.0, 0.0), (10.0, 0.01), (25.0, 0.0)]
-    solution = solve(method, make_batch(bent, exact_ranges(bent, (6.0, 9.0))))
+    solution = solve(method, range_batch(bent, exact_ranges(bent, (6.0, 9.0))))
     assert words(solution) == ["ambiguous", "ambiguous"]
     np.testing.assert_allclose(solution.estimates.position_m[0], (6.0, 9.0), atol=1e-3)
 
 
 def test_how_near_an_optimum_is_ambiguous_can_be_chosen(method: MethodSpec) -> None:
     """Far from a line the mirror image costs far more: an alternative, but no ambiguity."""
-    batch = make_batch([(0.0, 0.0), (10.0, 0.5), (25.0, 0.0)], [[10.6, 9.3, 21.0]], 0.1)
+    batch = range_batch([(0.0, 0.0), (10.0, 0.5), (25.0, 0.0)], [[10.6, 9.3, 21.0]], 0.1)
     solution = solve(method, batch)
     assert solution.estimates.cost[1] > solution.estimates.cost[0] + 2.0
     assert words(solution) == ["ok", "ok"]
@@ -109,10 +110,10 @@ def test_how_near_an_optimum_is_ambiguous_can_be_chosen(method: MethodSpec) -> N
 
 def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
     """A fix closer to a sensor than ``min_range_m`` is degenerate, and one on a sensor always is."""
-    batch = make_batch(SQUARE, exact_ranges(SQUARE, (1.0, 1.0)))
+    batch = range_batch(SQUARE, exact_ranges(SQUARE, (1.0, 1.0)))
     assert words(solve(method, batch))[0] == "ok"
     assert words(solve(method, batch, min_range_m=2.0)) == ["degenerate"]
-    batch = make_batch(SQUARE, np.maximum(exact_ranges(SQUARE, (0.0, 0.0)), 1e-300), std=1e-3)
+    batch = range_batch(SQUARE, np.maximum(exact_ranges(SQUARE, (0.0, 0.0)), 1e-300), 1e-3)
     assert words(solve(method, batch))[0] in {"degenerate", "not_converged"}
 
 
@@ -123,12 +124,12 @@ def test_the_covariance_carries_errors_of_ranges_through_the_fit(method: MethodS
     exact, step = exact_ranges(SQUARE, source, height), 1e-3
 
     def fix(ranges: np.ndarray) -> np.ndarray:
-        return solve(method, make_batch(SQUARE, ranges, std, height)).estimates.position_m[0]
+        return solve(method, range_batch(SQUARE, ranges, std, height)).estimates.position_m[0]
 
     slopes = [(fix(exact + step * row) - fix(exact - step * row)) / (2.0 * step) for row in np.eye(4)[:, None]]
     jacobian = np.array(slopes).T * std
     expected = jacobian @ jacobian.T
-    found = solve(method, make_batch(SQUARE, exact, std, height)).estimates.covariance_m2[0]
+    found = solve(method, range_batch(SQUARE, exact, std, height)).estimates.covariance_m2[0]
     np.testing.assert_allclose(found, [expected[0, 0], expected[0, 1], expected[1, 1]], rtol=1e-3, atol=1e-6)
 
 
@@ -143,7 +144,7 @@ def test_covariances_are_the_size_of_the_error(name: str, low: float, high: floa
     std = 10.0 ** generator.uniform(-2.0, 0.0, shape)
     ranges = np.hypot(*np.moveaxis(sensors - source, -1, 0)) + std * generator.normal(size=shape)
     method = {"r-ls": ranges_r_ls, "sr-ls": ranges_sr_ls}[name].METHOD
-    estimates = solve(method, make_batch(sensors, ranges, std)).estimates
+    estimates = solve(method, range_batch(sensors, ranges, std)).estimates
     best = estimates.alternative == 0
     xx, xy, yy = estimates.covariance_m2[best].T
     dx, dy = (estimates.position_m[best] - source[:, 0]).T
@@ -154,7 +155,7 @@ def test_covariances_are_the_size_of_the_error(name: str, low: float, high: floa
 
 def test_residuals_are_measured_minus_predicted(method: MethodSpec) -> None:
     """The flag residual_m is the range less the distance from the fix."""
-    batch = make_batch(SQUARE, exact_ranges(SQUARE, (3.0, 5.0)) + np.array([[0.1, -0.1, 0.05, 0.0]]))
+    batch = range_batch(SQUARE, exact_ranges(SQUARE, (3.0, 5.0)) + np.array([[0.1, -0.1, 0.05, 0.0]]))
     solution = solve(method, batch)
     assert solution.flags is not None
     away = np.hypot(*(np.array(SQUARE) - solution.estimates.position_m[0]).T)

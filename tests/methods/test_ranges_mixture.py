@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from range_worlds import FloatArray, exact_ranges, make_batch, solve, words
+from batches import range_batch
+from range_worlds import FloatArray, exact_ranges, solve, words
 
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import BoxField
@@ -24,7 +25,7 @@ def polluted(
     wrong = generator.uniform(3.0, 30.0, away.shape)
     sign = np.where((generator.random(away.shape) < 0.4) & (away > wrong + 1.0), -1.0, 1.0)
     ranges = away + std * generator.normal(size=away.shape) + np.where(right, 0.0, sign * wrong)
-    return make_batch(SENSORS, np.abs(ranges), std), sources, right
+    return range_batch(SENSORS, np.abs(ranges), std), sources, right
 
 
 def first_errors(batch: RangeBatch, sources: FloatArray, **options: object) -> FloatArray:
@@ -59,12 +60,12 @@ def test_long_and_short_outliers_are_left_out() -> None:
 
 def test_the_density_of_outliers_is_a_parameter() -> None:
     """The denser outliers are, the fewer rows are direct, and the density moves the cost as its logarithm says."""
-    batch = make_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)))
+    batch = range_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)))
     costs = [solve(ranges_mixture_ml.METHOD, batch, nlos_density_per_m=d).estimates.cost[0] for d in (1e-3, 1e-2)]
     # every row direct: the cost is that of Gaussians, (1 - alpha) and a density that hardly matter
     assert costs[0] == pytest.approx(costs[1], abs=0.05)
     assert costs[0] == pytest.approx(-6.0 * np.log(0.75 / (0.1 * np.sqrt(2.0 * np.pi))), abs=0.05)
-    doubtful = make_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + np.array([[0.3, 0.0, 0.0, 0.0, 0.0, 0.0]]))
+    doubtful = range_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + np.array([[0.3, 0.0, 0.0, 0.0, 0.0, 0.0]]))
     used = [solve(ranges_mixture_ml.METHOD, doubtful, nlos_density_per_m=d).estimates.n_used[0] for d in (1e-4, 1.0)]
     assert used == [6, 5]
 
@@ -72,7 +73,7 @@ def test_the_density_of_outliers_is_a_parameter() -> None:
 def test_front_and_back_are_alternatives() -> None:
     """Seen from nearly one line a source and its image are both reported, and the snapshot is ambiguous."""
     line = [(0.0, 0.0), (1.0, 0.02), (2.0, 0.0), (3.0, 0.01)]
-    solution = solve(ranges_mixture_ml.METHOD, make_batch(line, exact_ranges(line, (4.0, 20.0))))
+    solution = solve(ranges_mixture_ml.METHOD, range_batch(line, exact_ranges(line, (4.0, 20.0))))
     assert set(words(solution)) == {"ambiguous"}
     apart = np.hypot(*(solution.estimates.position_m[:, None] - [(4.0, 20.0), (4.0, -20.0)]).transpose(2, 0, 1))
     assert (apart.min(axis=0) < 1.5).all()
@@ -82,7 +83,7 @@ def test_a_field_that_is_named_is_kept_to() -> None:
     """With a field on one side of the line only that place is an answer."""
     line = [(0.0, 0.0), (1.0, 0.02), (2.0, 0.0), (3.0, 0.01)]
     field = BoxField(xmin_m=-30.0, xmax_m=30.0, ymin_m=1.0, ymax_m=30.0)
-    solution = solve(ranges_mixture_ml.METHOD, make_batch(line, exact_ranges(line, (4.0, 20.0)), field=field))
+    solution = solve(ranges_mixture_ml.METHOD, range_batch(line, exact_ranges(line, (4.0, 20.0)), field=field))
     assert words(solution)[0] == "ok"
     assert solution.estimates.position_m[0, 1] > 0.0
 
@@ -92,7 +93,7 @@ def test_numbered_paths_of_a_sensor_compete() -> None:
     sensors = np.array([*SENSORS[:4], SENSORS[0], SENSORS[1]])
     ranges = exact_ranges(sensors, (11.0, 12.0))
     ranges[0, 4:] += [7.0, 9.0]
-    batch = make_batch(sensors, ranges, sensor=np.array([[0, 1, 2, 3, 0, 1]]))
+    batch = range_batch(sensors, ranges, sensor=np.array([[0, 1, 2, 3, 0, 1]]))
     numbered = type(batch)(**{**vars(batch), "path": np.asfortranarray([[0, 0, 0, 0, 1, 1]])})
     for prior in ("uniform", "first", "falling"):
         solution = solve(ranges_mixture_ml.METHOD, numbered, path_prior=prior)
@@ -108,7 +109,7 @@ def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source() -> None:
     ranges[0, 1::2] = exact_ranges(sensors[1::2], (30.0, 70.0))[0]
     ranges[0, 9] += 25.0
     field = BoxField(xmin_m=-100.0, xmax_m=100.0, ymin_m=-100.0, ymax_m=100.0)
-    batch = make_batch(sensors, ranges, sensor=np.repeat(np.arange(5), 2)[None], field=field)
+    batch = range_batch(sensors, ranges, sensor=np.repeat(np.arange(5), 2)[None], field=field)
     numbered = type(batch)(**{**vars(batch), "path": np.asfortranarray([[0, 1] * 5])})
     estimates = solve(ranges_mixture_ml.METHOD, numbered).estimates
     np.testing.assert_allclose(estimates.position_m[0], (11.0, 12.0), atol=0.1)
@@ -127,7 +128,7 @@ def test_the_order_of_paths_moves_the_likelihood() -> None:
     sensors = np.array([*SENSORS, SENSORS[0]])
     ranges = exact_ranges(sensors, (11.0, 12.0))
     ranges[0, 0] -= 8.0
-    batch = make_batch(sensors, ranges, sensor=np.array([[0, 1, 2, 3, 4, 5, 0]]))
+    batch = range_batch(sensors, ranges, sensor=np.array([[0, 1, 2, 3, 4, 5, 0]]))
     numbered = type(batch)(**{**vars(batch), "path": np.asfortranarray([[0] * 6 + [1]])})
     found = {p: solve(ranges_mixture_ml.METHOD, numbered, path_prior=p) for p in ("uniform", "first", "falling")}
     used = {prior: int(solution.flags.used.sum()) for prior, solution in found.items() if solution.flags is not None}
@@ -142,7 +143,7 @@ def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
     ranges = exact_ranges(SENSORS, (11.0, 12.0))
     ranges[0, 3:5] = exact_ranges(SENSORS[3:5], (33.0, 21.0))
     field = BoxField(xmin_m=0.0, xmax_m=40.0, ymin_m=0.0, ymax_m=30.0)
-    batch = make_batch(SENSORS, ranges, 1e-3, field=field)
+    batch = range_batch(SENSORS, ranges, 1e-3, field=field)
 
     def away(**options: float) -> tuple[FloatArray, FloatArray]:
         estimates = solve(ranges_mixture_ml.METHOD, batch, **options).estimates
@@ -160,7 +161,7 @@ def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
     """Where every way downhill leaves the field the fix is on its edge, without a covariance."""
     noise = np.random.default_rng(9).normal(size=(100, 6))
     field = BoxField(xmin_m=5.0, xmax_m=11.0, ymin_m=5.0, ymax_m=20.0)
-    batch = make_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + noise, 1.0, field=field)
+    batch = range_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + noise, 1.0, field=field)
     solution = solve(ranges_mixture_ml.METHOD, batch)
     held = np.array(words(solution)) == "boundary"
     assert held.sum() > 20
@@ -172,7 +173,7 @@ def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
 
 def test_one_place_is_too_few() -> None:
     """Any number of sensors at one place cannot tell a position."""
-    batch = make_batch((0.0, 0.0), [[5.0, 5.1, 4.9]])
+    batch = range_batch((0.0, 0.0), [[5.0, 5.1, 4.9]])
     assert words(solve(ranges_mixture_ml.METHOD, batch)) == ["too_few"]
 
 

@@ -6,8 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scenario_draws import draw_columns
 from scipy import stats
-from triplet_worlds import batch_of, draw, one_path
+from triplet_worlds import batch_of, one_path
 
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.statuses import Status
@@ -128,7 +129,7 @@ def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
 
 def test_the_chi_square_contains_the_angle_by_which_rays_miss():
     """The rays meet at the fit, so that no p-value of chi2 is above that of the rays, asked for them or not."""
-    batch = snapshots_of(draw("shen", 2000, seed=9), 2000, 1)
+    batch = snapshots_of(draw_columns("shen", 2000, seed=9), 2000, 1)
     plain, asked = (
         triplets_chi2.solve(batch, triplets_chi2.ConsistencyOptions(rays_miss=asks)).flags.columns
         for asks in (False, True)
@@ -141,7 +142,7 @@ def test_the_chi_square_contains_the_angle_by_which_rays_miss():
 
 def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
     """In company every path has a probability to be direct; one alone on its baseline none."""
-    columns = draw("room", 40, seed=7, blocked_fraction=0.0)
+    columns = draw_columns("room", 40, seed=7, blocked_fraction=0.0)
     batch = snapshots_of(columns, 40, 12)
     ours, theirs = (
         module.solve(batch, module.METHOD.options()).flags.columns for module in (triplets_joint, triplets_chi2)
@@ -167,7 +168,7 @@ def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
 @pytest.mark.parametrize("false_alarm", [0.01, 0.2])
 def test_details_are_the_same_for_every_method(false_alarm):
     """Those of chi2 and joint are those of tdaj at the same false alarms, and there are none unless they are wanted."""
-    batch = batch_of(draw("shen", 20, seed=3))
+    batch = batch_of(draw_columns("shen", 20, seed=3))
     detailed = dataclasses.replace(batch, want_details=True)
     expected = triplets_tdaj.solve(detailed, triplets_tdaj.TdajOptions(false_alarm=false_alarm)).flags.columns
     for module in (triplets_chi2, triplets_joint):
@@ -198,7 +199,7 @@ def test_chi2_knows_gaussian_errors_alone():
 @pytest.mark.parametrize("eta_m", [0.0, 0.7])
 def test_flags_agree_with_thresholds(rule, noise, eta_m):
     """A path is flagged exactly where its difference exceeds the threshold of the details."""
-    batch = dataclasses.replace(batch_of(draw("shen", 30, seed=1)), want_details=True)
+    batch = dataclasses.replace(batch_of(draw_columns("shen", 30, seed=1)), want_details=True)
     options = triplets_tdaj.TdajOptions(rule=rule, noise=noise, false_alarm=0.02, eta_m=eta_m)
     columns = triplets_tdaj.solve(batch, options).flags.columns
     assert 0.0 < columns["ip"].mean() < 1.0
@@ -213,7 +214,7 @@ def test_flags_agree_with_thresholds(rule, noise, eta_m):
 @pytest.mark.parametrize("k", [0, 2, 5])
 def test_fusion_counts_the_rules(k):
     """Fusion flags where more than k of the six differences exceed their thresholds, equation (4)."""
-    batch = dataclasses.replace(batch_of(draw("shen", 400, seed=2)), want_details=True)
+    batch = dataclasses.replace(batch_of(draw_columns("shen", 400, seed=2)), want_details=True)
     columns = triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule="fusion", k=k)).flags.columns
     beyond = sum((np.abs(columns[f"lambda{n}_m"]) > columns[f"threshold{n}_m"]).astype(int) for n in range(1, 7))
     np.testing.assert_array_equal(columns["ip"], beyond > k)
@@ -301,7 +302,7 @@ def test_safe_region():
 @pytest.mark.parametrize("module", [triplets_chi2, triplets_tdaj])
 def test_false_alarms_are_nominal(number, module):
     """P_f is the nominal 5 % over direct paths of the paper's scenarios, and the p-values are uniform."""
-    batch = batch_of(draw("shen", 20_000, seed=number, number=number, indirect_fraction=0.0))
+    batch = batch_of(draw_columns("shen", 20_000, seed=number, number=number, indirect_fraction=0.0))
     p_value = module.solve(batch, module.METHOD.options()).flags.columns["p_value"].ravel()
     assert np.mean(p_value < 0.05) == pytest.approx(0.05, abs=0.0047)
     assert kolmogorov_smirnov(p_value)[1] > 1e-3
@@ -312,7 +313,7 @@ def test_false_alarms_are_nominal(number, module):
 @pytest.mark.parametrize("module", [triplets_chi2, triplets_tdaj])
 def test_false_alarms_are_nominal_in_many_draws(number, module):
     """P_f is 5 +- 0.2 % over 100,000 direct paths."""
-    batch = batch_of(draw("shen", 100_000, seed=10 + number, number=number, indirect_fraction=0.0))
+    batch = batch_of(draw_columns("shen", 100_000, seed=10 + number, number=number, indirect_fraction=0.0))
     ip = module.solve(batch, module.METHOD.options()).flags.columns["ip"]
     assert ip.mean() == pytest.approx(0.05, abs=0.002)
 
@@ -322,7 +323,9 @@ def test_false_alarms_are_nominal_in_many_draws(number, module):
 )
 def test_chi2_is_calibrated_where_the_differences_are_blind(target, power_dbm):
     """P_f of chi2 is nominal for targets on which a difference rule is blind or its linearization fails."""
-    columns = draw("shen", 10_000, seed=3, number=3, indirect_fraction=0.0, target_m=target, power_dbm=power_dbm)
+    columns = draw_columns(
+        "shen", 10_000, seed=3, number=3, indirect_fraction=0.0, target_m=target, power_dbm=power_dbm
+    )
     batch = batch_of(columns)
     chi2 = triplets_chi2.solve(batch, triplets_chi2.METHOD.options()).flags.columns["ip"].mean()
     assert chi2 == pytest.approx(0.05, abs=0.0066)
@@ -335,7 +338,7 @@ def test_chi2_is_calibrated_where_the_differences_are_blind(target, power_dbm):
 
 def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
     """In rooms the joint method finds more indirect paths at the same false alarms, and its p-values stay uniform."""
-    columns = draw("room", 400, seed=4, blocked_fraction=0.0)
+    columns = draw_columns("room", 400, seed=4, blocked_fraction=0.0)
 
     arrays = {}
     for name, parts in TripletBatch.SOURCES.items():
@@ -359,7 +362,7 @@ def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
 
 def test_joint_estimates_are_the_most_likely_targets_of_their_paths():
     """Where all paths support the target its place and covariance are those of ml on all; too near a rival is told."""
-    batch = snapshots_of(draw("room", 40, seed=8, receivers=3, paths=1, blocked_fraction=0.0), 40, 3)
+    batch = snapshots_of(draw_columns("room", 40, seed=8, receivers=3, paths=1, blocked_fraction=0.0), 40, 3)
     solution = triplets_joint.solve(batch, triplets_joint.JointOptions())
     estimates = solution.estimates
     assert estimates.row.tolist() == list(range(40))
@@ -440,7 +443,7 @@ def test_joint_with_several_targets():
 
 def test_quantity_of_the_ellipse_rule_agrees_with_lambda_for_direct_paths():
     """By Theorem 1 every rule has the same p-value for a direct path with little noise."""
-    columns = draw("shen", 300, seed=6, number=3, indirect_fraction=0.0, power_dbm=60.0)
+    columns = draw_columns("shen", 300, seed=6, number=3, indirect_fraction=0.0, power_dbm=60.0)
     keep = np.abs(columns["truth_y_m"]) > 2.0
     batch = batch_of(columns, keep)
     p_values = {

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from triplet_worlds import batch_of, draw, one_path
+from scenario_draws import draw_columns
+from triplet_worlds import batch_of, one_path
 
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.statuses import Status
@@ -21,7 +22,7 @@ def solve(batch, **options):
 
 def test_covariance_is_the_size_of_the_error():
     """Over direct paths with little noise the normalized squared error has mean 2."""
-    columns = draw("shen", 3000, seed=1, indirect_fraction=0.0, power_dbm=20.0, region_m=(-8.0, 8.0, 2.0, 10.0))
+    columns = draw_columns("shen", 3000, seed=1, indirect_fraction=0.0, power_dbm=20.0, region_m=(-8.0, 8.0, 2.0, 10.0))
     estimates = solve(batch_of(columns)).estimates
     error = estimates.position_m - np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)
     nees = squared_mahalanobis(error, estimates.covariance_m2)
@@ -31,7 +32,7 @@ def test_covariance_is_the_size_of_the_error():
 
 def test_path_by_path_estimates_say_of_which_path():
     """Every path has an estimate of its own, a target of its own, and its place in the snapshot."""
-    columns = draw("room", 5, seed=2, receivers=2, paths=3, blocked_fraction=0.0)
+    columns = draw_columns("room", 5, seed=2, receivers=2, paths=3, blocked_fraction=0.0)
     estimates = solve(_block(columns, 5, 6)).estimates
     assert estimates.row.tolist() == np.repeat(np.arange(5), 6).tolist()
     assert estimates.measurement.tolist() == estimates.target.tolist() == np.tile(np.arange(6), 5).tolist()
@@ -40,7 +41,7 @@ def test_path_by_path_estimates_say_of_which_path():
 
 def test_joint_estimate_uses_all_paths():
     """With joint=true direct paths of several pairs give one estimate, better than any by itself."""
-    columns = draw("room", 100, seed=3, receivers=4, paths=1, blocked_fraction=0.0)
+    columns = draw_columns("room", 100, seed=3, receivers=4, paths=1, blocked_fraction=0.0)
     batch = _block(columns, 100, 4)
     joint, single = solve(batch, joint=True).estimates, solve(batch).estimates
     truth = np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)[::4]
@@ -55,7 +56,7 @@ def test_joint_estimate_uses_all_paths():
 @pytest.mark.parametrize("joint", [False, True])
 def test_the_origin_does_not_matter(joint):
     """Snapshots a hundred kilometres away have the same fixes there, to a micrometre, and the same statuses."""
-    columns = draw("room", 40, seed=5, receivers=3, paths=1, blocked_fraction=0.0)
+    columns = draw_columns("room", 40, seed=5, receivers=3, paths=1, blocked_fraction=0.0)
     moved = dict(columns)
     for name in ("tx_x_m", "rx_x_m"):
         moved[name] = columns[name] + 1e5
@@ -69,7 +70,7 @@ def test_the_origin_does_not_matter(joint):
 
 def test_residuals_are_measured_minus_predicted():
     """The flags' residuals are those of the estimate in the coordinates of the file."""
-    columns = draw("room", 20, seed=4, receivers=3, paths=1, blocked_fraction=0.0)
+    columns = draw_columns("room", 20, seed=4, receivers=3, paths=1, blocked_fraction=0.0)
     solution = solve(_block(columns, 20, 3), joint=True)
     from nlosctl.models.triplets import predict_triplets
 
@@ -101,7 +102,7 @@ def test_statuses(path, status):
 
 def test_the_joint_cost_is_half_the_chi_square_of_the_residuals():
     """The cost is half the sum of all squared residuals in standard deviations; without flags there are none."""
-    batch = _block(draw("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
+    batch = _block(draw_columns("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
     solution = solve(batch, joint=True)
     said = solution.flags.columns
     parts = (
@@ -119,7 +120,7 @@ def test_the_joint_cost_is_half_the_chi_square_of_the_residuals():
 @pytest.mark.parametrize("joint", [False, True])
 def test_one_step_is_not_enough(joint):
     """With ``max_iterations=1`` noisy paths are not_converged."""
-    batch = _block(draw("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
+    batch = _block(draw_columns("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
     assert (solve(batch, joint=joint, max_iterations=1).estimates.status == Status.NOT_CONVERGED).mean() > 0.5
 
 

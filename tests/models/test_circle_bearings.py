@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from batches import bearing_batch
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import CircleReflector, Scene
@@ -28,21 +28,6 @@ LAYERS = Scene(
 )
 
 
-def make_batch(sensor_xy: Any, reflector: Any, bearing: Any, std: float = 0.01) -> BearingBatch:
-    """Return a batch in the scene of the layers."""
-    shape = np.shape(bearing)
-    return BearingBatch(
-        scene=LAYERS,
-        seed=np.zeros(shape[0], dtype=np.uint64),
-        sensor=np.asfortranarray(np.broadcast_to(np.arange(shape[1]), shape)),
-        sensor_xy_m=np.asfortranarray(sensor_xy),
-        bearing_rad=np.asfortranarray(bearing),
-        bearing_std_rad=np.full(shape, std, order="F"),
-        path=np.zeros(shape, dtype=np.int64, order="F"),
-        reflector=np.asfortranarray(np.broadcast_to(np.asarray(reflector, dtype=np.int64), shape)),
-    )
-
-
 def exact_batch(snapshots: int, seed: int, *, measurements: int = 4) -> tuple[FloatArray, BearingBatch]:
     """Return sources (B, 2) and their bearings without error, direct or by the layers, all physical."""
     generator = np.random.default_rng(seed)
@@ -53,7 +38,7 @@ def exact_batch(snapshots: int, seed: int, *, measurements: int = 4) -> tuple[Fl
     source = CENTER + source_radius[:, None] * np.stack([np.cos(source_angle), np.sin(source_angle)], axis=1)
     reflector = generator.integers(0, 2, (snapshots, measurements))
     bearing = predict_bearings(sensor_xy, reflector, LAYERS, np.broadcast_to(source[:, None], sensor_xy.shape))
-    return source, make_batch(sensor_xy, reflector, bearing)
+    return source, bearing_batch(sensor_xy, bearing, reflector=reflector, scene=LAYERS)
 
 
 def local(batch: BearingBatch, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -123,7 +108,7 @@ def test_an_open_circle_takes_the_path_nearest_to_the_bearing() -> None:
     sensor, source = points
     paths = all_reflections(*(sensor - CENTER).T.copy(), *(source - CENTER).T.copy(), np.full(500, 6700e3))
     bearing = generator.uniform(-np.pi, np.pi, 500)
-    lines = sight_lines(make_batch(sensor[:, None], 2, bearing[:, None]))
+    lines = sight_lines(bearing_batch(sensor[:, None], bearing[:, None], reflector=2, scene=LAYERS))
     off = np.nanmin(np.abs(np.angle(np.exp(1j * (bearing - paths.bearing_rad)))), axis=0)
     residual = lines.bearing_residual_rad(source[:, 0] - lines.center_x, source[:, 1] - lines.center_y)
     np.testing.assert_allclose(np.abs(residual[:, 0]), off, atol=1e-11)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from outlier_worlds import ring_batch, without_flags
 
 from nlosctl.contract.results import Estimates
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 from nlosctl.models.bearings import sight_lines
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "solvers"))
-from robust_worlds import ring_batch, without_flags
 
 
 def _best(estimates: Estimates) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,8 @@ tests/geometry/test_triplets.py.
 from __future__ import annotations
 
 import pytest
-from triplet_worlds import batch_of, draw
+from scenario_draws import draw_columns
+from triplet_worlds import batch_of
 
 from nlosctl.methods import triplets_chi2, triplets_tdaj
 
@@ -26,7 +27,7 @@ def rate(columns, module=triplets_tdaj, **options):
 
 def test_detection_in_scenario_1():
     """Simulated P_d of lambda 1, 3, 5 at P_f 5 % is that of Table III (.576, .549, .595) within the draw's error."""
-    columns = draw("shen", 20_000, seed=1, number=1, indirect_fraction=1.0)
+    columns = draw_columns("shen", 20_000, seed=1, number=1, indirect_fraction=1.0)
     for rule, printed in (("lambda1", 0.576), ("lambda3", 0.549), ("lambda5", 0.595)):
         assert rate(columns, rule=rule) == pytest.approx(printed, abs=0.014)
 
@@ -37,8 +38,8 @@ def test_detection_in_scenario_1():
 )
 def test_rates_of_the_rules(number, detected, false_alarms):
     """P_d and P_f of lambda 5 and of fusion with K = 0 and 5 in scenarios 2 and 3 on true rays, within noise."""
-    indirect = draw("shen", 20_000, seed=2, number=number, indirect_fraction=1.0)
-    direct = draw("shen", 20_000, seed=3, number=number, indirect_fraction=0.0)
+    indirect = draw_columns("shen", 20_000, seed=2, number=number, indirect_fraction=1.0)
+    direct = draw_columns("shen", 20_000, seed=3, number=number, indirect_fraction=0.0)
     for options, p_d, p_f in zip(RULES, detected, false_alarms, strict=True):
         assert rate(indirect, **options) == pytest.approx(p_d, abs=0.012)
         assert rate(direct, **options) == pytest.approx(p_f, abs=0.006)
@@ -49,8 +50,8 @@ def test_rates_of_the_rules(number, detected, false_alarms):
 def test_rates_of_chi2_and_lambda_5_in_many_draws(number):
     """P_f 5 +- 0.2 % and P_d within 0.3 % of the independent implementation, 200,000 paths each."""
     expected = {2: (0.8956, 0.8895), 3: (0.9220, 0.9172), 4: (0.8340, 0.8257)}[number]
-    indirect = draw("shen", 200_000, seed=4, number=number, indirect_fraction=1.0)
-    direct = draw("shen", 200_000, seed=5, number=number, indirect_fraction=0.0)
+    indirect = draw_columns("shen", 200_000, seed=4, number=number, indirect_fraction=1.0)
+    direct = draw_columns("shen", 200_000, seed=5, number=number, indirect_fraction=0.0)
     for module, p_d in zip((triplets_tdaj, triplets_chi2), expected, strict=True):
         assert rate(indirect, module) == pytest.approx(p_d, abs=0.003)
         assert rate(direct, module) == pytest.approx(0.05, abs=0.002)
@@ -60,7 +61,7 @@ def test_rates_of_chi2_and_lambda_5_in_many_draws(number):
 @pytest.mark.parametrize("false_alarm", PAPER_TABLE_IV)
 def test_table_iv(false_alarm):
     """Table IV is what lines in place of rays and "meeting behind: indirect" give: all P_d to 0.3 %."""
-    columns = draw("shen", 400_000, seed=6, number=2, indirect_fraction=1.0, fold_angles=True)
+    columns = draw_columns("shen", 400_000, seed=6, number=2, indirect_fraction=1.0, fold_angles=True)
     for options, printed in zip(RULES, PAPER_TABLE_IV[false_alarm], strict=True):
         found = rate(columns, false_alarm=false_alarm, behind_is_ip=True, **options)
         assert found == pytest.approx(printed, abs=0.003)
@@ -68,13 +69,13 @@ def test_table_iv(false_alarm):
 
 def test_erratum_of_table_iv():
     """Erratum: the rules as printed, on true rays, do not give Table IV; its P_d of fusion K = 5 is 0.18 higher."""
-    columns = draw("shen", 20_000, seed=7, number=2, indirect_fraction=1.0)
+    columns = draw_columns("shen", 20_000, seed=7, number=2, indirect_fraction=1.0)
     assert rate(columns, rule="fusion", k=5) < 0.5933 - 0.15
 
 
 def test_two_reflectors_are_hard():
     """Scenario 5 with two reflectors at -5 dBm: most indirect paths are missed, one reflector: few."""
-    two = draw("shen", 10_000, seed=8, number=5, reflectors=2, power_dbm=-5.0, indirect_fraction=1.0)
-    one = draw("shen", 10_000, seed=8, number=5, reflectors=1, power_dbm=-5.0, indirect_fraction=1.0)
+    two = draw_columns("shen", 10_000, seed=8, number=5, reflectors=2, power_dbm=-5.0, indirect_fraction=1.0)
+    one = draw_columns("shen", 10_000, seed=8, number=5, reflectors=1, power_dbm=-5.0, indirect_fraction=1.0)
     assert rate(two) == pytest.approx(0.16, abs=0.02)
     assert rate(one) == pytest.approx(0.832, abs=0.015)

@@ -10,6 +10,7 @@ import pytest
 from geometries import drawn, moved, nearly, scaled, scaled_options
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from method_options import BUILT_IN, options_of
 
 from nlosctl import registry
 from nlosctl.contract.batches import BearingBatch
@@ -18,13 +19,7 @@ from nlosctl.pipeline.solve.solution_check import fault_of
 from nlosctl.testing.draws import DRAWS, bearing_batch
 from nlosctl.testing.moves import copy_batch
 
-GIVEN: dict[str, dict[str, Any]] = {
-    "ranges.tca": {"targets": 2},
-    "ranges.extended-tca": {"eta": 20.0},
-    "bearings.ml-grid": {"step_m": 20e3},
-}
-ENTRIES = [entry for entry in registry.entries() if entry.distribution == "nlosctl"]
-METHODS = pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.full_name)
+METHODS = pytest.mark.parametrize("entry", BUILT_IN, ids=lambda entry: entry.full_name)
 SPANS = st.floats(-3.0, 7.0)
 OFFSETS = st.one_of(st.just(-np.inf), st.floats(0.0, 8.0))
 SEEDS = st.integers(0, 2**32 - 1)
@@ -33,7 +28,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def solved(entry: registry.MethodEntry, batch: Any, *, factor: float = 1.0) -> Any:
     """Run a method on a batch; any warning is a failure."""
     spec = registry.load(entry)
-    options = scaled_options(spec.options(**GIVEN.get(entry.full_name, {})), factor)
+    options = scaled_options(options_of(entry), factor)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return spec.solve(copy_batch(batch, writeable=False), options)
@@ -93,7 +88,7 @@ def test_a_thousand_geometries_keep_the_contract(entry: registry.MethodEntry) ->
 
 def test_echoes_of_sensors_that_coincide_but_for_rounding() -> None:
     """A hundred echoes of sensors 1e-16 of their spread apart: found by the long form, as a number times infinity."""
-    entry = next(entry for entry in ENTRIES if entry.full_name == "ranges.assignment")
+    entry = next(entry for entry in BUILT_IN if entry.full_name == "ranges.assignment")
     keeps_the_contract(entry, 121947022, 0.0, 0.0, 100, "one place", -16.0)
 
 
@@ -129,7 +124,7 @@ def frame_and_scale(entry: registry.MethodEntry, examples: int) -> None:
     hold()
 
 
-FRAMED = [entry for entry in ENTRIES if "frame" not in registry.load(entry).exempt_from]
+FRAMED = [entry for entry in BUILT_IN if "frame" not in registry.load(entry).exempt_from]
 
 
 @pytest.mark.parametrize("entry", FRAMED, ids=lambda entry: entry.full_name)
@@ -150,7 +145,7 @@ def test_many_frames_and_units_are_no_matter(entry: registry.MethodEntry) -> Non
 
 def test_a_path_that_proposes_a_station_as_the_target() -> None:
     """The best fit of an indirect path is 1e-17 m from a station: its peak's volume was 1/0, and nothing answered."""
-    keeps_its_frame(next(entry for entry in ENTRIES if entry.full_name == "triplets.joint"), 60760, 0.0, 0.0, 6)
+    keeps_its_frame(next(entry for entry in BUILT_IN if entry.full_name == "triplets.joint"), 60760, 0.0, 0.0, 6)
 
 
 def ring_of_bearings(generator: np.random.Generator, snapshots: int, size_m: float, offset_m: float) -> tuple[Any, Any]:
@@ -178,7 +173,7 @@ def test_the_covariance_is_the_size_of_the_error(method: str, size_m: float, off
     """At any size and any place, as far as a float tells places apart there, the mean NEES is 2."""
     if offset_m > 1e10 * size_m:
         pytest.skip("a float64 does not tell places of such a scene apart so far from the origin")
-    entry = next(entry for entry in ENTRIES if entry.full_name == f"bearings.{method}")
+    entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     batch, source_xy = ring_of_bearings(np.random.default_rng(5), 2000, size_m, offset_m)
     estimates = solved(entry, batch).estimates
     assert (estimates.status == Status.OK).all()
@@ -201,7 +196,7 @@ def test_the_covariance_is_the_size_of_the_error(method: str, size_m: float, off
 @pytest.mark.parametrize("method", ["ls", "stansfield", "ml"])
 def test_degenerate_bearings_have_no_answer(method: str, fault: str, words: set[str], size_m: float) -> None:
     """Parallel lines, sensors in one place and crossings behind are told as such, at any size and place."""
-    entry = next(entry for entry in ENTRIES if entry.full_name == f"bearings.{method}")
+    entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     spec = registry.load(entry)
     for seed in range(20):
         trial, motion = drawn(
@@ -213,7 +208,7 @@ def test_degenerate_bearings_have_no_answer(method: str, fault: str, words: set[
 
 def on_a_sensor(method: str, size_m: float, measurements: int = 6) -> Any:
     """Yield estimates of sources that are exactly on their first sensor, and those places (B, 2)."""
-    entry = next(entry for entry in ENTRIES if entry.full_name == f"bearings.{method}")
+    entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     spec = registry.load(entry)
     for seed in range(20):
         trial, motion = drawn(

@@ -11,7 +11,7 @@ from nlosctl.scenarios.spec import SNAPSHOTS_PER_BLOCK, draw_block, draw_snapsho
 NAMES = list(scenarios())
 
 
-def draw(name, seed, trials, **options):
+def draw_table(name, seed, trials, **options):
     """Return one table of a whole draw."""
     spec = scenarios()[name]
     chunks = list(draw_snapshots(spec, spec.options(**options), seed, trials))
@@ -19,7 +19,7 @@ def draw(name, seed, trials, **options):
 
 
 def assert_equal(one, other):
-    """Hold two tables equal to the bit."""
+    """Compare two tables bit by bit."""
     assert list(one) == list(other)
     for name in one:
         np.testing.assert_array_equal(one[name], other[name])
@@ -28,7 +28,7 @@ def assert_equal(one, other):
 @pytest.mark.parametrize("name", NAMES)
 def test_shorter_draw_is_the_head_of_a_longer_one(name):
     """More trials with the same seed leave the first snapshots as they were, across the border of a block."""
-    long, short = draw(name, 3, SNAPSHOTS_PER_BLOCK + 7), draw(name, 3, SNAPSHOTS_PER_BLOCK - 5)
+    long, short = draw_table(name, 3, SNAPSHOTS_PER_BLOCK + 7), draw_table(name, 3, SNAPSHOTS_PER_BLOCK - 5)
     head = long["snapshot"] < SNAPSHOTS_PER_BLOCK - 5
     assert_equal({column: values[head] for column, values in long.items()}, short)
 
@@ -37,7 +37,7 @@ def test_shorter_draw_is_the_head_of_a_longer_one(name):
 def test_blocks_may_be_drawn_in_any_order(name):
     """A block drawn alone equals its part of the whole draw."""
     trials = 2 * SNAPSHOTS_PER_BLOCK + 3
-    whole = draw(name, 5, trials)
+    whole = draw_table(name, 5, trials)
     spec = scenarios()[name]
     for block in (2, 0, 1):
         part = whole["snapshot"] // SNAPSHOTS_PER_BLOCK == block
@@ -59,12 +59,12 @@ def test_every_snapshot_is_numbered_once(trials):
 def test_seeds_and_blocks_are_independent():
     """Other seeds, large ones too, and other blocks share no bearing."""
     seeds = (0, 1, 2**32, 2**32 + 1, 2**64)
-    bearings = np.concatenate([draw("song-flat", seed, SNAPSHOTS_PER_BLOCK + 9)["bearing_rad"] for seed in seeds])
+    bearings = np.concatenate([draw_table("song-flat", seed, SNAPSHOTS_PER_BLOCK + 9)["bearing_rad"] for seed in seeds])
     assert np.unique(bearings).size == bearings.size
 
 
 def test_sigma_scales_the_same_noise():
     """Draws that differ in sigma alone share their noise: a sweep compares like with like."""
-    quiet, loud = (draw("song-flat", 2, 50, bearing_std_deg=sigma)["bearing_rad"] for sigma in (0.01, 0.02))
-    silent = draw("song-flat", 2, 50, bearing_std_deg=1e-12)["bearing_rad"]
+    quiet, loud = (draw_table("song-flat", 2, 50, bearing_std_deg=sigma)["bearing_rad"] for sigma in (0.01, 0.02))
+    silent = draw_table("song-flat", 2, 50, bearing_std_deg=1e-12)["bearing_rad"]
     np.testing.assert_allclose(loud - silent, 2.0 * (quiet - silent), atol=1e-12)

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
+from scenario_draws import draw_columns
 
 from nlosctl.scenarios import echo_field, liang
-from nlosctl.scenarios.spec import Columns, ScenarioSpec
+from nlosctl.scenarios.spec import ScenarioSpec
 
 SCENARIOS = [liang.SCENARIO, echo_field.SCENARIO]
-
-
-def draw(spec: ScenarioSpec, snapshots: int = 200, seed: int = 3, **options: Any) -> Columns:
-    """Return the columns of a draw."""
-    return spec.generate(spec.options(**options), np.random.default_rng(seed), snapshots)
 
 
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_direct_ranges_are_distances(spec: ScenarioSpec) -> None:
     """A direct echo reads the distance of its target; the error is Gaussian with the std of the row."""
-    columns = draw(spec, range_std_m=0.5)
+    columns = draw_columns(spec, 200, seed=3, range_std_m=0.5)
     los = columns["truth_los"]
     away = np.hypot(columns["truth_x_m"] - columns["sensor_x_m"], columns["truth_y_m"] - columns["sensor_y_m"])
     error = (columns["range_m"] - away)[los]
@@ -33,7 +27,7 @@ def test_direct_ranges_are_distances(spec: ScenarioSpec) -> None:
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_every_sensor_has_k_times_one_plus_l_echoes(spec: ScenarioSpec) -> None:
     """Without misses and false echoes each sensor has K direct ranges and K L others."""
-    columns = draw(spec, snapshots=20, sensors=4, targets=3, scatterers=2)
+    columns = draw_columns(spec, 20, seed=3, sensors=4, targets=3, scatterers=2)
     assert columns["range_m"].shape[0] == 20 * 4 * 3 * (1 + 2)
     assert columns["truth_los"].sum() == 20 * 4 * 3
     for target in range(3):
@@ -43,7 +37,7 @@ def test_every_sensor_has_k_times_one_plus_l_echoes(spec: ScenarioSpec) -> None:
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_scattered_ranges_add_up(spec: ScenarioSpec) -> None:
     """By a scatterer a range is |p-a| + |p-s| + |s-a|; with ``half``, half of that, never less than the distance."""
-    both = [draw(spec, snapshots=50, range_std_m=1e-9, nlos_range=word) for word in ("sum", "half")]
+    both = [draw_columns(spec, 50, seed=3, range_std_m=1e-9, nlos_range=word) for word in ("sum", "half")]
     los = both[0]["truth_los"]
     np.testing.assert_allclose(both[1]["range_m"][~los], 0.5 * both[0]["range_m"][~los], rtol=1e-7)
     np.testing.assert_allclose(both[1]["range_m"][los], both[0]["range_m"][los], rtol=1e-7)
@@ -54,7 +48,7 @@ def test_scattered_ranges_add_up(spec: ScenarioSpec) -> None:
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_misses_and_false_echoes(spec: ScenarioSpec) -> None:
     """A share of the direct echoes is missed; a false echo has no target and no true position."""
-    columns = draw(spec, sensors=4, detection_probability=0.7, false_echoes=1.5)
+    columns = draw_columns(spec, 200, seed=3, sensors=4, detection_probability=0.7, false_echoes=1.5)
     assert columns["truth_los"].sum() == pytest.approx(0.7 * 200 * 4 * 3, rel=0.05)
     false = np.isnan(columns["truth_target"])
     assert false.sum() == pytest.approx(1.5 * 200 * 4, rel=0.1)
@@ -65,7 +59,7 @@ def test_misses_and_false_echoes(spec: ScenarioSpec) -> None:
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_the_order_of_the_rows_tells_nothing(spec: ScenarioSpec) -> None:
     """Direct echoes are as often in the first half of a snapshot's rows as in the second."""
-    columns = draw(spec, snapshots=400)
+    columns = draw_columns(spec, 400, seed=3)
     rows = columns["range_m"].shape[0] // 400
     los = columns["truth_los"].reshape(400, rows)
     first, second = los[:, : rows // 2].sum(), los[:, rows // 2 :].sum()
@@ -77,7 +71,7 @@ def test_the_papers_scene() -> None:
     options = liang.LiangOptions(sensors=5)
     positions = np.array([sensor.position for sensor in liang.scene(options).sensors])
     np.testing.assert_allclose(np.hypot(*positions.T), 160.0)
-    columns = draw(liang.SCENARIO, sensors=5, targets=1, scatterers=1, range_std_m=1e-9)
+    columns = draw_columns(liang.SCENARIO, 200, seed=3, sensors=5, targets=1, scatterers=1, range_std_m=1e-9)
     assert np.abs(columns["truth_x_m"]).max() <= 200.0
     # equation (1): what is left of a scattered range after the target's legs is the same for one sensor and scatterer
     away = np.hypot(columns["truth_x_m"] - columns["sensor_x_m"], columns["truth_y_m"] - columns["sensor_y_m"])
@@ -93,7 +87,7 @@ def test_the_papers_scene() -> None:
 def test_a_fixed_layout_stays() -> None:
     """With a fixed layout sensors are those of the scene in every snapshot; with a fresh one they move."""
     spec = echo_field.SCENARIO
-    fixed = draw(spec, snapshots=30, layout="fixed", layout_seed=4)
+    fixed = draw_columns(spec, 30, seed=3, layout="fixed", layout_seed=4)
     assert len(set(zip(fixed["sensor"], fixed["sensor_x_m"], strict=True))) == 5
-    fresh = draw(spec, snapshots=30)
+    fresh = draw_columns(spec, 30, seed=3)
     assert len(set(zip(fresh["sensor"], fresh["sensor_x_m"], strict=True))) == 150

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from triplet_worlds import draw
+from scenario_draws import draw_columns
 
 from nlosctl.models.triplets import predict_triplets
 
@@ -19,7 +19,7 @@ WORLDS = [
 @pytest.mark.parametrize(("name", "options"), WORLDS)
 def test_direct_paths_read_their_target(name, options):
     """The errors of direct paths are normal with the stated standard deviations; indirect ones are longer."""
-    columns = draw(name, 2000, seed=1, **options)
+    columns = draw_columns(name, 2000, seed=1, **options)
     tx, rx, target = (np.stack([columns[f"{n}_x_m"], columns[f"{n}_y_m"]], axis=1) for n in ("tx", "rx", "truth"))
     dod, doa, length = predict_triplets(tx, rx, target)
     direct = ~columns["truth_ip"]
@@ -42,16 +42,16 @@ def test_direct_paths_read_their_target(name, options):
 
 def test_folded_angles_are_lines():
     """With fold_angles all angles are in [0, pi), and the same lines as without."""
-    plain, folded = draw("shen", 500, seed=2), draw("shen", 500, seed=2, fold_angles=True)
+    plain, folded = draw_columns("shen", 500, seed=2), draw_columns("shen", 500, seed=2, fold_angles=True)
     for name in ("dod_rad", "doa_rad"):
         assert ((folded[name] >= 0.0) & (folded[name] < np.pi)).all()
         np.testing.assert_allclose(np.sin(folded[name] - plain[name]), 0.0, atol=1e-12)
-    assert (draw("shen", 500, seed=2, region_m=(-8.0, 8.0, 0.0, 0.2))["doa_rad"] < 0.0).any()
+    assert (draw_columns("shen", 500, seed=2, region_m=(-8.0, 8.0, 0.0, 0.2))["doa_rad"] < 0.0).any()
 
 
 def test_room_walls_reflect():
     """Every path of a room unfolds over its walls: seen from the node, the other end of a leg is an image."""
-    columns = draw("room", 50, seed=3, receivers=1, paths=25, blocked_fraction=0.0, angle_std_deg=1e-9,
+    columns = draw_columns("room", 50, seed=3, receivers=1, paths=25, blocked_fraction=0.0, angle_std_deg=1e-9,
                    path_length_std_m=1e-12)  # fmt: skip
     half = {0: 5.0, 1: 4.0}
     count = 0
@@ -81,7 +81,7 @@ def test_room_walls_reflect():
 
 def test_rooms_number_their_paths():
     """Paths count from 0 in every snapshot, blocked direct paths are not there."""
-    columns = draw("room", 300, seed=4, blocked_fraction=0.5)
+    columns = draw_columns("room", 300, seed=4, blocked_fraction=0.5)
     for snapshot in range(300):
         path = columns["path"][columns["snapshot"] == snapshot]
         assert path.tolist() == list(range(path.shape[0]))

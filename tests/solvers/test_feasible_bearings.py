@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from batches import bearing_batch
 
-from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.models.bearings import predict_bearings, sight_lines
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
@@ -19,21 +19,6 @@ IONOSPHERE = Scene(
 )
 
 
-def make_batch(scene, sensor_xy, bearing, std, reflector):
-    """Return a batch of equal stds."""
-    shape = bearing.shape
-    return BearingBatch(
-        scene=scene,
-        seed=np.zeros(shape[0], dtype=np.uint64),
-        sensor=np.asfortranarray(np.broadcast_to(np.arange(shape[1]), shape)),
-        sensor_xy_m=np.asfortranarray(sensor_xy),
-        bearing_rad=np.asfortranarray(bearing),
-        bearing_std_rad=np.full(shape, std, order="F"),
-        path=np.zeros(shape, dtype=np.int64, order="F"),
-        reflector=np.asfortranarray(np.broadcast_to(np.asarray(reflector, dtype=np.int64), shape)),
-    )
-
-
 def over_the_horizon(snapshots, reflector, seed):
     """Return sight lines of the paper's set B at 5 degrees, all by the layer or the last two directly as well."""
     generator = np.random.default_rng(seed)
@@ -44,7 +29,7 @@ def over_the_horizon(snapshots, reflector, seed):
     placed = np.broadcast_to(reflector, shape)
     bearing = predict_bearings(sensor_xy, placed, IONOSPHERE, source)
     bearing = bearing + np.radians(5.0) * generator.normal(size=shape)
-    return sight_lines(make_batch(IONOSPHERE, sensor_xy, bearing, np.radians(5.0), placed))
+    return sight_lines(bearing_batch(sensor_xy, bearing, np.radians(5.0), placed, IONOSPHERE))
 
 
 def infeasible_free_estimates(lines):
@@ -99,7 +84,7 @@ def test_a_point_in_front_of_the_mirror():
     sensor_xy = np.array([[[-50.0, 0.0], [50.0, 0.0], [0.0, 10.0]]])
     reflector = np.array([[0, -1, -1]])
     bearing = predict_bearings(sensor_xy, reflector * 0 - 1, mirror, np.broadcast_to([5.0, 130.0], (1, 3, 2)))
-    lines = sight_lines(make_batch(mirror, sensor_xy, bearing, 0.05, reflector))
+    lines = sight_lines(bearing_batch(sensor_xy, bearing, 0.05, reflector, mirror))
     free = minimize(bearing_problem(lines), np.zeros(1) - lines.center_x, np.full(1, 120.0) - lines.center_y)
     scale = np.sqrt(lines.information(free.x, free.y).inverse().trace)
     start_y = np.maximum(free.y, 101.0 - lines.center_y)

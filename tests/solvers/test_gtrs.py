@@ -11,7 +11,7 @@ from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 FloatArray = np.ndarray
 
 
-def draw(seed: int, snapshots: int, measurements: int, layout: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def draw_ranges(seed: int, snapshots: int, measurements: int, layout: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Draw sensors (B, K, 2), squared ranges with errors of 0 to 50 m, and weights."""
     generator = np.random.default_rng(seed)
     shape = (snapshots, measurements)
@@ -36,7 +36,7 @@ def cost(sensors: FloatArray, squared: FloatArray, weight: FloatArray, x: FloatA
 @pytest.mark.parametrize("measurements", [2, 3, 6])
 def test_no_start_leads_lower(layout: str, measurements: int) -> None:
     """The fit costs no more than the best of eight least-squares searches from random starts."""
-    sensors, squared, weight = draw(measurements, 15, measurements, layout)
+    sensors, squared, weight = draw_ranges(measurements, 15, measurements, layout)
     fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
     ours = cost(sensors, squared, weight, fit.x, fit.y)
     generator = np.random.default_rng(0)
@@ -52,7 +52,7 @@ def test_no_start_leads_lower(layout: str, measurements: int) -> None:
 
 def test_sensors_on_a_line_have_two_minima_of_equal_cost() -> None:
     """On one line the mirror image of the fit is another minimum, just as low, on the other side."""
-    sensors, squared, weight = draw(7, 200, 4, "line")
+    sensors, squared, weight = draw_ranges(7, 200, 4, "line")
     fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
     one = cost(sensors, squared, weight, fit.x, fit.y)
     other = cost(sensors, squared, weight, fit.mirror_x, fit.mirror_y)
@@ -65,7 +65,7 @@ def test_sensors_on_a_line_have_two_minima_of_equal_cost() -> None:
 
 def test_a_block_is_its_snapshots_one_by_one() -> None:
     """Fitting a block gives the bits of fitting each snapshot alone."""
-    sensors, squared, weight = draw(11, 50, 5, "plane")
+    sensors, squared, weight = draw_ranges(11, 50, 5, "plane")
     whole = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
     for row in range(50):
         part = slice(row, row + 1)
@@ -75,7 +75,7 @@ def test_a_block_is_its_snapshots_one_by_one() -> None:
 
 def test_coincident_sensors_have_no_fit() -> None:
     """Sensors that all stand at one place give no number, and the row beside them keeps its own."""
-    sensors, squared, weight = draw(13, 2, 4, "plane")
+    sensors, squared, weight = draw_ranges(13, 2, 4, "plane")
     alone = fit_squared_ranges(sensors[1:, :, 0], sensors[1:, :, 1], squared[1:], weight[1:])
     sensors[0] = sensors[0, 0]
     fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)

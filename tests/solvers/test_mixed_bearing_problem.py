@@ -13,7 +13,7 @@ from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.testing import CIRCLES
 
 
-def draw(seed, snapshots=40, measurements=5):
+def draw_mixed_rows(seed, snapshots=40, measurements=5):
     """Return sight lines of mixed rows and starting points near the sources."""
     batch = CIRCLES.trial(np.random.default_rng(seed), snapshots, measurements, None).batch
     lines = sight_lines(batch)
@@ -25,7 +25,7 @@ def draw(seed, snapshots=40, measurements=5):
 @pytest.mark.parametrize("seed", range(3))
 def test_cost_is_half_the_chi_square(seed):
     """The cost is half the sum of squares of measured minus predicted bearing over its std."""
-    lines, x, y = draw(seed)
+    lines, x, y = draw_mixed_rows(seed)
     found = bearing_problem(lines).evaluate(x, y)
     expected = 0.5 * ((lines.bearing_residual_rad(x, y) / lines.std_rad) ** 2).sum(axis=1)
     defined = np.isfinite(found.cost)
@@ -36,7 +36,7 @@ def test_cost_is_half_the_chi_square(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_gradient_is_that_of_the_cost(seed):
     """The gradient agrees with finite differences of the cost, where no row changes its path in between."""
-    lines, x, y = draw(seed)
+    lines, x, y = draw_mixed_rows(seed)
     problem = bearing_problem(lines)
     at = problem.evaluate(x, y)
     size = 1.0 / np.sqrt(at.hessian.trace)
@@ -75,7 +75,7 @@ def test_without_circles_it_is_the_plain_problem():
 
 def test_the_minimum_is_stationary():
     """Where Levenberg-Marquardt settles the gradient is zero in standard deviations."""
-    lines, x, y = draw(5)
+    lines, x, y = draw_mixed_rows(5)
     found = minimize(bearing_problem(lines), x, y)
     at = bearing_problem(lines).evaluate(found.x, found.y)
     size = 1.0 / np.sqrt(at.hessian.trace)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from robust_worlds import mixture_cost, ring_batch, without_flags
+from outlier_worlds import mixture_cost, ring_batch, without_flags
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.methods import bearings_mixture_ml

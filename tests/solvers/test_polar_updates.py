@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from robust_worlds import ring_batch
+from outlier_worlds import ring_batch
 
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.sequential.orders import RangedLines, run_all_orders

@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 import pytest
+from batches import bearing_batch
 from scipy.optimize import minimize as scipy_minimize
 
-from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import CircleReflector, Scene
 from nlosctl.geometry.circular_reflection import all_reflections
 from nlosctl.models.bearings import sight_lines
@@ -19,7 +19,7 @@ RADIUS = 1000.0
 SCENE = Scene(reflectors=(CircleReflector(name="ring", center=(0.0, 0.0), radius=RADIUS),))
 
 
-def draw(snapshots, measurements, std_deg, seed):
+def draw_ambiguous(snapshots, measurements, std_deg, seed):
     """Return a batch of bearings of sources in an open circle, each by one of its paths, taken at random."""
     generator = np.random.default_rng(seed)
     shape = (snapshots, measurements)
@@ -33,17 +33,9 @@ def draw(snapshots, measurements, std_deg, seed):
     choice = np.argmax(np.where(np.isnan(paths), -1.0, generator.random(paths.shape)), axis=0)
     bearing = paths[choice, np.arange(sensor.size)].reshape(shape)
     std = np.radians(std_deg)
-    return BearingBatch(
-        scene=SCENE,
-        seed=np.zeros(snapshots, dtype=np.uint64),
-        sensor=np.asfortranarray(np.broadcast_to(np.arange(measurements), shape)),
-        sensor_xy_m=np.asfortranarray(np.stack([sensor.real, sensor.imag], axis=-1)),
-        bearing_rad=np.asfortranarray(bearing + std * generator.normal(size=shape)),
-        bearing_std_rad=np.full(shape, std, order="F"),
-        path=np.zeros(shape, dtype=np.int64, order="F"),
-        reflector=np.zeros(shape, dtype=np.int64, order="F"),
-        want_flags=False,
-    )
+    sensor_xy = np.stack([sensor.real, sensor.imag], axis=-1)
+    noisy = bearing + std * generator.normal(size=shape)
+    return bearing_batch(sensor_xy, noisy, std, 0, SCENE, want_flags=False)
 
 
 def residuals_by_path(batch, row, x, y):
@@ -103,7 +95,7 @@ def ends_of(batch):
 @pytest.mark.parametrize(("measurements", "std_deg", "snapshots"), [(2, 0.5, 6), (3, 1.0, 4), (4, 0.3, 2)])
 def test_the_best_optimum_is_that_of_the_enumeration(measurements, std_deg, snapshots):
     """No combination of paths has a lower cost anywhere than our best, unless the likelihood ends at a caustic."""
-    batch = draw(snapshots, measurements, std_deg, seed=measurements)
+    batch = draw_ambiguous(snapshots, measurements, std_deg, seed=measurements)
     ends = ends_of(batch)
     compared = 0
     for row in range(snapshots):
@@ -119,7 +111,7 @@ def test_the_best_optimum_is_that_of_the_enumeration(measurements, std_deg, snap
 
 def test_ends_are_distinct_and_ranked():
     """Of each snapshot the ends rise in cost, and no two are the same point."""
-    ends = ends_of(draw(60, 4, 2.0, seed=9))
+    ends = ends_of(draw_ambiguous(60, 4, 2.0, seed=9))
     cost = 0.5 * ends.lines.survey(ends.x, ends.y).chi_square
     several = 0
     for row in range(60):
@@ -134,7 +126,7 @@ def test_ends_are_distinct_and_ranked():
 
 def test_crossings_are_on_both_rays():
     """Each crossing lies on the lines of its pair; more than six rows give fifteen pairs."""
-    lines = sight_lines(draw(20, 8, 1.0, seed=3))
+    lines = sight_lines(draw_ambiguous(20, 8, 1.0, seed=3))
     x, y = pairwise_crossings(lines)
     assert x.shape == (15, 20)
     across = lines.sine * (x[0][:, None] - lines.origin_x) - lines.cosine * (y[0][:, None] - lines.origin_y)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenario_draws import draw_columns
 from scipy.optimize import least_squares
-from triplet_worlds import batch_of, draw
+from triplet_worlds import batch_of
 
 from nlosctl.models.triplets import path_rows
 from nlosctl.solvers.triplets.elliptic_coordinates import _EllipticProblem
@@ -14,7 +15,7 @@ from nlosctl.solvers.triplets.target_fits import fit_paths, fit_snapshots
 
 
 def _problem(count=300, seed=1):
-    rows = path_rows(batch_of(draw("shen", count, seed=seed)))
+    rows = path_rows(batch_of(draw_columns("shen", count, seed=seed)))
     return rows, TripletProblem.of_paths(rows)
 
 
@@ -83,7 +84,7 @@ def test_no_fit_is_worse_than_those_of_many_starts():
 
 def test_a_direct_path_without_noise_costs_nothing():
     """The fit of a noise-free direct path is the target, its cost zero."""
-    columns = draw("shen", 200, seed=4, indirect_fraction=0.0)
+    columns = draw_columns("shen", 200, seed=4, indirect_fraction=0.0)
     rows = path_rows(batch_of(columns))
     from nlosctl.models.triplets import predict_triplets
 
@@ -100,7 +101,7 @@ def test_a_direct_path_without_noise_costs_nothing():
 
 def test_fit_of_a_snapshot_is_that_of_scipy():
     """All paths of a snapshot together: the optimum of scipy from the truth is found from the paths' own fits."""
-    columns = draw("room", 30, seed=5, receivers=4, paths=1, blocked_fraction=0.0)
+    columns = draw_columns("room", 30, seed=5, receivers=4, paths=1, blocked_fraction=0.0)
     flat = path_rows(batch_of(columns))
     fits = fit_paths(flat)
     x, y = flat.frame.to_global(fits.x, fits.y)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from nlosctl.contract.batches import TripletBatch
-from nlosctl.scenarios.catalogue import scenarios
 
 
 def batch_of(columns, rows=None):
@@ -17,12 +16,6 @@ def batch_of(columns, rows=None):
         values = [np.asfortranarray(columns[part][rows][:, None]) for part in parts]
         arrays[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
     return TripletBatch(seed=np.zeros(size, dtype=np.uint64), **arrays)
-
-
-def draw(scenario, snapshots, *, seed=0, **options):
-    """Return the columns of one draw."""
-    spec = scenarios()[scenario]
-    return spec.generate(spec.options(**options), np.random.default_rng(seed), snapshots)
 
 
 def one_path(tx=(-2.5, 0.0), rx=(2.5, 0.0), *, dod, doa, length, std=(0.01, 0.01, 0.05)):
