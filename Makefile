@@ -7,7 +7,7 @@ RUNTIME := .venv/runtime-$(notdir $(PYTHON))
 DEV := .venv/dev-$(notdir $(PYTHON))
 LOCK := requirements/dev.lock
 
-.PHONY: demo test format schemas reference figures fixtures benchmark papers clean \
+.PHONY: demo test test-fast format schemas reference figures fixtures benchmark papers clean \
 	coverage reliability mutants lock audit test-minimum test-newest test-package
 
 # The oldest runtime dependencies that pyproject.toml allows.
@@ -34,6 +34,9 @@ test: $(DEV) ## lint, format, types, import contract, tests, with the locked dep
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n $(JOBS)
+
+test-fast: $(DEV) ## the tests that start no process and take little time: seconds
+	$(BIN)/python -m pytest -q -n 2 -m 'not process and not extensive and not slow'
 
 format: $(DEV)
 	$(BIN)/ruff check --fix .

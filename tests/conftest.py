@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from plugins import ActInCall, act_in_call, install_plugin
@@ -37,3 +40,29 @@ def acting_method(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.
     install_plugin(tmp_path_factory.mktemp("plugin"), monkeypatch, "bearings.acting", "plugins:ACTING")
     yield act_in_call
     act_in_call(-1, lambda: None)
+
+
+_STARTS = frozenset({"os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "subprocess.Popen"})
+_started: list[str] = []
+
+
+def _note_start(event: str, arguments: tuple[Any, ...]) -> None:
+    """Record that this process starts another; not `fc-list`, which matplotlib runs once to find the fonts."""
+    if event in _STARTS and not (event == "subprocess.Popen" and Path(str(arguments[0])).name == "fc-list"):
+        _started.append(event)
+
+
+sys.addaudithook(_note_start)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Forget the processes that earlier tests have started."""
+    _started.clear()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Fail a test that has started a process and lacks the marker ``process``."""
+    if _started and item.get_closest_marker("process") is None:
+        pytest.fail(f"starts a process ({_started[0]}): mark it with pytest.mark.process", pytrace=False)

@@ -1,4 +1,4 @@
-"""The methods that solve rows by circles obey the laws on those too."""
+"""The laws on bearings by circles, for the methods that solve them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CASES = {
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 @pytest.mark.parametrize("case", CASES)
 def test_a_method_obeys_the_law_on_circles(case: str, law: MethodLaw) -> None:
-    """Rows by one or two layers over ground and by an open circle, mixed with direct and mirror rows, change no law."""
+    """Each law holds on rows by one or two layers over ground and by an open circle, mixed with others."""
     spec: MethodSpec
     options: Any
     spec, options = CASES[case]

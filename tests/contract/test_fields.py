@@ -1,4 +1,4 @@
-"""The words of ``--field``."""
+"""The text of ``--field``."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from nlosctl.errors import DataError, UsageError
         ("sensors:4", SensorsField(factor=4.0)),
     ],
 )
-def test_words_mean_a_field(text: str, field: object) -> None:
-    """Each form of words means its field, and a field's text means the same field again."""
+def test_field_texts_round_trip(text: str, field: object) -> None:
+    """Each form of text is parsed to its field, and the field's text to the same field."""
     assert parse_field(text) == field
     assert parse_field(str(field)) == field
 
@@ -29,14 +29,14 @@ def test_words_mean_a_field(text: str, field: object) -> None:
     ["", "1,2,3", "1,0,0,1", "0,1,2,2", "a,b,c,d", "circle:0,0,0", "circle:1,2", "sensors:-1", "sensors:x",
      "disc:1,2,3", "nan,1,0,1", "circle:0,0,inf"],
 )  # fmt: skip
-def test_other_words_are_a_usage_error(text: str) -> None:
-    """Words that mean no field, or an empty one, are a usage error."""
+def test_invalid_field_texts_are_usage_errors(text: str) -> None:
+    """Text that is not a field, or an empty field, is a usage error."""
     with pytest.raises(UsageError, match="field"):
         parse_field(text)
 
 
 def test_polygon_is_read_from_its_file(tmp_path: Path) -> None:
-    """A polygon file holds x,y lines; comments, a header and a repeated first vertex are allowed."""
+    """A polygon file has x,y lines; comments, a header and a repeated first vertex are allowed."""
     file = tmp_path / "yard.csv"
     file.write_text("# yard\nx_m,y_m\n0,0\n10,0  # corner\n\n10,5\n0,0\n")
     assert parse_field(f"polygon:{file}") == PolygonField(vertices_m=((0.0, 0.0), (10.0, 0.0), (10.0, 5.0)))
@@ -46,8 +46,8 @@ def test_polygon_is_read_from_its_file(tmp_path: Path) -> None:
     ("content", "complaint"),
     [("0,0\n1,0\n", "at least 3"), ("0,0\n1,zero\n2,2\n", "line 2"), ("0,0\n1,nan\n2,2\n", "line 2"), (None, "read")],
 )
-def test_bad_polygon_file_is_a_data_error(tmp_path: Path, content: str | None, complaint: str) -> None:
-    """A polygon file that is absent, too short or holds something else is a data error that says where."""
+def test_invalid_polygon_files_are_data_errors(tmp_path: Path, content: str | None, complaint: str) -> None:
+    """A missing, too short or malformed polygon file is a data error that names the line."""
     file = tmp_path / "yard.csv"
     if content is not None:
         file.write_text(content)

@@ -9,8 +9,8 @@ from nlosctl import registry
 from nlosctl.testing import LAWS, MethodLaw, check_law
 
 
-def test_there_are_methods_to_check() -> None:
-    """The methods of this package are found, and have not silently become none."""
+def test_built_in_methods_are_registered() -> None:
+    """The registry lists the methods of this package, so that the tests below check something."""
     assert {"bearings.ls", "bearings.stansfield", "bearings.ml"} <= {entry.full_name for entry in BUILT_IN}
 
 

@@ -1,4 +1,4 @@
-"""The laws can fail: for each there is a method that breaks it, and no other."""
+"""Each law can fail: for each there is a toy method that breaks it, and no other."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ COMPLAINTS: list[tuple[str, MethodSpec, str]] = [
 
 
 @pytest.mark.parametrize(("law", "spec", "told"), COMPLAINTS, ids=[f"{law}: {told}" for law, _, told in COMPLAINTS])
-def test_what_is_wrong_is_told(law: str, spec: MethodSpec, told: str) -> None:
-    """The complaint says which thing is wrong, and with what numbers."""
+def test_complaints_state_the_fault(law: str, spec: MethodSpec, told: str) -> None:
+    """The complaint states what is wrong, with the numbers."""
     (found,) = (one for one in LAWS if one.name == law)
     with pytest.raises(LawBroken, match=told):
         check_law(spec, found)
@@ -119,18 +119,18 @@ def laws_broken_by(spec: MethodSpec) -> set[str]:
 
 
 def test_every_law_has_a_method_that_breaks_it() -> None:
-    """No law is without a toy that breaks it."""
+    """Every law has a toy that breaks it."""
     assert {law for law, _ in BROKEN} == {law.name for law in LAWS}
 
 
 def test_the_sound_toy_breaks_no_law() -> None:
-    """What the toys tamper with is sound: it is their one fault that is caught."""
+    """The toy without a fault obeys all laws, so that only the fault of a broken toy is detected."""
     check_method(toys.toy())
 
 
 @pytest.mark.parametrize(("law", "spec"), BROKEN, ids=[f"{law}-{number}" for number, (law, _) in enumerate(BROKEN)])
-def test_a_broken_method_is_caught_by_its_law_alone(law: str, spec: MethodSpec) -> None:
-    """A method broken in one way breaks that law and no other."""
+def test_each_fault_breaks_one_law(law: str, spec: MethodSpec) -> None:
+    """A method with one fault breaks that law and no other."""
     assert laws_broken_by(spec) == {law}
 
 
@@ -140,21 +140,21 @@ def test_the_complaint_names_method_law_and_fault() -> None:
         check_method(toys.toy(toys.prints))
 
 
-def test_a_plugin_that_states_no_contract_version_is_told_the_cure() -> None:
-    """What would be refused where it is used is told where it is tested; built-in methods need not state one."""
+def test_a_missing_contract_version_is_reported() -> None:
+    """A plugin without a contract version fails the check; built-in methods need none."""
     with pytest.raises(LawBroken, match=r"breaks the law 'specification' .*: it doesn't say .*contract_version=1$"):
         check_method(toys.toy(contract_version=None))
     check_method(toys.SOUND)
 
 
 @pytest.mark.parametrize(("law", "solve"), [("order", toys.trusts_the_first), ("frame", toys.knows_north)])
-def test_an_exempt_method_is_not_held_to_the_law(law: str, solve: Any) -> None:
+def test_exempt_methods_skip_the_law(law: str, solve: Any) -> None:
     """A method that declares an exemption passes without that law."""
     check_method(toys.toy(solve, exempt_from=frozenset({law})))
 
 
 def test_an_exception_breaks_the_law() -> None:
-    """Whatever a method raises is a law broken, with the exception told and chained."""
+    """An exception of a method breaks the law; the error reports and chains it."""
 
     def fail(batch: Any, options: Any) -> Any:
         raise ZeroDivisionError("no sensors")
@@ -164,14 +164,14 @@ def test_an_exception_breaks_the_law() -> None:
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
 
 
-def test_a_kind_without_draws_is_told() -> None:
-    """A method for a kind that can't be drawn is told so, with the kinds that can."""
+def test_unknown_kinds_are_refused() -> None:
+    """A method for a kind that cannot be drawn is an error that lists the kinds."""
     with pytest.raises(LawBroken, match=r"no batches can be drawn for smells \(localize\); there are: bearings"):
         check_method(toys.toy(kind="smells"))
 
 
 def test_options_without_defaults_can_be_given() -> None:
-    """``options`` reach the method in place of the defaults."""
+    """``options`` replace the defaults."""
     seen = []
 
     def remember(batch: Any, options: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Toy methods, each broken in one way: a sound one (least squares) whose input or output is tampered with."""
+"""Toy methods, each with one fault: least squares with its input or output tampered with."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def more_flags_for_few(batch: BearingBatch, options: Any) -> Solution:
 
 
 def writes_its_input(batch: BearingBatch, options: Any) -> Solution:
-    """Works in place in what it was given."""
+    """Writes to its input arrays."""
     solution = SOUND.solve(batch, options)
     batch.bearing_std_rad[...] *= 2.0
     return solution
@@ -79,25 +79,25 @@ def warns(batch: BearingBatch, options: Any) -> Solution:
 
 
 def prints(batch: BearingBatch, options: Any) -> Solution:
-    """A word in the middle of the data."""
+    """Prints to standard output."""
     print("solving")  # noqa: T201
     return SOUND.solve(batch, options)
 
 
 def needs_a_snapshot(batch: BearingBatch, options: Any) -> Solution:
-    """Looks at the first snapshot, which may not be there."""
+    """Reads the first snapshot of a batch that may be empty."""
     assert batch.seed[0] >= 0
     return SOUND.solve(batch, options)
 
 
 def needs_two(batch: BearingBatch, options: Any) -> Solution:
-    """Looks at the second measurement, which may not be there."""
+    """Reads a second measurement that may not exist."""
     assert batch.bearing_rad[:, 1].shape == batch.seed.shape
     return SOUND.solve(batch, options)
 
 
 def starts_where_it_was() -> Solve:
-    """A method that remembers what it has solved (a warm start)."""
+    """Remembers earlier solutions (a warm start)."""
     seen: set[bytes] = set()
 
     def solve(batch: BearingBatch, options: Any) -> Solution:
@@ -111,20 +111,20 @@ def starts_where_it_was() -> Solve:
 
 
 def undeclared_chance(batch: BearingBatch, options: Any) -> Solution:
-    """Draws from the seeds but is not declared randomized."""
+    """Uses the seeds but is not declared randomized."""
     solution = SOUND.solve(batch, options)
     luck = 1.0 + 1e-12 * (batch.seed % np.uint64(7)).astype(float)
     return _changed(solution, cost=solution.estimates.cost * luck)
 
 
 def sum_in_pairs(batch: BearingBatch, options: Any) -> Solution:
-    """Last bits that depend on how many snapshots there are."""
+    """Last bits depend on the number of snapshots."""
     solution = SOUND.solve(batch, options)
     return _changed(solution, cost=solution.estimates.cost * (1.0 + 1e-12 * min(batch.size, 2)))
 
 
 def one_singular_fails_all(batch: BearingBatch, options: Any) -> Solution:
-    """One snapshot of parallel lines leaves the others without an answer."""
+    """One snapshot of parallel lines leaves all others without an answer."""
     solution = SOUND.solve(batch, options)
     estimates = solution.estimates
     parallel = (batch.reflector == -1).all(axis=1) & (np.ptp(np.mod(batch.bearing_rad, np.pi), axis=1) < 1e-9)
@@ -134,20 +134,20 @@ def one_singular_fails_all(batch: BearingBatch, options: Any) -> Solution:
 
 
 def trusts_the_first(batch: BearingBatch, options: Any) -> Solution:
-    """A fix drawn towards the sensor of the first measurement."""
+    """A fix biased towards the sensor of the first measurement."""
     solution = SOUND.solve(batch, options)
     position = solution.estimates.position_m
     return _changed(solution, position_m=position + 1e-4 * (batch.sensor_xy_m[:, 0] - position))
 
 
 def knows_north(batch: BearingBatch, options: Any) -> Solution:
-    """A fix drawn towards the origin of the frame."""
+    """A fix biased towards the origin of the frame."""
     solution = SOUND.solve(batch, options)
     return _changed(solution, position_m=solution.estimates.position_m * (1.0 + 1e-5))
 
 
 def gives_up(batch: BearingBatch, options: Any) -> Solution:
-    """Nothing at all, in good order."""
+    """No answer for any snapshot."""
     solution = SOUND.solve(batch, options)
     status = np.maximum(solution.estimates.status, np.uint8(Status.TOO_FEW))
     nan = np.full((batch.size, 3), np.nan)
@@ -159,7 +159,7 @@ def gives_up(batch: BearingBatch, options: Any) -> Solution:
 
 
 def other_flags(change: Callable[[Flags], Flags | None]) -> Solve:
-    """Return a method with other flags, where any are wanted."""
+    """Return a method with other flags, if flags are requested."""
 
     def solve(batch: BearingBatch, options: Any) -> Solution:
         solution = SOUND.solve(batch, options)
@@ -169,7 +169,7 @@ def other_flags(change: Callable[[Flags], Flags | None]) -> Solve:
 
 
 def other_estimates(change: Callable[[Estimates], dict[str, Any]], *, without_flags: bool = False) -> Solve:
-    """Return a method with other estimates; with ``without_flags`` only where no flags are wanted."""
+    """Return a method with other estimates; with ``without_flags`` only if no flags are requested."""
 
     def solve(batch: BearingBatch, options: Any) -> Solution:
         solution = SOUND.solve(batch, options)
@@ -181,25 +181,25 @@ def other_estimates(change: Callable[[Estimates], dict[str, Any]], *, without_fl
 
 @dataclass(frozen=True)
 class BareOptions:
-    """Options of which one is not declared."""
+    """Options, one of them undeclared."""
 
     speed: float = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class WildOptions:
-    """Options with a default that they don't allow."""
+    """Options with an invalid default."""
 
     share: float = option(2.0, maximum=1.0, meaning="a share")
 
 
 @dataclass
 class ThawedOptions:
-    """Options that anybody may change."""
+    """Mutable options."""
 
 
 def toy(solve: Solve | None = None, **changes: Any) -> MethodSpec:
-    """Return the sound method with another ``solve``, or with another field."""
+    """Return the faultless method with another ``solve`` or other fields."""
     if solve is not None:
         changes["solve"] = solve
     return dataclasses.replace(SOUND, name="toy", **{"contract_version": CONTRACT_VERSION, **changes})

@@ -1,4 +1,4 @@
-"""Slow, independent ways to look at reflection on a circle, with complex numbers and brute force."""
+"""Reflection on a circle by slow, independent methods: complex numbers and brute force."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ EARTH_M, IONOSPHERE_M = 6371e3, 6671e3
 
 
 def draw_disc(generator: np.random.Generator, count: int, radius: float = 1.0) -> ComplexArray:
-    """Return points evenly over a disc about 0."""
+    """Return points uniformly distributed over a disc about the origin."""
     return radius * np.sqrt(generator.random(count)) * np.exp(2j * np.pi * generator.random(count))
 
 
@@ -24,7 +24,7 @@ def quartic_points(sensor: complex, source: complex) -> ComplexArray:
 
 
 def distance_from_center(start: ComplexArray, end: ComplexArray) -> npt.NDArray[np.float64]:
-    """Return how near the segments between points come to 0."""
+    """Return the distance of segments between points from the origin."""
     along = end - start
     share = np.clip(np.real(-start * np.conj(along)) / np.abs(along) ** 2, 0.0, 1.0)
     return np.abs(start + share * along)

@@ -1,4 +1,4 @@
-"""Hypothesis draws the same examples every time, and takes the time that a busy machine needs."""
+"""Hypothesis draws the same examples in every run, without a deadline."""
 
 from __future__ import annotations
 

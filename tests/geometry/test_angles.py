@@ -1,4 +1,4 @@
-"""Wrapping of angles."""
+"""Wrapping of angles; cosines and sines."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ANGLES = st.floats(-1e4, 1e4)
 
 
 @given(ANGLES)
-def test_a_wrapped_angle_is_the_same_direction_in_the_half_open_turn(angle: float) -> None:
-    """A wrapped angle lies in (-pi, pi] and points where the angle did."""
+def test_wrapped_angles_keep_their_direction(angle: float) -> None:
+    """A wrapped angle is in (-pi, pi] and has the direction of the original."""
     wrapped = float(wrap_angle(np.array([angle]))[0])
     assert -math.pi - 1e-12 <= wrapped <= math.pi + 1e-12
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-11)
@@ -24,31 +24,31 @@ def test_a_wrapped_angle_is_the_same_direction_in_the_half_open_turn(angle: floa
 
 
 @given(st.floats(-math.pi, math.pi, exclude_min=True))
-def test_an_angle_within_the_turn_keeps_its_bits(angle: float) -> None:
-    """An angle in (-pi, pi] comes back as it was, pi included."""
+def test_wrapping_keeps_bits_of_angles_in_range(angle: float) -> None:
+    """An angle in (-pi, pi] is returned unchanged to the bit, pi included."""
     assert wrap_angle(np.array([angle]))[0] == angle
 
 
-def test_the_ends_of_the_turn() -> None:
-    """Minus pi becomes pi, and pi stays."""
+def test_minus_pi_wraps_to_pi() -> None:
+    """Minus pi becomes pi, and pi stays pi."""
     assert wrap_angle(np.array([-np.pi, np.pi, 3 * np.pi])).tolist() == [np.pi, np.pi, np.pi]
 
 
-def test_nan_stays_nan() -> None:
+def test_nan_wraps_to_nan() -> None:
     """NaN is wrapped to NaN."""
     assert np.isnan(wrap_angle(np.array([np.nan]))).all()
 
 
 @given(ANGLES)
-def test_cosine_and_sine_are_those_of_the_library(angle: float) -> None:
-    """Cosine and sine agree with the math library's to four units in the last place of one."""
+def test_cosine_and_sine_agree_with_math(angle: float) -> None:
+    """Cosine and sine agree with the math module within four units in the last place of one."""
     cosine, sine = (float(part[0]) for part in cosine_sine(np.array([angle])))
     assert cosine == pytest.approx(math.cos(angle), abs=4e-16 + 1e-16 * abs(angle))
     assert sine == pytest.approx(math.sin(angle), abs=4e-16 + 1e-16 * abs(angle))
 
 
-def test_a_block_s_cosines_are_those_of_its_angles_one_by_one() -> None:
-    """No bit depends on the other angles; half a turn is no special case, and NaN stays NaN."""
+def test_cosine_and_sine_do_not_depend_on_the_block() -> None:
+    """Bits do not depend on the other angles of a block; half a turn and NaN included."""
     angles = np.array([*np.random.default_rng(2).uniform(-7.0, 7.0, 1000), np.pi, -np.pi, 0.0, np.nan])
     together = np.stack(cosine_sine(angles))
     alone = np.stack([np.concatenate(cosine_sine(np.array([angle]))) for angle in angles], axis=1)

@@ -1,4 +1,4 @@
-"""Crossings of circles, and the closest approach of those that miss each other."""
+"""Crossings of two circles, and the closest approach of circles that miss each other."""
 
 from __future__ import annotations
 
@@ -38,16 +38,18 @@ def test_roots_lie_on_both_circles() -> None:
     ],
     ids=["outside", "second inside first", "first inside second"],
 )
-def test_a_gap_has_its_middle(one: tuple[float, ...], other: tuple[float, ...], expected: tuple[float, float]) -> None:
-    """Circles that miss each other have one point, the middle of their closest approach, if the gap is not too wide."""
+def test_a_gap_within_the_tolerance_gives_its_middle(
+    one: tuple[float, ...], other: tuple[float, ...], expected: tuple[float, float]
+) -> None:
+    """Circles that miss each other by no more than the tolerance have one point: the middle of the gap."""
     points = cross(one, other, gap=2.0)  # type: ignore[arg-type]
     np.testing.assert_allclose(points[0], expected, atol=1e-12)
     assert np.isnan(points[1]).all()
     assert np.isnan(cross(one, other, gap=1.9)).all()  # type: ignore[arg-type]
 
 
-def test_circles_that_touch_by_rounding_have_a_point() -> None:
-    """Tangent circles, whose height is the root of a rounding error, have a point and no NaN."""
+def test_tangent_circles_have_a_point() -> None:
+    """Tangent circles have a point, not NaN, although the squared height is a rounding error."""
     generator = np.random.default_rng(5)
     center, angle = generator.uniform(-1e3, 1e3, (1000, 2)), generator.uniform(-np.pi, np.pi, 1000)
     radii = generator.uniform(1.0, 300.0, (2, 1000))
@@ -59,15 +61,15 @@ def test_circles_that_touch_by_rounding_have_a_point() -> None:
 
 @pytest.mark.parametrize("other", [(0.0, 0.0, 3.0), (0.0, 0.0, 4.0), (5.0, 0.0, 0.0), (5.0, 0.0, np.nan)])
 def test_concentric_and_empty_circles_have_no_point(other: tuple[float, float, float]) -> None:
-    """Concentric circles, equal or not, and circles without a positive radius have no point whatever the tolerance."""
+    """Concentric circles and circles without a positive radius have no crossing at any tolerance."""
     one = (0.0, 0.0, 3.0)
     for pair in ((one, other), (other, one)):
         assert np.isnan(cross(*pair, gap=100.0)).all()
 
 
 @pytest.mark.parametrize("other", [(5.0, 0.0, 4.0), (10.0, 0.0, 5.0), (1.0, 0.5, 1.0), (9.0, 0.0, 1.0)])
-def test_crossings_have_no_scale(other: tuple[float, float, float]) -> None:
-    """Circles a thousand times smaller or larger cross as they do: to the bit, for a power of two."""
+def test_crossings_scale_with_the_circles(other: tuple[float, float, float]) -> None:
+    """Scaling the circles by a power of two scales the crossings to the bit."""
     one, expected = (0.0, 0.0, 3.0), cross((0.0, 0.0, 3.0), other, gap=2.0)
     for scale in (2.0**-10, 2.0**10):
         small = [tuple(scale * value for value in circle) for circle in (one, other)]

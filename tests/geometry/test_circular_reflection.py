@@ -1,4 +1,4 @@
-"""Specular points on a circle, against the quartic's roots, Fermat's principle and finite differences."""
+"""Specular points on a circle, compared with the quartic's roots, Fermat's principle and finite differences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from nlosctl.geometry.short_arc import short_arc_reflection
 
 
 def draw_visible(count, seed):
-    """Return sensors on the earth and sources that they see by the ionosphere, as complex numbers."""
+    """Return sensors on the earth and sources visible to them by the ionosphere, as complex numbers."""
     generator = np.random.default_rng(seed)
     sensor = EARTH_M * np.exp(2j * np.pi * generator.random(count))
     height = generator.uniform(EARTH_M, 0.999 * IONOSPHERE_M, count)
@@ -36,8 +36,8 @@ def short_path(sensor, source, radius=IONOSPHERE_M):
     return short_arc_reflection(*parts(sensor), *parts(source), np.full(sensor.shape, radius))
 
 
-def test_counts_and_points_are_those_of_the_quartic():
-    """On 10,000 random pairs the number of paths is exactly the quartic's, and every point is one of its roots."""
+def test_counts_and_points_agree_with_the_quartic():
+    """For 10,000 random pairs the number of paths is that of the quartic, and each point is one of its roots."""
     generator = np.random.default_rng(3)
     sensor, source = draw_disc(generator, 10_000), draw_disc(generator, 10_000)
     one = np.ones(sensor.shape)
@@ -88,7 +88,7 @@ def test_every_path_obeys_the_law_of_reflection():
     ],
 )
 def test_special_pairs(sensor, source, count):
-    """Symmetric pairs, the centre and points that are not inside have the number of paths that geometry gives them."""
+    """Symmetric pairs, the centre and points outside have the number of paths known from geometry."""
     pair = (*parts(np.array([sensor])), *parts(np.array([source])), np.ones(1))
     assert count_reflections(*pair)[0] == count
     assert np.count_nonzero(np.isfinite(all_points(*pair)[0])) == count
@@ -96,7 +96,7 @@ def test_special_pairs(sensor, source, count):
 
 @pytest.mark.parametrize("place", [0.5, -0.7, 0.5j, 0.3 + 0.4j])
 def test_from_the_centre_two_paths_lie_on_one_diameter(place):
-    """The points seen from the centre are the two ends of the diameter through the other point."""
+    """From the centre, the points are the two ends of the diameter through the other point."""
     for pair in ((0.0, place), (place, 0.0)):
         places = [part for point in pair for part in parts(np.array([point + 0j]))]
         x, y = all_points(*places, np.ones(1))
@@ -106,15 +106,15 @@ def test_from_the_centre_two_paths_lie_on_one_diameter(place):
 
 
 def test_four_paths_of_figure_4_are_on_the_axes():
-    """A source opposite of the sensor is seen over the four ends of the axes."""
+    """A source opposite the sensor is seen over the four ends of the axes."""
     x, y = all_points(*parts(np.array([0.5 + 0j])), *parts(np.array([-0.5 + 0j])), np.ones(1))
     found = sorted(zip(np.round(x[:, 0], 9) + 0.0, np.round(y[:, 0], 9) + 0.0, strict=True))
     assert found == [(-1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, 0.0)]
 
 
 @pytest.mark.parametrize("sensor", [0.955 + 0.0j, -0.2 + 0.25j, 0.3 - 0.6j])
-def test_the_separatrix_is_where_two_paths_are_one(sensor):
-    """On (37)-(38) there are three paths, of which the double one has no spread; across it the number is 2 or 4."""
+def test_two_paths_coincide_on_the_separatrix(sensor):
+    """On (37)-(38) there are three paths, one of them double with zero spread; beside it there are 2 or 4."""
     radius = 3.0
     theta = np.linspace(0.05, 2.0 * np.pi - 0.05, 400)
     x, y = separatrix(radius * sensor.real, radius * sensor.imag, radius, theta)
@@ -141,7 +141,7 @@ def test_the_separatrix_is_where_two_paths_are_one(sensor):
 
 
 def test_a_source_on_the_separatrix_has_three_paths():
-    """Exactly on the caustic two of the four points coincide, and three are given."""
+    """Exactly on the caustic two of the four points coincide, and three are returned."""
     sensor, double = 0.8, 2.0
     theta = np.array([double])
     x, y = separatrix(sensor, 0.0, 1.0, theta)
@@ -153,8 +153,8 @@ def test_a_source_on_the_separatrix_has_three_paths():
     assert np.nanmin(np.abs(turned - 1.0)) < 1e-6
 
 
-def test_the_papers_parameter_is_a_cotangent():
-    """Erratum: t of (37)-(38) is cot(theta / 2); with the tangent the curve is not that of double roots."""
+def test_erratum_parameter_of_the_separatrix():
+    """Erratum: t of (37)-(38) is cot(theta / 2); with the tangent the curve has no double roots."""
     sensor, theta = 0.955, np.array([1.9, 2.4])
     right = np.array(separatrix(sensor, 0.0, 1.0, theta))
     wrong = np.array(separatrix(sensor, 0.0, 1.0, np.pi - theta))  # tan(theta/2) = cot((pi - theta)/2)
@@ -162,21 +162,21 @@ def test_the_papers_parameter_is_a_cotangent():
 
 
 def test_the_separatrix_of_the_centre_is_the_centre():
-    """From the centre every other point has two paths: the curve has shrunk to it."""
+    """From the centre every other point has two paths: the separatrix shrinks to a point."""
     x, y = separatrix(0.0, 0.0, 3.0, np.linspace(0.1, 6.2, 50))
     assert not x.any()
     assert not y.any()
 
 
-def test_the_separatrix_of_a_sensor_half_way_out_has_no_end():
-    """Half of the radius from the centre the cusp towards the sensor's side is infinitely far away."""
+def test_the_separatrix_at_half_the_radius_is_unbounded():
+    """At half the radius the cusp on the sensor's side is at infinity."""
     x, _ = separatrix(0.5, 0.0, 1.0, np.array([0.0, 1e-3, 1e-2]))
     assert not np.isfinite(x[0])
     assert x[1] < x[2] < -100.0
 
 
-def test_a_caustic_and_a_leg_without_length_have_no_bounds():
-    """On a caustic the bearing's gradient is infinite; at the reflection point there is no direction: no warnings."""
+def test_singular_gradients_give_no_warning():
+    """On a caustic the bearing's gradient is infinite; at the reflection point there is no direction. No warnings."""
     hit = (np.full(2, 0.6), np.full(2, 0.8))
     there, elsewhere = (np.array([0.6, 0.1]), np.array([0.8, 0.2])), (np.zeros(2), np.full(2, 0.5))
     assert np.isfinite(reflect_at(*hit, *there, *elsewhere).spread_m).tolist() == [False, True]
@@ -202,8 +202,8 @@ def test_singular_points_of_the_separatrix():
     assert speed[nearest - 2 : nearest + 3].min() < 1e-3 * np.median(speed)
 
 
-def test_the_short_arc_path_is_the_unblocked_one():
-    """In A2 exactly one of all specular points is unblocked (Lemmas 2, 3), and it is the one on the short arc."""
+def test_the_short_arc_path_is_unblocked():
+    """In A2 exactly one specular point is unblocked (Lemmas 2, 3), and it is the one on the short arc."""
     sensor, source = draw_visible(1500, 5)
     path = short_path(sensor, source)
     for row in range(sensor.shape[0]):
@@ -213,8 +213,8 @@ def test_the_short_arc_path_is_the_unblocked_one():
     assert path.spread_m.min() > 0.0
 
 
-def test_newtons_steps_alone_find_nearly_every_short_arc(monkeypatch):
-    """Of what is seen over the horizon not one root in a hundred is left to the search in a bracket, which is slow."""
+def test_newton_steps_solve_nearly_every_short_arc(monkeypatch):
+    """Over the horizon fewer than one root in a hundred needs the slow bracketed search."""
     searched = []
 
     def counted(function, low, high, guess):
@@ -227,7 +227,7 @@ def test_newtons_steps_alone_find_nearly_every_short_arc(monkeypatch):
 
 
 def test_the_short_arc_root_is_exact():
-    """The root of the bracket solves (33) to rounding: 1e-10 rad and better."""
+    """The bracketed root solves (33) to rounding: 1e-10 rad or better."""
     sensor, source = draw_visible(2000, 6)
     path = short_path(sensor, source)
     hit = path.hit_x + 1j * path.hit_y
@@ -237,7 +237,7 @@ def test_the_short_arc_root_is_exact():
     assert (np.abs(slope) * np.minimum(np.abs(out), np.abs(back))).max() < 1e-8
 
 
-def test_gradient_is_that_of_finite_differences():
+def test_gradient_agrees_with_finite_differences():
     """The closed-form gradient of the bearing agrees with central differences, 1e-8 relative."""
     sensor, source = draw_visible(400, 7)
     path = short_path(sensor, source)
@@ -252,7 +252,7 @@ def test_gradient_is_that_of_finite_differences():
         assert (np.abs(numeric - slope) / size)[usable].max() < 1e-8
 
 
-def test_gradient_is_that_of_implicit_differentiation():
+def test_gradient_agrees_with_implicit_differentiation():
     """The closed-form gradient of all paths agrees with implicit differentiation of (33), 1e-8 relative."""
     generator = np.random.default_rng(8)
     sensor, source = draw_disc(generator, 4000), draw_disc(generator, 4000)
@@ -274,8 +274,8 @@ def test_gradient_is_that_of_implicit_differentiation():
     assert error[:, clear].max() < 1e-8
 
 
-def test_frame_does_not_matter():
-    """Turning sensor and source turns the reflection point."""
+def test_paths_turn_with_the_frame():
+    """Rotating sensor and source rotates the reflection point."""
     sensor, source = draw_visible(200, 9)
     turn = np.exp(0.7j)
     first, second = short_path(sensor, source), short_path(turn * sensor, turn * source)
@@ -283,7 +283,7 @@ def test_frame_does_not_matter():
     np.testing.assert_allclose(second.hit_x + 1j * second.hit_y, hit, atol=1e-7)
 
 
-def test_bits_do_not_depend_on_neighbours():
+def test_paths_do_not_depend_on_the_block():
     """A path has the same bits alone and in a block."""
     sensor, source = draw_visible(50, 10)
     together = short_path(sensor, source)
@@ -298,8 +298,8 @@ def test_bits_do_not_depend_on_neighbours():
     np.testing.assert_array_equal(np.array(single).T, block)
 
 
-def test_there_is_no_path_from_outside():
-    """Points that are not inside the circle, or are its centre, get NaN, and spoil no other."""
+def test_points_outside_have_no_path():
+    """Points outside the circle and at its centre give NaN and leave the other rows unchanged."""
     for row, place in enumerate((1.2, 1.0, 0.0, np.nan)):
         for which in range(2):
             pair = [part / IONOSPHERE_M for part in draw_visible(5, 11)]
@@ -312,7 +312,7 @@ def test_there_is_no_path_from_outside():
 
 
 def test_points_near_the_centre_keep_their_digits():
-    """Between points within a thousandth of the radius from the centre every path found is specular, to rounding."""
+    """Within a thousandth of the radius of the centre every path found is specular to rounding."""
     generator = np.random.default_rng(16)
     sensor, source = 1e-4 * draw_disc(generator, 300), 1e-3 * draw_disc(generator, 300)
     path = all_reflections(*parts(sensor), *parts(source), np.ones(300))

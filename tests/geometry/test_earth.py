@@ -1,4 +1,4 @@
-"""Planes on the earth against pyproj's geodesics, and its own transformations."""
+"""Planes on the earth, compared with pyproj's geodesics and transformations."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def plane_of(name: str) -> EarthPlane:
     return EarthPlane(**PLANES[name])
 
 
-def test_distances_and_directions_from_the_origin_are_those_of_geodesics() -> None:
-    """The tangent plane is azimuthal equidistant: from the origin, lengths and azimuths are exact."""
+def test_the_tangent_plane_is_azimuthal_equidistant() -> None:
+    """Lengths and azimuths from the origin are exact."""
     for azimuth, length in ((0.0, 1e3), (37.0, 5e4), (90.0, 3e5), (205.0, 1e6)):
         lon, lat, _ = GEOD.fwd(ZURICH["origin_lon_deg"], ZURICH["origin_lat_deg"], azimuth, length)
         x, y = plane_of("tangent").to_plane(np.array([lat]), np.array([lon]))
@@ -37,8 +37,8 @@ def test_distances_and_directions_from_the_origin_are_those_of_geodesics() -> No
 
 
 @pytest.mark.parametrize("name", PLANES)
-def test_there_and_back(name: str) -> None:
-    """To the plane and back to the earth gives the same place; what is unknown stays unknown."""
+def test_coordinates_round_trip(name: str) -> None:
+    """To the plane and back returns the same coordinates; NaN stays NaN."""
     plane = plane_of(name)
     lat0, lon0 = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     lat = np.array([lat0 + 0.2, lat0 - 0.1, np.nan])
@@ -50,8 +50,8 @@ def test_there_and_back(name: str) -> None:
 
 @pytest.mark.parametrize("name", PLANES)
 @pytest.mark.parametrize(("east", "north"), [(0.0, 0.0), (0.6, 0.3), (-0.8, -0.4)])
-def test_north_is_where_a_step_north_leads(name: str, east: float, north: float) -> None:
-    """The direction of true north is that of a small geodesic step north, meridian convergence and rotation and all."""
+def test_north_is_the_direction_of_a_step_north(name: str, east: float, north: float) -> None:
+    """True north is the direction of a small geodesic step north, with meridian convergence and rotation."""
     plane = plane_of(name)
     lat, lon = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     lat, lon = lat + north, lon + east
@@ -62,15 +62,15 @@ def test_north_is_where_a_step_north_leads(name: str, east: float, north: float)
 
 
 def test_the_convergence_of_utm_is_that_of_the_textbook() -> None:
-    """East of the central meridian grid north lies east of true north by about longitude times sine of latitude."""
+    """Grid north is east of true north by about the longitude difference times the sine of the latitude."""
     plane = plane_of("utm")
     x, y = plane.to_plane(np.array([60.0]), np.array([11.0]))
     gamma = math.atan(math.tan(math.radians(2.0)) * math.sin(math.radians(60.0)))
     assert plane.north_rad(x, y)[0] - math.pi / 2 == pytest.approx(gamma, abs=1e-5)
 
 
-def test_the_flat_plane_is_wrong_by_what_geodesics_say() -> None:
-    """Errors vanish on lines from the origin; far off it, directions turn and UTM's scale shortens lengths."""
+def test_plane_errors_agree_with_geodesics() -> None:
+    """Errors vanish on lines from the origin; far away directions rotate, and UTM's scale shortens lengths."""
     far = np.array([2e5]), np.array([1e5])
     turned, stretched = flat_errors(plane_of("tangent"), np.zeros(1), np.zeros(1), *far)
     assert abs(turned[0]) < 1e-7
@@ -85,7 +85,7 @@ def test_the_flat_plane_is_wrong_by_what_geodesics_say() -> None:
 
 @pytest.mark.parametrize("name", PLANES)
 def test_the_error_of_a_direction_is_plane_minus_earth(name: str) -> None:
-    """Its sign is that of the line's direction minus the geodesic's, azimuth taken from true north, in any quadrant."""
+    """The sign is that of the line's direction minus the geodesic's, in every quadrant."""
     plane = plane_of(name)
     lat, lon = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     for azimuth in (10.0, 100.0, 190.0, 280.0):
@@ -99,8 +99,8 @@ def test_the_error_of_a_direction_is_plane_minus_earth(name: str) -> None:
         assert stretched[0] == pytest.approx(math.hypot(x[1] - x[0], y[1] - y[0]) - 1e5, abs=1e-3)
 
 
-def test_a_place_of_which_half_is_known_is_nowhere() -> None:
-    """With x or y unknown, latitude, longitude, north and the errors of lines are all NaN, the others are not."""
+def test_half_known_coordinates_give_nan() -> None:
+    """With x or y unknown, latitude, longitude, north and line errors are NaN; other rows keep theirs."""
     plane, nan = plane_of("tangent"), np.nan
     x, y = np.array([1e3, nan, 1e3]), np.array([nan, 1e3, 1e3])
     for found in (*plane.to_earth(x, y), plane.north_rad(x, y), *flat_errors(plane, x, y, x + 9.0, y + 9.0)):
@@ -109,8 +109,8 @@ def test_a_place_of_which_half_is_known_is_nowhere() -> None:
 
 
 @pytest.mark.parametrize("name", PLANES)
-def test_places_do_not_depend_on_their_neighbours(name: str) -> None:
-    """Several places, known and unknown, have the north and the errors that each has alone, as arrays of one."""
+def test_coordinates_do_not_depend_on_the_block(name: str) -> None:
+    """Each point, known or unknown, has the same north and errors in an array as alone."""
     plane = plane_of(name)
     lat0, lon0 = (-33.9, 151.2) if name == "south" else (47.37, 8.54)
     lat, lon = np.array([lat0, np.nan, lat0 + 0.5, lat0 - 0.5]), np.array([lon0, lon0, lon0 + 0.9, lon0 - 0.7])
@@ -135,13 +135,13 @@ def test_places_do_not_depend_on_their_neighbours(name: str) -> None:
         ("nonsense:1", "EPSG:32632"),
     ],
 )
-def test_a_crs_that_is_no_plane_in_metres_is_refused(crs: str, says: str) -> None:
-    """Degrees, space, feet and codes that don't exist are told, with one that does."""
+def test_a_crs_other_than_a_plane_in_metres_is_refused(crs: str, says: str) -> None:
+    """Degrees, geocentric, feet and unknown codes are errors that suggest a valid code."""
     with pytest.raises(UsageError, match=says):
         EarthPlane(crs=crs)
 
 
-def test_of_no_places_there_is_nothing() -> None:
+def test_empty_arrays_give_empty_arrays() -> None:
     """Empty arrays give empty arrays."""
     plane, none = plane_of("utm"), np.zeros(0)
     pairs = (plane.to_plane(none, none), plane.to_earth(none, none), flat_errors(plane, none, none, none, none))
@@ -150,7 +150,7 @@ def test_of_no_places_there_is_nothing() -> None:
 
 
 def test_heights_of_a_crs_may_be_in_feet() -> None:
-    """Of a compound CRS the plane counts alone: with heights in feet it is the plane that it is without."""
+    """Only the plane of a compound CRS counts: heights in feet change nothing."""
     plain, with_heights = (EarthPlane(crs=crs) for crs in ("EPSG:26910", "EPSG:26910+6360"))
     x, y = np.array([5.1e5]), np.array([5.2e6])
     np.testing.assert_array_equal(with_heights.to_earth(x, y), plain.to_earth(x, y))

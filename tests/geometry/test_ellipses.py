@@ -1,4 +1,4 @@
-"""The point of an ellipse nearest to a given one."""
+"""The nearest point on an ellipse."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from nlosctl.geometry.ellipses import nearest_on_ellipse
 
 
-def test_nearest_is_the_nearest_of_a_fine_polygon():
-    """No point of a fine polygon is nearer, and the foot lies on the ellipse."""
+def test_no_point_of_a_fine_polygon_is_nearer():
+    """No point of a fine polygon is nearer, and the foot is on the ellipse."""
     generator = np.random.default_rng(1)
     a = generator.uniform(1.0, 5.0, 300)
     b = a * generator.uniform(0.05, 1.0, 300)
@@ -23,8 +23,8 @@ def test_nearest_is_the_nearest_of_a_fine_polygon():
     np.testing.assert_allclose(distance, polygon, atol=2e-3)
 
 
-def test_points_of_the_axes():
-    """Points of the axes, the centre, and far points have their foot in closed form: of two the one above."""
+def test_points_on_the_axes():
+    """Points on the axes, the centre and far points have a closed form; of two feet the upper is returned."""
     a, b = np.full(8, 2.0), np.full(8, 1.0)
     x, y = np.array([0.0, 0.0, 3.0, 0.3, 1e9, 1.6, 2.2, -0.3]), np.array([3.0, *np.zeros(6), -0.0])
     foot_x, foot_y = nearest_on_ellipse(x, y, a, b)
@@ -33,15 +33,15 @@ def test_points_of_the_axes():
 
 
 def test_circles():
-    """Of a circle the foot is on the ray from its centre; the centre's is above it, and that of NaN is NaN."""
+    """On a circle the foot is on the ray from the centre; for the centre it is the top, for NaN it is NaN."""
     x, y, radius = np.array([0.0, 0.5, -3.0, np.nan]), np.array([0.0, 0.5, 4.0, 0.0]), np.full(4, 2.0)
     foot_x, foot_y = nearest_on_ellipse(x, y, radius, radius)
     np.testing.assert_allclose(foot_x, [0.0, np.sqrt(2.0), -1.2, np.nan], atol=1e-9)
     np.testing.assert_allclose(foot_y, [2.0, np.sqrt(2.0), 1.6, np.nan], atol=1e-9)
 
 
-def test_a_row_keeps_its_bits_in_company():
-    """A point's foot does not depend on the other points of the call."""
+def test_feet_do_not_depend_on_the_block():
+    """The foot of a point does not depend on the other points of the call."""
     generator = np.random.default_rng(2)
     a = generator.uniform(1.0, 5.0, 50)
     b = a * generator.uniform(0.05, 1.0, 50)

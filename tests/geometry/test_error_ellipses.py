@@ -1,4 +1,4 @@
-"""Error ellipses against numpy's eigenvectors, CEP50 against integration by scipy."""
+"""Error ellipses compared with numpy's eigenvectors, CEP50 with integration by scipy."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from nlosctl.geometry.error_ellipses import circular_error_probable, error_ellip
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 
-def test_axes_are_those_of_the_eigenvectors():
-    """Semi-axes are roots of eigenvalues, the orientation is that of the larger one's eigenvector."""
+def test_axes_agree_with_the_eigenvectors():
+    """Semi-axes are square roots of eigenvalues; the orientation is that of the major eigenvector."""
     generator = np.random.default_rng(1)
     factors = generator.normal(size=(300, 2, 2))
     matrices = factors @ factors.transpose(0, 2, 1)
@@ -29,15 +29,15 @@ def test_axes_are_those_of_the_eigenvectors():
     assert (np.abs(ellipse.orientation_rad) <= np.pi / 2).all()
 
 
-def test_no_ellipse_of_what_is_no_covariance():
-    """NaN, and matrices that are not positive, have NaN axes."""
+def test_invalid_covariances_have_no_ellipse():
+    """NaN and matrices that are not positive semidefinite have NaN axes."""
     ellipse = error_ellipse(Symmetric2x2(np.array([np.nan, 1.0]), np.array([0.0, 2.0]), np.array([1.0, 1.0])))
     assert np.isnan(ellipse.semi_major_m).all()
     assert np.isnan(ellipse.orientation_rad).all()
 
 
-def test_errors_on_a_line_have_an_ellipse_without_width():
-    """Singular covariances have a minor axis of 0, and point along the line; a point has both axes 0."""
+def test_singular_covariances_have_a_zero_minor_axis():
+    """Singular covariances have a minor axis of 0 along the line; the zero matrix has both axes 0."""
     ellipse = error_ellipse(
         Symmetric2x2(np.array([4.0, 0.0, 2.0, 0.0]), np.array([0.0, 0.0, -2.0, 0.0]), np.array([0.0, 9.0, 2.0, 0.0]))
     )
@@ -55,13 +55,13 @@ def share_within(radius: float, minor: float) -> float:
 
 @pytest.mark.parametrize("minor", [1.0, 0.7, 0.3, 0.05])
 def test_half_of_the_errors_are_within_cep50(minor):
-    """The probability of the circle is one half, by an independent formula."""
+    """The probability within CEP50 is one half by an independent formula."""
     radius = circular_error_probable(np.array([1.0]), np.array([minor]))[0]
     assert share_within(radius, minor) == pytest.approx(0.5, abs=1e-10)
 
 
 def test_limits_of_cep50():
-    """A round error has 1.1774 sigma, one on a line 0.6745, a point none; NaN stays NaN."""
+    """Equal axes give 1.1774 sigma, a line 0.6745 sigma, a point 0; NaN stays NaN."""
     found = circular_error_probable(np.array([2.0, 2.0, 0.0, np.nan, 0.0]), np.array([2.0, 0.0, 0.0, 1.0, np.nan]))
     np.testing.assert_allclose(found[:3], [2.0 * math.sqrt(2.0 * math.log(2.0)), 2.0 * 0.6744897501960817, 0.0])
     assert np.isnan(found[3:]).all()

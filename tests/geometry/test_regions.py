@@ -22,8 +22,8 @@ def _regions() -> list[Region]:
 
 
 @pytest.mark.parametrize("region", _regions(), ids=["box", "circle", "polygon"])
-def test_area_is_the_share_of_a_dense_grid_inside(region: Region) -> None:
-    """The area equals that of the cells of a fine grid whose middles are inside."""
+def test_area_agrees_with_a_fine_grid(region: Region) -> None:
+    """The area is that of the cells of a fine grid whose centres are inside."""
     axis = (np.arange(800) + 0.5) / 800
     xmin, xmax, ymin, ymax = (edge[:, None] for edge in region.bounds_m)
     grid_x, grid_y = (part.ravel() for part in np.meshgrid(axis, axis))
@@ -34,7 +34,7 @@ def test_area_is_the_share_of_a_dense_grid_inside(region: Region) -> None:
 
 @pytest.mark.parametrize("region", _regions(), ids=["box", "circle", "polygon"])
 def test_edge_distance_is_that_of_the_nearest_change(region: Region) -> None:
-    """No point nearer than the edge distance lies on the other side, and some point just beyond it does."""
+    """No point nearer than the edge distance is on the other side; some point just beyond it is."""
     generator = np.random.default_rng(5)
     x, y = generator.uniform(-3.0, 6.0, (2, 2, 40))
     distance = region.edge_distance_m(x, y)
@@ -52,8 +52,8 @@ def test_edge_distance_is_that_of_the_nearest_change(region: Region) -> None:
 
 
 @pytest.mark.parametrize("region", _regions(), ids=["box", "circle", "polygon"])
-def test_points_that_are_not_numbers_are_nowhere(region: Region) -> None:
-    """NaN is neither inside nor on the edge; a point of shape (B,) is judged by its own region."""
+def test_nan_is_neither_inside_nor_on_the_edge(region: Region) -> None:
+    """NaN is neither inside nor on the edge; each point of shape (B,) is tested against its own region."""
     nan = np.full(2, np.nan)
     assert not region.contains(nan, nan).any()
     assert not region.on_edge(nan, nan, 1.0).any()
@@ -62,14 +62,14 @@ def test_points_that_are_not_numbers_are_nowhere(region: Region) -> None:
 
 
 def test_on_edge_is_within_the_tolerance_of_either_side() -> None:
-    """Points within the tolerance of the edge touch it, whichever side they are on."""
+    """Points within the tolerance of the edge are on it, on either side."""
     box = BoxRegion(np.array([0.0]), np.array([1.0]), np.array([0.0]), np.array([1.0]))
     x = np.array([[0.05, -0.05, 0.2, 0.95, 1.2]])
     assert box.on_edge(x, np.full_like(x, 0.5), 0.1).tolist() == [[True, True, False, True, False]]
 
 
 def test_the_edge_of_boxes_and_circles_is_inside() -> None:
-    """Corners, sides and circumference belong to the region; the next number beyond them does not."""
+    """Corners, sides and circumference belong to the region; the next floating-point number outside does not."""
     box, circle, _ = _regions()
     x, y = (
         np.array([[0.0, 4.0, 0.0, 4.0, 2.0], [-1.0, 1.0, -1.0, 1.0, 0.0]]),
@@ -85,8 +85,8 @@ def test_the_edge_of_boxes_and_circles_is_inside() -> None:
 
 
 @pytest.mark.parametrize("kind", range(3), ids=["box", "circle", "polygon"])
-def test_a_region_has_no_size_of_its_own(kind: int) -> None:
-    """A region a million times smaller has edges a million times nearer: to the bit, for a power of two."""
+def test_regions_scale(kind: int) -> None:
+    """Scaling a region by a power of two scales its edge distances to the bit."""
     region = _regions()[kind]
     scale = 2.0**-20
     small = type(region)(*(scale * values for values in vars(region).values()))
@@ -95,8 +95,8 @@ def test_a_region_has_no_size_of_its_own(kind: int) -> None:
     assert np.array_equal(small.area_m2, scale**2 * region.area_m2)
 
 
-def test_a_polygon_that_is_closed_twice_is_the_same() -> None:
-    """A ring whose last vertex is its first again (as GeoJSON writes it) has the edges and the area of the open one."""
+def test_closed_rings_equal_open_rings() -> None:
+    """A ring that repeats its first vertex (as in GeoJSON) has the edges and the area of the open ring."""
     ring = _regions()[2]
     closed = PolygonRegion(*(np.concatenate([part, part[:, :1]], axis=1) for part in vars(ring).values()))
     x, y = np.random.default_rng(7).uniform(-3.0, 6.0, (2, 2, 200))
@@ -104,8 +104,8 @@ def test_a_polygon_that_is_closed_twice_is_the_same() -> None:
     assert np.array_equal(closed.area_m2, ring.area_m2)
 
 
-def test_a_convex_polygon_is_where_half_planes_meet() -> None:
-    """A point is inside if it is to the left of every edge, and as far from the edge as from the nearest line."""
+def test_a_convex_polygon_is_an_intersection_of_half_planes() -> None:
+    """A point is inside if it is left of every edge, at the distance of the nearest line."""
     angle = np.array([0.3, 1.1, 2.5, 3.9, 5.2])
     corner_x, corner_y = 3.0 * np.cos(angle) + 1.0, 2.0 * np.sin(angle) - 0.5
     polygon = PolygonRegion(corner_x[None], corner_y[None])
@@ -120,8 +120,8 @@ def test_a_convex_polygon_is_where_half_planes_meet() -> None:
     assert np.array_equal(polygon.on_edge(x, y, 0.2)[0][inside], height[inside] <= 0.2)
 
 
-def test_an_edge_of_all_but_no_length_is_none() -> None:
-    """Two corners that are one but for rounding are as one, for points however far away."""
+def test_edges_of_zero_length_are_ignored() -> None:
+    """Two vertices that differ by rounding count as one, for points at any distance."""
     corner_x, corner_y = np.array([[0.0, 1.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 1.0, 1.0]])
     doubled = PolygonRegion(np.append(corner_x, [[1e-100]], axis=1), np.append(corner_y, [[1e-200]], axis=1))
     x, y = np.array([[0.5, 2.0, 1e250, 0.5, -1e250]]), np.array([[0.5, 0.5, 0.5, 1e250, -1e250]])
@@ -131,7 +131,7 @@ def test_an_edge_of_all_but_no_length_is_none() -> None:
 
 
 def test_each_region_has_its_own_tolerance() -> None:
-    """A tolerance for each snapshot holds for all points of that snapshot; at the tolerance is within it."""
+    """The tolerance of a snapshot applies to all points of that snapshot, and includes its value."""
     _, circle, _ = _regions()
     x, y = np.array([[2.5, 3.5], [0.25, 1.0]]), np.array([[2.0, 2.0], [0.0, 0.0]])
     assert circle.on_edge(x, y, np.array([0.5, 0.25])).tolist() == [[True, True], [True, False]]
@@ -139,7 +139,7 @@ def test_each_region_has_its_own_tolerance() -> None:
 
 
 def test_fields_become_regions_about_the_local_origin() -> None:
-    """Every kind of field holds the same points of the plane, whatever the local origin."""
+    """Each kind of field contains the same points of the plane for any local origin."""
     center = np.array([1e6, 1e6 + 50.0])
     sensor_x = center[:, None] + np.array([[0.0, 10.0], [0.0, 4.0]])
     sensor_y = center[:, None] + np.array([[0.0, 2.0], [0.0, 8.0]])

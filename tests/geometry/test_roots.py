@@ -1,4 +1,4 @@
-"""Bracketed roots, against functions whose roots are known."""
+"""Bracketed roots, compared with functions whose roots are known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from nlosctl.geometry.roots import bracketed_roots
 
 
 def test_roots_are_found_where_newton_alone_fails():
-    """Flat, steep and oscillating starts end in the bracket's root."""
+    """Flat, steep and oscillating functions converge to the root in the bracket."""
     scale = np.array([1e-6, 1.0, 1e6, 50.0])
     exact = np.array([0.3, -0.7, 0.999, -0.999])
 
@@ -21,7 +21,7 @@ def test_roots_are_found_where_newton_alone_fails():
 
 
 def test_rows_are_independent():
-    """A row has the same bits whatever the others are, and NaN stays alone."""
+    """Bits of a row do not depend on the others, and NaN stays in its row."""
     exact = np.array([0.1, np.nan, 0.9])
 
     def function_of(target):
@@ -34,7 +34,7 @@ def test_rows_are_independent():
 
 
 def visited(function, guess):
-    """Return the places at which a function of one variable is asked, and the root found, in [-1, 1]."""
+    """Return the points at which a function of one variable is evaluated, and the root found, in [-1, 1]."""
     places = []
 
     def told(at):
@@ -45,29 +45,29 @@ def visited(function, guess):
     return places, float(root[0])
 
 
-def test_a_newton_step_that_is_exact_is_the_last():
-    """A straight line is solved by its first step and left there, also where its value rounds to just below zero."""
+def test_an_exact_newton_step_is_the_last():
+    """A linear function is solved in one step, even if its value rounds to just below zero."""
     for residue in (0.0, 1e-300):
         assert visited(lambda at, residue=residue: ((at + 0.5) - residue, np.ones(1)), 0.25) == ([0.25, -0.5], -0.5)
 
 
-def test_a_step_out_of_the_bracket_is_replaced_by_its_half():
-    """Where the slope leads out of the bracket, the middle of what is left of it is next."""
+def test_steps_out_of_the_bracket_become_bisections():
+    """If a Newton step leaves the bracket, its middle is next."""
     places, root = visited(lambda at: (at + 0.5, np.full(1, 0.1)), 0.25)
     assert places[:2] == [0.25, -0.375]
     assert abs(root + 0.5) < 1e-12
 
 
-def test_steps_that_shrink_slowly_are_not_taken():
-    """At a root of high order, to which Newton's steps creep, halving the bracket leads before the search gives up."""
+def test_slow_newton_steps_become_bisections():
+    """At a root of high order bisection converges before the iteration limit."""
     for order in (3, 9):
         places, root = visited(lambda at, order=order: ((at - 0.7) ** order, order * (at - 0.7) ** (order - 1)), -0.6)
         assert abs(root - 0.7) < 1e-11
         assert len(places) < 100
 
 
-def test_a_step_out_of_the_bracket_is_not_taken() -> None:
-    """Where Newton's step leads to another root beside the bracket, the one inside is found."""
+def test_roots_outside_the_bracket_are_not_returned() -> None:
+    """If a Newton step leads to another root beside the bracket, the one inside is found."""
 
     def wave(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         turn = np.pi / 0.8
@@ -77,8 +77,8 @@ def test_a_step_out_of_the_bracket_is_not_taken() -> None:
     np.testing.assert_allclose(found, [0.5], atol=1e-12)
 
 
-def test_where_the_function_is_flat_the_bracket_is_halved() -> None:
-    """A start without a slope, a root without a slope, and a step from -1e200 to 1e200 are no trouble."""
+def test_zero_slopes_become_bisections() -> None:
+    """A zero slope at the start or the root, and a step from -1e200 to 1e200, still converge."""
 
     def cubic(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return x**3 - 3.0 * x - 1.0, 3.0 * x**2 - 3.0

@@ -1,4 +1,4 @@
-"""Finite walls: what they cross and where they reflect."""
+"""Finite walls: crossings and reflections."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from nlosctl.geometry.segments import crosses_segment, reflect_in_segment
 
 
-def test_crossing_is_that_of_the_two_parametrized_lines() -> None:
-    """Ways and walls cross where both parameters of the lines' common point are within their ends."""
+def test_crossings_agree_with_parametrized_lines() -> None:
+    """A path crosses a wall where both parameters of the lines' common point are within the ends."""
     generator = np.random.default_rng(1)
     points = generator.uniform(-1.0, 1.0, (8, 500))
     expected = []
@@ -22,16 +22,16 @@ def test_crossing_is_that_of_the_two_parametrized_lines() -> None:
     assert 50 < finite.sum() < endless.sum() < 500
 
 
-def test_a_way_through_an_end_of_the_wall_crosses_it() -> None:
-    """Either end belongs to the wall; a way that ends on the wall's line, or passes beside it, does not cross."""
+def test_paths_through_an_end_of_a_wall_cross_it() -> None:
+    """Both ends belong to the wall; a path that ends on its line, or passes beside it, does not cross."""
     ways = np.array([[0.0, -1.0, 0.0, 1.0], [2.0, -1.0, 2.0, 1.0], [1.0, -1.0, 1.0, 0.0], [3.0, -1.0, 3.0, 1.0]]).T
     wall = (np.zeros(4), np.zeros(4), np.full(4, 2.0), np.zeros(4))
     assert crosses_segment(*ways, *wall).tolist() == [True, True, False, False]
     assert crosses_segment(*ways, *wall, endless=True).tolist() == [True, True, False, True]
 
 
-def test_reflection_is_the_shortest_way_by_the_wall() -> None:
-    """Fermat: no other point of the wall makes a shorter way; points beyond an end, or across the wall, have none."""
+def test_reflections_are_the_shortest_paths_by_the_wall() -> None:
+    """Fermat: no other point of the wall gives a shorter path; points beyond an end or across have none."""
     generator = np.random.default_rng(2)
     points = generator.uniform(-1.0, 1.0, (8, 400))
     x, y = reflect_in_segment(*points)
@@ -48,8 +48,8 @@ def test_reflection_is_the_shortest_way_by_the_wall() -> None:
     assert np.array_equal(found, inner & (side[0] * side[1] > 0.0))
 
 
-def test_there_is_no_reflection_where_image_and_point_are_alike_far_from_the_wall() -> None:
-    """Points as far from the wall on different sides, or both on its line, have none, without a warning."""
+def test_undefined_reflections_give_no_warning() -> None:
+    """Points at equal distance on opposite sides, or both on the wall's line, have none, without a warning."""
     ends = np.array([[0.0, 1.0, 3.0, -1.0], [0.5, 0.0, 1.5, 0.0], [1.0, 2.0, 1.0, -2.0]]).T
     x, y = reflect_in_segment(*ends, np.zeros(3), np.zeros(3), np.full(3, 2.0), np.zeros(3))
     assert np.isnan([x, y]).all()

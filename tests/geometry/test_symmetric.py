@@ -36,8 +36,8 @@ def relative_error(got: FloatArray, expected: FloatArray) -> float:
     return float((np.abs(got - expected).max(axis=axes) / np.abs(expected).max(axis=axes)).max())
 
 
-def test_inverse_and_solution_are_those_of_numpy() -> None:
-    """Inverse and solution agree with numpy.linalg for matrices of condition up to 1e3 and any scale."""
+def test_inverse_and_solution_agree_with_numpy() -> None:
+    """Inverse and solution agree with numpy.linalg for conditions up to 1e3 at any scale."""
     matrix, dense = random_positive(500, 1e3)
     right = np.random.default_rng(4).normal(size=(500, 2))
     assert relative_error(full(matrix.inverse()), np.linalg.inv(dense)) < 1e-12
@@ -45,7 +45,7 @@ def test_inverse_and_solution_are_those_of_numpy() -> None:
     assert relative_error(solved, np.linalg.solve(dense, right[..., None])[..., 0]) < 1e-12
 
 
-def test_determinant_trace_and_eigenvalues_are_those_of_numpy() -> None:
+def test_determinant_trace_and_eigenvalues_agree_with_numpy() -> None:
     """Determinant, trace and both eigenvalues agree with numpy.linalg."""
     matrix, dense = random_positive(500, 1e3)
     smaller, larger = matrix.eigenvalues()
@@ -56,7 +56,7 @@ def test_determinant_trace_and_eigenvalues_are_those_of_numpy() -> None:
     np.testing.assert_allclose(matrix.trace, np.trace(dense, axis1=1, axis2=2), rtol=1e-15)
 
 
-def test_congruence_is_the_sandwich() -> None:
+def test_congruence_agrees_with_the_matrix_product() -> None:
     """``congruence`` is the matrix product self @ middle @ self."""
     matrix, dense = random_positive(300, 50.0)
     middle = Symmetric2x2(matrix.yy[::-1], -matrix.xy[::-1], matrix.xx[::-1])
@@ -64,8 +64,8 @@ def test_congruence_is_the_sandwich() -> None:
 
 
 @pytest.mark.parametrize("entries", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4.0, 0.0, 0.0)])
-def test_a_singular_matrix_spoils_no_other(entries: tuple[float, float, float]) -> None:
-    """A singular matrix gives what is not finite, without a warning, and leaves its neighbour alone."""
+def test_singular_matrices_leave_other_rows_unchanged(entries: tuple[float, float, float]) -> None:
+    """A singular matrix gives values that are not finite, without a warning; its neighbour is unaffected."""
     singular = Symmetric2x2(
         *(np.array([entry, identity]) for entry, identity in zip(entries, (1.0, 0.0, 1.0), strict=True))
     )
@@ -77,23 +77,23 @@ def test_a_singular_matrix_spoils_no_other(entries: tuple[float, float, float]) 
 
 
 def test_a_matrix_that_is_not_positive_gives_no_warning() -> None:
-    """Where the larger eigenvalue is 0 but for rounding, the smaller is told to be 0."""
+    """If the larger eigenvalue is 0 to rounding, the smaller is reported as 0."""
     x, y = np.random.default_rng(5).normal(size=(2, 1000))
     smaller, larger = Symmetric2x2(-x * x, x * y, -y * y).eigenvalues()
     assert np.count_nonzero(larger == 0.0) > 100
     assert not smaller[larger <= 0.0].any()
 
 
-def test_what_a_number_does_not_hold_is_not_finite() -> None:
-    """Inverse, solution and eigenvalues that are too large for a float64 are not finite, without a warning."""
+def test_overflow_gives_no_warning() -> None:
+    """Inverse, solution and eigenvalues beyond float64 are not finite, without a warning."""
     tiny, huge = (Symmetric2x2(np.full(1, size), np.zeros(1), np.full(1, 2.0 * size)) for size in (1e-160, 1e200))
     assert not np.isfinite(tiny.inverse().xx).any()
     assert not np.isfinite(tiny.solve(np.ones(1), np.ones(1))).any()
     assert not np.isfinite(huge.eigenvalues()).all()
 
 
-def test_the_sandwich_of_huge_matrices_is_infinite():
-    """Entries beyond what a float64 holds are infinite, without a warning."""
+def test_congruence_overflows_to_infinity():
+    """Entries beyond float64 are infinite, without a warning."""
     huge = Symmetric2x2(np.full(1, 1e200), np.zeros(1), np.full(1, 1e200))
     found = huge.congruence(huge)
     assert np.isposinf(found.xx).all()

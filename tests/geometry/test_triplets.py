@@ -65,7 +65,7 @@ def _paper_matrix(d, mu1, mu2, length, rays):
 
 @pytest.mark.parametrize("direct", [True, False])
 def test_points_satisfy_their_equations(direct):
-    """Each point lies on both of the curves that it is the intersection of."""
+    """Each point is on both curves that define it."""
     d, mu1, mu2, length = _random_triplets(2000, 1, direct=direct)
     rays = _rays(d, mu1, mu2, length)
     point = {k: [rays.coordinate(k, axis).value_m for axis in ("x", "y")] for k in (1, 2, 3)}
@@ -90,8 +90,8 @@ def test_points_satisfy_their_equations(direct):
 
 
 @pytest.mark.parametrize("direct", [True, False])
-def test_derivatives_are_those_of_finite_differences(direct):
-    """W is the Jacobian of lambda at the measured triplet, direct or not, to 1e-7."""
+def test_derivatives_agree_with_finite_differences(direct):
+    """W is the Jacobian of lambda at the measured triplet, direct or indirect, to 1e-7."""
     d, mu1, mu2, length = _random_triplets(10_000, 2, direct=direct)
     crossing = np.abs(np.sin(mu1 - mu2))
     keep = crossing > 0.05
@@ -113,7 +113,7 @@ def test_derivatives_are_those_of_finite_differences(direct):
 
 
 @pytest.mark.parametrize("direct", [True, False])
-def test_derivatives_are_the_corrected_matrix_of_the_paper(direct):
+def test_derivatives_agree_with_the_corrected_matrix_of_the_paper(direct):
     """The polar derivatives equal (14) with its misprints corrected, away from the poles of the tangent."""
     d, mu1, mu2, length = _random_triplets(5000, 3, direct=direct)
     keep = (np.abs(np.cos(mu1)) > 0.01) & (np.abs(np.cos(mu2)) > 0.01) & (np.abs(np.sin(mu1 - mu2)) > 0.01)
@@ -139,7 +139,7 @@ def test_erratum_sign_of_c3():
 
 
 def test_sums_of_quantities_undo_differences():
-    """Values and derivatives of a sum less one of its parts are those of the other."""
+    """A sum minus one of its terms has the values and derivatives of the other term."""
     rays = _rays(*_random_triplets(50, 9, direct=False))
     two = rays.coordinate(2, "x"), rays.coordinate(3, "y")
     for one, other in (two, two[::-1]):
@@ -154,8 +154,8 @@ def test_sums_of_quantities_undo_differences():
     y=st.floats(0.5, 20.0),
     errors=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
 )
-def test_theorem_1(d, x, y, errors):
-    """At a direct path the six differences are one: omega_i lambda_i are all equal, equation (17)."""
+def test_differences_are_equal_on_a_direct_path(d, x, y, errors):
+    """Theorem 1, equation (17): on a direct path all six omega_i lambda_i are equal."""
     mu1, mu2 = np.arctan2(y, x - 0.5 * d), np.arctan2(y, x + 0.5 * d)
     length = np.hypot(x + 0.5 * d, y) + np.hypot(x - 0.5 * d, y)
     matrix = _matrix(_rays(*(np.array([value]) for value in (d, mu1, mu2, length))))[0]
@@ -171,8 +171,8 @@ def test_theorem_1(d, x, y, errors):
     np.testing.assert_allclose((np.outer(linear, share) - np.outer(share, linear)) / scale, 0.0, atol=1e-9)
 
 
-def test_frame_turns_back():
-    """A point that goes into the baseline frame by rays comes back to where it was."""
+def test_the_baseline_frame_round_trips():
+    """A point transformed by rays to the baseline frame and back is unchanged."""
     generator = np.random.default_rng(5)
     tx, rx, p = generator.uniform(-5.0, 5.0, (3, 2, 300))
     frames = baseline_frames(*tx, *rx)
@@ -186,8 +186,8 @@ def test_frame_turns_back():
     np.testing.assert_allclose(np.array(back)[:, apart], p[:, apart], atol=1e-9)
 
 
-def test_matrices_turn_with_their_frames():
-    """A covariance in the baseline frame is R C R' in the plane, R the turn from baseline to plane."""
+def test_covariances_rotate_with_the_frame():
+    """A covariance in the baseline frame is R C R' in the plane; R rotates the baseline to the plane."""
     generator = np.random.default_rng(6)
     tx, rx = generator.uniform(-5.0, 5.0, (2, 2, 50))
     factor = generator.normal(size=(50, 2, 2))
@@ -200,16 +200,16 @@ def test_matrices_turn_with_their_frames():
         np.testing.assert_allclose(found, expected[:, row, column], rtol=1e-12, atol=1e-12)
 
 
-def test_a_matrix_without_bounds_stays_so_in_the_plane():
-    """Infinite entries, and sums too large for a float64, are not finite when turned, without a warning."""
+def test_infinite_covariances_stay_infinite():
+    """Infinite entries, and sums beyond float64, are not finite when rotated, without a warning."""
     frames = baseline_frames(np.zeros(2), np.zeros(2), np.ones(2), np.ones(2))
     size = np.array([np.inf, 1.7e308])
     turned = frames.matrix_to_global(Symmetric2x2(size, -size, size))
     assert not np.isfinite(turned.xx).any()
 
 
-def test_no_ellipse_and_parallel_rays_are_nan():
-    """Points that do not exist are NaN, without a warning, and the others are there."""
+def test_missing_ellipses_and_parallel_rays_give_nan():
+    """Points that do not exist are NaN, without a warning; the others are computed."""
     d, length = np.full(5, 2.0), np.array([1.5, 2.0, 4.0, 2.0, 4.0])
     mu1, mu2 = np.array([1.2, 1.2, 1.0, 1.2, 0.0]), np.array([0.4, 0.4, 1.0, 0.0, 0.0])
     rays = _rays(d, mu1, mu2, length)
@@ -219,15 +219,15 @@ def test_no_ellipse_and_parallel_rays_are_nan():
     assert np.isnan(rays.difference(1).value_m).all()
 
 
-def test_lines_that_meet_behind():
-    """Lines that meet behind a node are told apart from rays that meet."""
+def test_lines_that_meet_behind_a_node():
+    """Lines that meet behind a node are distinguished from rays that meet."""
     d, length = np.full(3, 2.0), np.full(3, 6.0)
     mu1, mu2 = np.array([2.0, 1.0, 1.0]), np.array([1.0, 2.0, -0.5])
     assert _rays(d, mu1, mu2, length).meets_behind.tolist() == [False, True, True]
 
 
-def test_a_baseline_without_length_has_the_axes_of_the_plane():
-    """With transmitter and receiver in one place the frame is the plane's, moved there; its neighbours are as ever."""
+def test_zero_baselines_use_the_axes_of_the_plane():
+    """If transmitter and receiver coincide the frame is that of the plane; other rows are unaffected."""
     frames = baseline_frames(*np.array([[3.0, 0.0], [4.0, 0.0]]), *np.array([[3.0, 0.0], [4.0, 2.0]]))
     x, y = frames.to_global(np.array([1.0, 1.0]), np.array([2.0, 0.0]))
     np.testing.assert_allclose(np.stack([x, y], axis=1), [[4.0, 6.0], [0.0, 2.0]], atol=1e-15)

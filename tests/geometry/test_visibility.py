@@ -1,4 +1,4 @@
-"""The regions A1, A2, A3, against brute force over all specular points and against traced rays."""
+"""The regions A1, A2 and A3, compared with brute force over all specular points and with traced rays."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def draw_annulus(count, seed, height=0.0, span=0.25):
 
 
 def by_path(sensor, source, least=-np.inf):
-    """Return the answer by the two legs of the path."""
+    """Return visibility by the two legs of the path."""
     shape = sensor.shape
     radius, blocker = np.full(shape, IONOSPHERE_M), np.full(shape, EARTH_M)
     path = short_arc_reflection(*parts(sensor), *parts(source), radius)
@@ -37,15 +37,15 @@ def by_path(sensor, source, least=-np.inf):
 
 
 def in_closed_form(sensor, source, least=0.0):
-    """Return the answer by Lemma 2's edge."""
+    """Return visibility by the edge of Lemma 2."""
     shape = sensor.shape
     limits = (np.full(shape, IONOSPHERE_M), np.full(shape, EARTH_M), np.full(shape, least))
     return sees_by_reflection_from_ground(*parts(sensor), *parts(source), *limits)
 
 
 @pytest.mark.parametrize("height", [0.0, 80e3])
-def test_visible_by_reflection_is_having_an_unblocked_path(height):
-    """A source is visible exactly where one of all specular points has two free legs."""
+def test_a_source_is_visible_if_a_path_is_unblocked(height):
+    """A source is visible exactly if one of all specular points has two free legs."""
     sensor, source = draw_annulus(1200, 12, height)
     radius, blocker = np.full(sensor.shape, IONOSPHERE_M), np.full(sensor.shape, EARTH_M)
     paths = all_reflections(*parts(sensor), *parts(source), radius)
@@ -56,14 +56,14 @@ def test_visible_by_reflection_is_having_an_unblocked_path(height):
     assert visible.tolist() == expected
 
 
-def test_lemma_2_is_the_same_region():
+def test_visibility_agrees_with_lemma_2():
     """From the ground the closed form (2 acos(r/R) - acos(r/rho)) and the path agree, A1 included."""
     sensor, source = draw_annulus(20_000, 13)
     assert (by_path(sensor, source) == in_closed_form(sensor, source)).all()
 
 
 def test_the_edge_of_a2():
-    """A kilometre inside of the edge a source is visible, a kilometre outside it is not."""
+    """A source a kilometre inside the edge is visible, one a kilometre outside is not."""
     radius = np.linspace(EARTH_M + 1e3, IONOSPHERE_M - 1e3, 200)
     edge = 2.0 * np.arccos(EARTH_M / IONOSPHERE_M) - np.arccos(EARTH_M / radius)
     sensor = np.full(radius.shape, EARTH_M + 0j)
@@ -94,8 +94,8 @@ def test_least_elevation_shrinks_the_region(least_deg):
 
 
 @pytest.mark.parametrize("height", [0.0, 200e3])
-def test_direct_sight_is_a_segment_that_clears_the_blocker(height):
-    """A3 is where the straight segment stays out of the blocker."""
+def test_direct_visibility_needs_a_clear_segment(height):
+    """A3 is where the straight segment stays outside the blocker."""
     sensor, source = draw_annulus(20_000, 15, height)
     clear = distance_from_center(sensor, source) - EARTH_M
     seen = sees_directly(*parts(sensor), *parts(source), np.full(sensor.shape, EARTH_M), np.full(sensor.shape, -np.inf))
@@ -118,8 +118,8 @@ def test_elevation_and_horizon():
     np.testing.assert_allclose(horizon, [-np.pi / 3, 0.0, 0.0], atol=1e-15)
 
 
-def test_what_is_on_the_ground_is_not_under_it():
-    """Lengths are good to 1e-10 of the blocker: sources that much under it are seen, those twice as deep are not."""
+def test_the_ground_has_a_tolerance():
+    """Sources up to 1e-10 of the blocker's radius below the ground are visible; twice as deep they are not."""
     depth = np.array([0.0, 0.5, 2.0]) * 1e-10
     for height, angle in ((80e3, 0.001), (0.0, 0.2)):
         sensor = np.full(3, EARTH_M + height + 0j)
@@ -132,7 +132,7 @@ def test_what_is_on_the_ground_is_not_under_it():
 
 
 def test_the_edge_of_a2_is_as_wide_as_the_tolerance():
-    """Half of 1e-10 of the blocker beyond the edge, along the ground, a source is seen, twice as much it is not."""
+    """Half of 1e-10 of the radius beyond the edge, along the ground, is visible; twice that is not."""
     radius = np.full(2, EARTH_M + 100e3)
     edge = reach_by_reflection(radius, *(np.full(2, value) for value in (IONOSPHERE_M, EARTH_M, 0.0)))
     beyond = np.array([0.5, 2.0]) * 1e-10 * EARTH_M / radius
@@ -141,7 +141,7 @@ def test_the_edge_of_a2_is_as_wide_as_the_tolerance():
 
 @pytest.mark.parametrize("height", [0.0, 80e3])
 def test_a_segment_may_dip_into_the_ground_by_the_tolerance(height):
-    """Half of 1e-10 of the blocker beyond both horizons, along the lower of two places, is clear, twice is not."""
+    """Half of 1e-10 of the radius beyond both horizons is clear; twice that is not."""
     first, second = EARTH_M + height, EARTH_M + 200e3
     reach = np.arccos(EARTH_M / first) + np.arccos(EARTH_M / second)
     beyond = np.array([0.5, 2.0]) * 1e-10 * EARTH_M / first
@@ -151,8 +151,8 @@ def test_a_segment_may_dip_into_the_ground_by_the_tolerance(height):
 
 
 @pytest.mark.parametrize("height", [0.0, 200e3])
-def test_direct_sight_needs_the_least_elevation(height):
-    """A source is seen if it stands as high above the sensor's horizontal as is asked, good to 1e-10 rad."""
+def test_direct_visibility_needs_the_least_elevation(height):
+    """A source is visible if its elevation is at least the least elevation, to 1e-10 rad."""
     sensor, source = draw_annulus(2000, 16, height, span=0.05)
     apart = source - sensor
     angle = np.arcsin(np.real(apart * np.conj(sensor)) / np.abs(apart) / np.abs(sensor))
@@ -169,8 +169,8 @@ def test_direct_sight_needs_the_least_elevation(height):
         assert (seen[clear] == expected).all()
 
 
-def test_the_least_elevation_of_a_reflected_ray_has_the_tolerance_too():
-    """A ray half of 1e-10 rad below the least elevation is seen, one twice as much below it is not."""
+def test_the_least_elevation_has_a_tolerance():
+    """A reflected ray half of 1e-10 rad below the least elevation is visible, one twice as far below is not."""
     sensor, source = draw_annulus(500, 17, 0.0, span=0.03)
     radius, blocker = np.full(sensor.shape, IONOSPHERE_M), np.full(sensor.shape, EARTH_M)
     path = short_arc_reflection(*parts(sensor), *parts(source), radius)
@@ -184,6 +184,6 @@ def test_the_least_elevation_of_a_reflected_ray_has_the_tolerance_too():
 
 
 def test_the_centre_is_under_the_ground():
-    """A source at the centre is not seen, without a warning."""
+    """A source at the centre is not visible, without a warning."""
     source, limit = np.zeros(1, dtype=complex), np.full(1, -np.inf)
     assert not sees_directly(np.full(1, EARTH_M), np.zeros(1), *parts(source), np.full(1, EARTH_M), limit).any()

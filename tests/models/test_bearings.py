@@ -1,4 +1,4 @@
-"""The bearing model, against two independent ways to write it and against finite differences."""
+"""The bearing model, compared with two independent formulations and finite differences."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def mirror_image(point: tuple[float, float], mirror: LineReflector) -> tuple[flo
 
 
 def bearing_by_target_image(sensor: tuple[float, float], source: tuple[float, float], mirror: LineReflector) -> float:
-    """Return where the sensor sees the image of the source (Appendix 6.2, target-image modelling)."""
+    """Return the bearing of the source's image (Appendix 6.2, target-image modelling)."""
     image = mirror_image(source, mirror)
     return math.atan2(image[1] - sensor[1], image[0] - sensor[0])
 
@@ -78,8 +78,8 @@ def about_center(batch: BearingBatch, xy: FloatArray) -> tuple[FloatArray, Float
     return xy[:, 0] - lines.center_x, xy[:, 1] - lines.center_y
 
 
-def test_predicted_bearings_are_those_of_both_image_models() -> None:
-    """The forward model agrees with target-image and sensor-image modelling to 1e-12 rad, vertical mirrors too."""
+def test_predicted_bearings_agree_with_both_image_models() -> None:
+    """Target-image and sensor-image modelling agree to 1e-12 rad, vertical mirrors included."""
     source, batch = random_batch(300, 6, noise=0.0)
     worst = 0.0
     for (b, k), reflector in np.ndenumerate(batch.reflector):
@@ -94,15 +94,15 @@ def test_predicted_bearings_are_those_of_both_image_models() -> None:
     assert worst < 1e-12
 
 
-def test_a_bearing_by_hand() -> None:
+def test_a_mirrored_bearing_by_hand() -> None:
     """From (0, 0), a source at (2, 2) is seen in the mirror x = 3 at its image (4, 2)."""
     scene = Scene(reflectors=(LineReflector(name="wall", point=(3.0, 0.0), direction=(0.0, 1.0)),))
     bearing = predict_bearings(np.zeros((1, 2)), np.array([0]), scene, np.array([[2.0, 2.0]]))
     assert bearing[0] == pytest.approx(math.atan2(2.0, 4.0), abs=1e-15)
 
 
-def test_noise_free_bearings_leave_no_residual() -> None:
-    """The sight lines of noise-free bearings all pass through the source, and it is before each of them."""
+def test_noise_free_bearings_have_no_residual() -> None:
+    """The sight lines of noise-free bearings pass through the source, which is in front of each."""
     source, batch = random_batch(300, 6, noise=0.0)
     x, y = about_center(batch, source)
     assert np.abs(sight_lines(batch).residual_rad(x, y)).max() < 1e-12
@@ -112,7 +112,7 @@ def test_noise_free_bearings_leave_no_residual() -> None:
 
 
 def test_the_residual_is_measured_minus_predicted() -> None:
-    """At any point the bearing residual is measured minus predicted, wrapped; unwrapped bearings do no harm."""
+    """The residual is measured minus predicted, wrapped, at any point; bearings need not be wrapped."""
     _, batch = random_batch(200, 5, noise=0.3)
     batch = dataclasses.replace(batch, bearing_rad=batch.bearing_rad - 2.0 * np.pi * (batch.bearing_rad > 0.0))
     point = np.random.default_rng(3).uniform(-700.0, 700.0, (200, 2))
@@ -124,8 +124,8 @@ def test_the_residual_is_measured_minus_predicted() -> None:
     assert np.abs(got).max() <= np.pi
 
 
-def test_the_information_is_that_of_finite_differences() -> None:
-    """The Fisher information is J^T J / std^2, the Jacobian taken by finite differences of the forward model."""
+def test_the_information_agrees_with_finite_differences() -> None:
+    """The Fisher information is J^T J / std^2 with a Jacobian by finite differences."""
     source, batch = random_batch(100, 6, noise=0.0)
     jacobian = []
     for axis in np.eye(2):
@@ -140,8 +140,8 @@ def test_the_information_is_that_of_finite_differences() -> None:
         assert (np.abs(part - whole) / trace).max() < 1e-5
 
 
-def test_a_point_beyond_a_mirror_is_told() -> None:
-    """A point is beyond when a row's mirror parts it from the sensor, or it is on it; direct rows have no mirror."""
+def test_points_beyond_a_mirror() -> None:
+    """A point is beyond if a row's mirror separates it from the sensor, or it is on it; direct rows have none."""
     scene = Scene(reflectors=(LineReflector(name="wall", point=(3.0, 0.0), direction=(0.0, 1.0)),))
     _, batch = random_batch(4, 2, noise=0.0)
     reflector = np.array([[0, -1], [0, -1], [0, -1], [-1, -1]])
@@ -150,8 +150,8 @@ def test_a_point_beyond_a_mirror_is_told() -> None:
     assert sight_lines(batch).outside_scene(*about_center(batch, points)).tolist() == [False, True, True, False]
 
 
-def test_what_is_behind_a_ray_is_told() -> None:
-    """A point is behind when it is behind any ray, and nearest and farthest are its distances to the origins."""
+def test_points_behind_a_ray() -> None:
+    """A point is behind if it is behind any ray; nearest and farthest are its distances from the origins."""
     _, batch = random_batch(2, 2, noise=0.0)
     sensors = np.array([[[0.0, 0.0], [10.0, 0.0]]] * 2)
     direct = np.full((2, 2), -1)

@@ -1,4 +1,4 @@
-"""Sight lines, true paths and margins of circle rows, against traced rays and finite differences."""
+"""Sight lines, paths and margins of circle rows, compared with traced rays and finite differences."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LAYERS = Scene(
 
 
 def exact_batch(snapshots: int, seed: int, *, measurements: int = 4) -> tuple[FloatArray, BearingBatch]:
-    """Return sources (B, 2) and their bearings without error, direct or by the layers, all physical."""
+    """Return sources (B, 2) and their noise-free bearings, direct or by the layers, all physical."""
     generator = np.random.default_rng(seed)
     angle = generator.uniform(-0.12, 0.12, (snapshots, measurements))
     sensor_xy = CENTER + 6371e3 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -42,13 +42,13 @@ def exact_batch(snapshots: int, seed: int, *, measurements: int = 4) -> tuple[Fl
 
 
 def local(batch: BearingBatch, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points (B, 2) about the local origins."""
+    """Return points (B, 2) relative to the local origins."""
     lines = sight_lines(batch)
     return xy[:, 0] - lines.center_x, xy[:, 1] - lines.center_y
 
 
 def test_rays_go_through_the_source() -> None:
-    """Without error every unfolded ray passes its source within a millimetre, at the length of the true path."""
+    """Noise-free unfolded rays pass within a millimetre of the source, at the length of the true path."""
     source, batch = exact_batch(300, 1)
     lines = sight_lines(batch)
     x, y = local(batch, source)
@@ -62,8 +62,8 @@ def test_rays_go_through_the_source() -> None:
     assert np.abs(lines.bearing_residual_rad(x, y)).max() < 1e-10
 
 
-def test_the_spread_is_how_the_ray_moves() -> None:
-    """A bearing that turns by a little moves the ray at the source by as much times the spread."""
+def test_the_spread_is_the_derivative_of_the_ray() -> None:
+    """Changing a bearing by a small angle moves the ray at the source by the angle times the spread."""
     source, batch = exact_batch(200, 2)
     x, y = local(batch, source)
     turn = 1e-6
@@ -76,8 +76,8 @@ def test_the_spread_is_how_the_ray_moves() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_information_is_that_of_finite_differences(seed: int) -> None:
-    """On mixed rows the Fisher information is that of numeric derivatives of the predicted bearings."""
+def test_information_agrees_with_finite_differences(seed: int) -> None:
+    """On mixed rows the Fisher information agrees with numerical derivatives of the predicted bearings."""
     trial = CIRCLES.trial(np.random.default_rng(seed), 40, 5, None)
     batch = trial.batch
     lines = sight_lines(batch)
@@ -101,8 +101,8 @@ def test_information_is_that_of_finite_differences(seed: int) -> None:
         np.testing.assert_allclose((part / scale)[smooth], (expected / scale)[smooth], atol=2e-5)
 
 
-def test_an_open_circle_takes_the_path_nearest_to_the_bearing() -> None:
-    """Of all paths the one is taken that the sensor would see nearest to what it measured."""
+def test_an_open_circle_uses_the_path_nearest_to_the_bearing() -> None:
+    """Of all paths, the one with the bearing nearest to the measured one is used."""
     generator = np.random.default_rng(4)
     points = CENTER + 6000e3 * generator.uniform(-0.7, 0.7, (2, 500, 2))
     sensor, source = points
@@ -115,7 +115,7 @@ def test_an_open_circle_takes_the_path_nearest_to_the_bearing() -> None:
 
 
 def test_taking_snapshots_keeps_their_rows() -> None:
-    """Rays of chosen snapshots, repeated and in any order, say the same of the same points, to the bit."""
+    """Rays of selected snapshots, repeated and in any order, give the same values to the bit."""
     trial = CIRCLES.trial(np.random.default_rng(5), 12, 4, None)
     lines = sight_lines(trial.batch)
     rows = np.array([3, 3, 11, 0, 7, 3])
@@ -125,8 +125,8 @@ def test_taking_snapshots_keeps_their_rows() -> None:
         np.testing.assert_array_equal(getattr(taken, name)(x[rows], y[rows]), getattr(lines, name)(x, y)[rows])
 
 
-def test_misplaced_sensors_make_no_ray() -> None:
-    """A sensor outside its circle or under the ground leaves NaN in its snapshot and nothing in others."""
+def test_misplaced_sensors_give_nan() -> None:
+    """A sensor outside its circle or under the ground gives NaN in its snapshot only."""
     _, batch = exact_batch(3, 6)
     sensor_xy = batch.sensor_xy_m.copy(order="F")
     sensor_xy[0, 0] = CENTER + np.array([7000e3, 0.0])
@@ -137,7 +137,7 @@ def test_misplaced_sensors_make_no_ray() -> None:
 
 
 def test_under_the_horizon() -> None:
-    """A bearing is under the horizon when it points below the tangent to the ground, and all of them is told."""
+    """A bearing is under the horizon if it points below the tangent to the ground; a snapshot reports if all are."""
     _, batch = exact_batch(2, 7)
     down = np.arctan2(*(CENTER - batch.sensor_xy_m).T[::-1]).T
     lines = sight_lines(
@@ -151,7 +151,7 @@ def test_under_the_horizon() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_margins_have_the_gradients_that_they_tell(seed: int) -> None:
+def test_gradients_of_margins_agree_with_finite_differences(seed: int) -> None:
     """The derivatives of every margin agree with finite differences."""
     trial = CIRCLES.trial(np.random.default_rng(seed), 30, 5, None)
     lines = sight_lines(trial.batch)
@@ -172,8 +172,8 @@ def test_margins_have_the_gradients_that_they_tell(seed: int) -> None:
             np.testing.assert_allclose(told[smooth], numeric[smooth], atol=2e-5 * (1.0 + np.abs(told[smooth]).max()))
 
 
-def test_margins_vanish_on_the_edge_of_the_scene() -> None:
-    """Points within the scene have margins above zero, and a point outside has one below: for sensors on the ground."""
+def test_margins_are_zero_on_the_edge_of_the_scene() -> None:
+    """Points inside the scene have positive margins, points outside a negative one, for sensors on the ground."""
     _, batch = exact_batch(400, 8)
     generator = np.random.default_rng(8)
     lines = sight_lines(batch)

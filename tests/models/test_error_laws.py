@@ -1,4 +1,4 @@
-"""Laws of errors: tails of weighted sums of three against closed forms, quadrature and draws."""
+"""Error laws: tails of weighted sums of three, compared with closed forms, quadrature and draws."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ WEIGHTS = [(1.0, 0.0, 0.0), (0.6, 0.8, 0.0), (0.3, 1.0, 0.02), (1.0, 1e-7, 1e-9)
 
 
 @pytest.mark.parametrize("name", SCIPY)
-def test_one_error_alone_has_its_own_tail(name):
-    """With one weight the tail is the law's own, whatever the scale and the sign of the weight."""
+def test_one_error_has_the_tail_of_its_law(name):
+    """With one weight the tail is that of the law, for any scale and sign of the weight."""
     z = np.array([-2.0, -0.3, 0.0, 0.5, 1.5, 2.5, 6.0])
     for weights in ((3.0, 0.0, 0.0), (0.0, 0.0, -1e-3)):
         np.testing.assert_allclose(parse_error_law(name).survival(z, weights), SCIPY[name].sf(z), atol=1e-8)
 
 
 @pytest.mark.parametrize("name", SCIPY)
-def test_two_errors_are_convolved(name):
+def test_two_errors_agree_with_the_convolution(name):
     """With two weights the tail is the convolution (23), here by adaptive quadrature."""
     w1, w2, z = 0.8, 0.6, 1.7
     law = SCIPY[name]
@@ -41,8 +41,8 @@ def test_two_errors_are_convolved(name):
     assert parse_error_law(name).survival(np.array(z), (w1, w2, 0.0)) == pytest.approx(tail, abs=1e-6)
 
 
-def test_three_alike_in_closed_form():
-    """Three uniform errors are the Irwin-Hall law, three Laplace ones a difference of two Gamma(3)."""
+def test_three_equal_errors_in_closed_form():
+    """Three uniform errors follow the Irwin-Hall law, three Laplace errors a difference of two Gamma(3)."""
     z = np.array([0.0, 0.5, 1.0, 1.9, 2.5, 2.9])
     corner = z * np.sqrt(3.0) / np.sqrt(3.0) / 2.0 + 1.5
     irwin_hall = 1.0 - sum((-1.0) ** k * [1, 3, 3, 1][k] * np.maximum(corner - k, 0.0) ** 3 / 6.0 for k in range(4))
@@ -59,8 +59,8 @@ def test_three_alike_in_closed_form():
 
 @pytest.mark.parametrize("name", SCIPY)
 @pytest.mark.parametrize("weights", WEIGHTS)
-def test_thresholds_are_exceeded_as_often_as_wanted(name, weights):
-    """The threshold (27) is exceeded by simulated errors with the nominal probability, also about a mean."""
+def test_thresholds_have_the_nominal_probability(name, weights):
+    """Simulated errors exceed the threshold (27) with the nominal probability, also about a mean."""
     law = parse_error_law(name)
     generator = np.random.default_rng(5)
     draws = np.sum([w * law.draw(generator, 200_000) for w in weights], axis=0) / np.linalg.norm(weights)
@@ -84,8 +84,8 @@ def test_thresholds_of_the_paper_scene():
 
 
 @pytest.mark.parametrize("name", SCIPY)
-def test_rows_keep_their_bits(name):
-    """A row's tail and threshold do not depend on the other rows; NaN stays NaN."""
+def test_tails_do_not_depend_on_the_block(name):
+    """Tail and threshold of a row do not depend on the other rows; NaN stays NaN."""
     generator = np.random.default_rng(6)
     law = parse_error_law(name)
     weights = tuple(generator.uniform(0.01, 1.0, (3, 30)))
@@ -101,7 +101,7 @@ def test_rows_keep_their_bits(name):
 
 
 @pytest.mark.parametrize("text", ["normal", "student-t", "student-t:2", "student-t:x", "student-t:inf", ""])
-def test_unknown_laws_are_told(text):
-    """A law that is none, or Student's without a standard deviation, is an error that says what there is."""
+def test_unknown_laws_are_refused(text):
+    """An unknown law, or Student's t without a finite variance, is an error that lists the laws."""
     with pytest.raises(UsageError, match="student-t:NU"):
         parse_error_law(text)

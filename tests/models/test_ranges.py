@@ -1,4 +1,4 @@
-"""Ranges: residuals, information and the problem that fits them."""
+"""Ranges: residuals, information and the fitting problem."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _batch(seed: int, height: float):  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize("height", [0.0, 0.2])
-def test_the_gradient_is_that_of_the_cost(height: float) -> None:
+def test_the_gradient_agrees_with_finite_differences(height: float) -> None:
     """Gradients of both range problems equal central differences of their costs."""
     for seed in range(4):
         batch, scale = _batch(seed, height)
@@ -37,8 +37,8 @@ def test_the_gradient_is_that_of_the_cost(height: float) -> None:
 
 
 @pytest.mark.parametrize("height", [0.0, 0.2])
-def test_the_second_derivatives_are_those_of_the_gradient(height: float) -> None:
-    """Where Newton's matrix is used it equals central differences of the gradient; elsewhere it is positive."""
+def test_second_derivatives_agree_with_finite_differences(height: float) -> None:
+    """Newton's matrix equals central differences of the gradient where used; elsewhere it is positive."""
     batch, scale = _batch(2, height)
     problem = RangeProblem.of_circles(range_circles(batch))
     x, y = np.random.default_rng(1).uniform(-scale, scale, (2, _POINTS))
@@ -54,7 +54,7 @@ def test_the_second_derivatives_are_those_of_the_gradient(height: float) -> None
 
 @pytest.mark.parametrize("height", [0.0, 0.2])
 def test_the_information_is_the_sum_of_squared_slopes(height: float) -> None:
-    """The information equals the sum over ranges of their finite-difference slopes, squared, over the variance."""
+    """The information is the sum over ranges of squared finite-difference slopes over the variance."""
     batch, scale = _batch(3, height)
     circles = range_circles(batch)
     x, y = np.random.default_rng(2).uniform(-scale, scale, (2, _POINTS))

@@ -1,4 +1,4 @@
-"""Rays traced back: they end at the source that the bearing was made from."""
+"""Rays traced back from a bearing to the source."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REFLECTORS: list[Reflector] = [
 
 @pytest.mark.parametrize("reflector", REFLECTORS, ids=lambda reflector: reflector.name)
 def test_a_noise_free_ray_ends_at_its_source(reflector: Reflector) -> None:
-    """Traced back over its reflector, a predicted bearing leads to the source, by equal angles at the hit."""
+    """Traced back over its reflector, a noise-free bearing leads to the source, with equal angles at the hit."""
     place = np.zeros((3, 1), dtype=np.int64)
     bearing = predict_bearings(SENSOR[:, None, :], place, Scene(reflectors=(reflector,)), SOURCE[:, None, :])[:, 0]
     rays = trace_back(SENSOR, bearing, reflector)
@@ -30,7 +30,7 @@ def test_a_noise_free_ray_ends_at_its_source(reflector: Reflector) -> None:
 
 
 def test_a_direct_ray_starts_at_its_sensor() -> None:
-    """Without a reflector a ray goes from the sensor along its bearing."""
+    """Without a reflector, a ray starts at the sensor along its bearing."""
     rays = trace_back(SENSOR, np.array([0.0, np.pi / 2, np.pi]), None)
     np.testing.assert_allclose(
         rays.points_at(2.0), SENSOR + np.array([[2.0, 0.0], [0.0, 2.0], [-2.0, 0.0]]), atol=1e-12

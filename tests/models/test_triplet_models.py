@@ -1,4 +1,4 @@
-"""Triplets of paths: noise of the paper's model, paths over objects, the distance to the ellipse."""
+"""Triplets of paths: noise model of the paper, paths over objects, distance to the ellipse."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_signal_to_noise_of_the_paper():
 
 
 def test_a_path_over_the_target_alone_is_direct():
-    """Over one object a path reads what is predicted for it; over more it is longer than the direct path."""
+    """A path over one object reads the predicted values; over more objects it is longer than the direct path."""
     generator = np.random.default_rng(1)
     target, other = generator.uniform(-8.0, 8.0, (2, 200, 2))
     direct = trace_over_objects(TX, RX, target[:, None])
@@ -40,7 +40,7 @@ def test_a_path_over_the_target_alone_is_direct():
 
 
 def test_distance_to_ellipse_and_its_derivatives():
-    """The distance is zero for a direct path; its derivatives are those of finite differences, also for others."""
+    """The distance is zero on a direct path; derivatives agree with finite differences on any path."""
     generator = np.random.default_rng(2)
     count = 500
     d = generator.uniform(1.0, 5.0, count)

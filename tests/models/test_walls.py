@@ -1,4 +1,4 @@
-"""Finite walls: rows that they mirror or block."""
+"""Finite walls that mirror or block rows."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def _batch(wall: SegmentReflector, reflector: list[int]) -> BearingBatch:
         ((-5.0, 8.0), (15.0, 8.0), [-1, 0, -1], [False, False, False]),
     ],
 )
-def test_walls_mirror_within_their_ends_and_block(
+def test_walls_mirror_and_block_between_their_ends(
     start: tuple[float, float], end: tuple[float, float], reflector: list[int], unseen: list[bool]
 ) -> None:
-    """A row by a wall is seen by a specular point on it, a direct row where no wall is in the way; else infeasible."""
+    """A wall row needs a specular point on the wall, a direct row a clear path; otherwise infeasible."""
     batch = _batch(SegmentReflector(name="wall", start=start, end=end), reflector)
     lines = sight_lines(batch)
     x, y = _SOURCE[:1] - lines.center_x, _SOURCE[1:] - lines.center_y
@@ -59,8 +59,8 @@ def test_walls_mirror_within_their_ends_and_block(
     assert estimates.status[0] == (Status.INFEASIBLE if any(unseen) else Status.OK)
 
 
-def test_what_lines_and_segments_hide_is_what_no_straight_way_reaches() -> None:
-    """Against shapely: hidden is what every straight way from a sensor crosses a wall to; circles hide nothing."""
+def test_hidden_points_agree_with_shapely() -> None:
+    """A point is hidden if every straight path from the sensors crosses a wall; circles hide nothing."""
     generator = np.random.default_rng(4)
     segment = SegmentReflector(name="wall", start=(-3.0, 2.0), end=(5.0, 3.0))
     line = LineReflector(name="fence", point=(0.0, -4.0), direction=(1.0, 0.3))
