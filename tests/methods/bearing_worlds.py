@@ -1,4 +1,4 @@
-"""Worlds of bearings with their truth, for the tests of methods."""
+"""Simulated bearings with their truth, for the tests of methods."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """A batch of bearings and the sources (B, 2) that they come from."""
+    """A batch of bearings and their sources (B, 2)."""
 
     batch: BearingBatch
     source_xy_m: FloatArray

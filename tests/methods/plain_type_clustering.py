@@ -11,7 +11,7 @@ PointKey = tuple[int, int, int, int, int]
 
 
 class PlainSet(NamedTuple):
-    """A structured set: its spread, a circle (place among the sensor's ranges) per sensor, and its points' keys."""
+    """A structured set: its spread, one circle (an index into the sensor's ranges) per sensor, its points' keys."""
 
     spread: float
     circles: tuple[int, ...]
@@ -108,7 +108,7 @@ class PlainClustering:
         return sorted(found.values())
 
     def unique(self, by: str) -> list[PlainSet]:
-        """Return the sets that share no point (or no circle) with a kept one of smaller spread; equation (5)."""
+        """Return the sets that share no point (or no circle) with one of smaller spread already taken; equation (5)."""
         kept: list[PlainSet] = []
         for candidate in self.sets():
             shared = (

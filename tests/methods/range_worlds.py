@@ -1,4 +1,4 @@
-"""Worlds of ranges with their truth, for the tests of methods."""
+"""Simulated ranges with their truth, for the tests of methods."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class EchoWorld:
 
 
 def found_sets(solution: Solution) -> set[frozenset[int]]:
-    """Return the rows given to each target of a batch of one snapshot."""
+    """Return the rows assigned to each target of a batch of one snapshot."""
     assert solution.flags is not None
     target = solution.flags.columns["target"][0]
     return {frozenset(np.flatnonzero(target == number).tolist()) for number in set(target[np.isfinite(target)])}

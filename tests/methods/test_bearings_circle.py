@@ -1,4 +1,4 @@
-"""What the methods for bearings say of rows by circles when something is wrong, missing or ambiguous."""
+"""Bearing methods on rows by circles: exactness, infeasible and ambiguous cases."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ SENSORS = on_ground(0.1, 0.08, -0.09, -0.06)
 SOURCE = (6421e3, 30e3)
 
 
-def test_every_method_finds_an_exact_source(method: MethodSpec) -> None:
-    """Direct rows, rows by a mirror and by the ionosphere together meet in their source."""
+def test_noise_free_rows_meet_in_the_source(method: MethodSpec) -> None:
+    """Noise-free direct rows, mirror rows and ionospheric rows together give the source."""
     sensor_xy = np.concatenate([SENSORS, on_ground(0.02, -0.03, 0.01)], axis=1)
     reflector = np.array([[0, 0, 0, 0, -1, -1, 1]])
     bearing = bearings_of(sensor_xy, SOURCE, reflector)
@@ -61,8 +61,8 @@ def test_every_method_finds_an_exact_source(method: MethodSpec) -> None:
     assert found.cost[0] < 1e-9
 
 
-def test_focus_changes_nothing_without_circles() -> None:
-    """Without circle rows stansfield-focused is stansfield, to the bit."""
+def test_stansfield_focused_without_circles_is_stansfield() -> None:
+    """Without circle rows both methods agree to the bit."""
     sensor_xy = on_ground(0.02, -0.03, 0.01)
     bearing = bearings_of(sensor_xy, SOURCE, -1) + 0.01 * np.array([[1.0, -1.0, 0.5]])
     batch = bearing_batch(sensor_xy, bearing, 0.01, -1, IONOSPHERE)
@@ -72,8 +72,8 @@ def test_focus_changes_nothing_without_circles() -> None:
 
 
 @pytest.mark.parametrize("source", [(6300e3, 0.0), (5703e3, -2906e3)], ids=["under ground", "in A1"])
-def test_an_estimate_that_the_scene_forbids_is_infeasible(method: MethodSpec, source: tuple[float, float]) -> None:
-    """Where the rays meet under the ground or where they can't come from, the free estimate is kept and told."""
+def test_estimates_outside_the_scene_are_infeasible(method: MethodSpec, source: tuple[float, float]) -> None:
+    """A free estimate under the ground or out of reach is kept, with status infeasible."""
     sensor_xy = on_ground(0.03, 0.06, -0.02, -0.06)
     bearing = bearings_of(sensor_xy, source)
     found = estimate(method, bearing_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE))
@@ -81,8 +81,8 @@ def test_an_estimate_that_the_scene_forbids_is_infeasible(method: MethodSpec, so
     assert np.isfinite(found.covariance_m2).all()
 
 
-def test_a_sensor_that_cannot_be_there_gives_no_number(method: MethodSpec) -> None:
-    """A sensor outside the circle, or under the ground, leaves its snapshot degenerate and others as they are."""
+def test_misplaced_sensors_are_degenerate(method: MethodSpec) -> None:
+    """A sensor outside the circle or under the ground makes its snapshot degenerate; others are unaffected."""
     sensor_xy = np.concatenate([SENSORS, SENSORS, SENSORS])
     bearing = np.repeat(bearings_of(SENSORS, SOURCE), 3, axis=0)
     sensor_xy[1, 2] *= 1.1
@@ -92,7 +92,7 @@ def test_a_sensor_that_cannot_be_there_gives_no_number(method: MethodSpec) -> No
     assert np.isnan(found.position_m[1:]).all()
 
 
-def test_rays_under_the_horizon_are_flagged(method: MethodSpec) -> None:
+def test_rows_under_the_horizon_are_flagged(method: MethodSpec) -> None:
     """A row that points below its horizon is flagged; the fix is kept while another row points above."""
     bearing = bearings_of(SENSORS, SOURCE)
     straight_down = np.arctan2(-SENSORS[0, 0, 1], -SENSORS[0, 0, 0])
@@ -101,8 +101,8 @@ def test_rays_under_the_horizon_are_flagged(method: MethodSpec) -> None:
     assert flags_of(method, batch).columns["under_horizon"].tolist() == [[True, False, False, False]]
 
 
-def test_all_rays_under_the_horizon_are_no_ok(method: MethodSpec) -> None:
-    """When every bearing points into the ground, the number that comes out is not called a fix."""
+def test_a_snapshot_under_the_horizon_is_not_ok(method: MethodSpec) -> None:
+    """If every bearing points into the ground, the status is not ok."""
     level = np.arctan2(SENSORS[..., 1], SENSORS[..., 0])
     below = level + np.sign(-SENSORS[..., 1]) * np.radians(92.0)
     found = estimate(method, bearing_batch(SENSORS, below, 0.05, 0, IONOSPHERE))
@@ -110,14 +110,14 @@ def test_all_rays_under_the_horizon_are_no_ok(method: MethodSpec) -> None:
     assert flags_of(method, bearing_batch(SENSORS, below, 0.05, 0, IONOSPHERE)).columns["under_horizon"].all()
 
 
-def test_one_row_is_too_few(method: MethodSpec) -> None:
-    """One bearing is no fix."""
+def test_one_circle_row_is_too_few(method: MethodSpec) -> None:
+    """One bearing gives too_few."""
     batch = bearing_batch(SENSORS[:, :1], bearings_of(SENSORS, SOURCE)[:, :1], 0.01, 0, IONOSPHERE)
     assert words(estimate(method, batch)) == ["too_few"]
 
 
 def test_least_elevation_makes_low_paths_infeasible() -> None:
-    """A source whose paths leave below the least elevation is outside of what such a system receives."""
+    """A source whose paths leave below the least elevation is infeasible."""
     bearing = bearings_of(SENSORS, SOURCE)
     for least, expected in ((0.0, "ok"), (60.0, "infeasible")):
         layer = CircleReflector(
@@ -128,7 +128,7 @@ def test_least_elevation_makes_low_paths_infeasible() -> None:
 
 
 def test_a_direct_row_beyond_the_horizon_is_infeasible() -> None:
-    """In a scene with an opaque circle a direct row has to see the estimate over the ground."""
+    """In a scene with an opaque circle a direct row needs a clear line of sight to the estimate."""
     sensor_xy = on_ground(0.1, 0.08, -0.09, 0.2)
     reflector = np.array([[0, 0, 0, -1]])
     bearing = bearings_of(sensor_xy, SOURCE, reflector)
@@ -138,7 +138,7 @@ def test_a_direct_row_beyond_the_horizon_is_infeasible() -> None:
 
 
 def test_feasible_moves_an_estimate_to_the_edge() -> None:
-    """Held to the scene, an estimate under the ground comes up to it: boundary, no covariance, a higher cost."""
+    """With ``feasible`` an estimate under the ground moves to its surface: boundary, no covariance, higher cost."""
     bearing = bearings_of(SENSORS, (6365e3, 0.0))
     batch = bearing_batch(SENSORS, bearing, 0.02, 0, IONOSPHERE)
     free, held = estimate(bearings_ml.METHOD, batch), estimate(bearings_ml.METHOD, batch, feasible=True)
@@ -163,8 +163,8 @@ def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
     return batch, center + source[:, 0]
 
 
-def test_feasible_holds_every_fix_in_an_open_circle() -> None:
-    """Behind a wall by which a row came the fixes are infeasible; held to the scene they are before it, or on it."""
+def test_feasible_constrains_fixes_in_an_open_circle() -> None:
+    """Fixes beyond a wall by which a row came are infeasible; with ``feasible`` they are in front of it or on it."""
     batch, source = ring_world(2, 0.0)
     wall = LineReflector(name="wall", point=(30.0, 0.0), direction=(0.0, 1.0))
     scene = Scene(reflectors=(*RING.reflectors, wall))
@@ -183,8 +183,8 @@ def test_feasible_holds_every_fix_in_an_open_circle() -> None:
     assert (kept == "infeasible").mean() < 0.05
 
 
-def test_an_open_circle_gives_the_source_without_error() -> None:
-    """Without a blocker each sensor's path is ambiguous, yet exact bearings lead to their source."""
+def test_noise_free_bearings_in_an_open_circle_give_the_source() -> None:
+    """Without a blocker the paths are ambiguous, yet noise-free bearings give their source."""
     batch, source = ring_world(1, 0.0)
     found = estimate(bearings_ml.METHOD, batch)
     best = found.alternative == 0
@@ -193,8 +193,8 @@ def test_an_open_circle_gives_the_source_without_error() -> None:
     np.testing.assert_allclose(found.position_m[solved], source[found.row[solved]], atol=1e-4)
 
 
-def test_alternatives_are_ranked_and_doubt_is_told() -> None:
-    """Alternatives rise in cost from 0 up; the first is ambiguous exactly when the next is within the given nats."""
+def test_alternatives_are_ranked_and_ambiguity_is_reported() -> None:
+    """Costs rise from 0; the status is ambiguous exactly if the next is within the given nats."""
     batch, _ = ring_world(2, 0.2)
     found = estimate(bearings_ml.METHOD, batch)
     several = 0
@@ -214,7 +214,7 @@ def test_alternatives_are_ranked_and_doubt_is_told() -> None:
 
 
 def test_a_field_without_allowed_vertices_has_no_candidate() -> None:
-    """ml-grid does not fall back on least squares where the scene forbids all of its field."""
+    """ml-grid does not fall back on least squares if the scene forbids the whole search region."""
     sensor_xy = on_ground(0.03, 0.06, 0.045)
     bearing = bearings_of(sensor_xy, (6300e3, 500e3))
     batch = bearing_batch(sensor_xy, bearing, 0.002, 0, IONOSPHERE)
@@ -223,8 +223,8 @@ def test_a_field_without_allowed_vertices_has_no_candidate() -> None:
     assert np.isnan(found.position_m).all()
 
 
-def test_the_best_vertex_on_the_edge_of_the_field_is_told() -> None:
-    """When the likelihood still rises at the edge of the field the status is boundary."""
+def test_the_best_vertex_on_the_edge_is_boundary() -> None:
+    """If the likelihood still rises at the edge of the search region the status is boundary."""
     sensor_xy = np.array([[[0.0, 0.0], [100.0, 0.0], [50.0, 80.0]]])
     bearing = np.array([[0.6, 2.8, -1.2]])
     batch = bearing_batch(sensor_xy, bearing, [0.001, 0.5, 0.001])
@@ -235,8 +235,8 @@ def test_the_best_vertex_on_the_edge_of_the_field_is_told() -> None:
     assert np.hypot(*(wide.position_m - exact.position_m)[0]) < 1.0
 
 
-def test_flags_without_circles_say_nothing_of_horizons(method: MethodSpec) -> None:
-    """In a scene without circles there is no such column."""
+def test_flags_without_circles_have_no_horizon_column(method: MethodSpec) -> None:
+    """A scene without circles has no column under_horizon."""
     batch = bearing_batch([[[0.0, 0.0], [10.0, 0.0]]], [[0.8, 2.3]])
     assert set(flags_of(method, batch).columns) == {"residual_rad"}
 
@@ -250,8 +250,8 @@ def nees_of(estimates: Any, truth: FloatArray) -> FloatArray:
     return nees
 
 
-def test_the_mixture_weighs_rows_by_circles_as_wide_as_their_tubes() -> None:
-    """By the ionosphere alone its fix is that of ml, its errors what the covariance says; one liar is left out."""
+def test_the_mixture_weighs_circle_rows_by_their_width() -> None:
+    """By the ionosphere alone it agrees with ml and is calibrated; one outlier is rejected."""
     generator = np.random.default_rng(8)
     sensor_xy = np.broadcast_to(on_ground(0.1, 0.08, 0.06, -0.05, -0.07, -0.09), (400, 6, 2))
     turn, height = generator.uniform(-0.01, 0.01, 400), generator.uniform(20e3, 60e3, 400)

@@ -1,4 +1,4 @@
-"""The covariance is the size of the error: NEES and coverage on random mixed worlds."""
+"""Calibration of the covariance: NEES and coverage on random mixed scenes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CHI_SQUARE_95 = 5.991464547107979
 @pytest.mark.parametrize("std_deg", [0.1, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize("measurements", [3, 8])
 def test_nees_is_two_and_ellipses_cover(method: MethodSpec, std_deg: float, measurements: int) -> None:
-    """NEES is 2 within its Monte-Carlo error and 5 %, and the 95 % ellipse holds the source in .93 to .975."""
+    """NEES is 2 within its Monte Carlo error and 5 %, and the 95 % ellipse covers the source in 93 to 97.5 %."""
     std = float(np.radians(std_deg))
     world = draw_world(10_000, measurements, (std / 3.0, std))
     squared = squared_mahalanobis(estimate(method, world.batch), world.source_xy_m)
@@ -32,8 +32,8 @@ def rms_error(method: MethodSpec, span: tuple[float, float]) -> float:
     return float(np.sqrt(np.nanmean((error**2).sum(axis=1))))
 
 
-def test_unequal_stds_are_weighed() -> None:
-    """With stds unequal by a factor of 30, Stansfield and ML are less than half as far off as least squares."""
+def test_unequal_stds_are_weighted() -> None:
+    """With stds unequal by a factor of 30, Stansfield and ML have less than half the error of least squares."""
     span = (0.001, 0.03)
     plain, weighed, likely = (
         rms_error(module.METHOD, span) for module in (bearings_ls, bearings_stansfield, bearings_ml)
@@ -43,7 +43,7 @@ def test_unequal_stds_are_weighed() -> None:
 
 
 def test_ml_reaches_the_cramer_rao_bound() -> None:
-    """At half a degree the RMS error of ML is that of its own inverse information, within 3 %."""
+    """At half a degree the RMS error of ML is within 3 % of its inverse information."""
     world = draw_world(20_000, 6, (0.003, 0.01), seed=5)
     estimates = estimate(bearings_ml.METHOD, world.batch)
     mean_square = np.nanmean(((estimates.position_m - world.source_xy_m) ** 2).sum(axis=1))
@@ -52,7 +52,7 @@ def test_ml_reaches_the_cramer_rao_bound() -> None:
 
 
 def test_the_covariance_of_ls_is_the_sandwich() -> None:
-    """The LS covariance is A^+ diag(std^2 range^2) A^+^T at its own fix, computed here by numpy, per snapshot."""
+    """The LS covariance is A^+ diag(std^2 range^2) A^+^T at its own fix, computed by numpy per snapshot."""
     world = draw_world(40, 5, (0.002, 0.05))
     batch = world.batch
     direct = np.full(batch.reflector.shape, -1)

@@ -1,4 +1,4 @@
-"""Without noise every method returns the source."""
+"""Noise-free bearings give the source."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ METHODS = [bearings_ls.METHOD, bearings_stansfield.METHOD, bearings_ml.METHOD]
 
 @pytest.mark.parametrize("measurements", [2, 3, 8, 40])
 def test_noise_free_bearings_return_the_source(method: MethodSpec, measurements: int) -> None:
-    """The source comes back within 1e-9 of the scene's size, by direct rows and by mirrors, vertical too."""
+    """The error is at most 1e-9 of the scene's size, for direct and mirror rows, vertical mirrors included."""
     world = draw_world(500, measurements, (1e-4, 1e-3), noise=0.0)
     estimates = estimate(method, world.batch)
     fixed = np.array(words(estimates)) == "ok"
@@ -34,8 +34,10 @@ def test_noise_free_bearings_return_the_source(method: MethodSpec, measurements:
 
 @settings(max_examples=50, deadline=None, derandomize=True)
 @given(st.floats(-3.0, 7.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.integers(3, 12), st.integers(0, 10**6))
-def test_any_scale_and_any_offset(exponent: float, east: float, north: float, measurements: int, seed: int) -> None:
-    """From millimetres to 10,000 km, and 1e8 m away, the error is 1e-9 of the larger of size and offset."""
+def test_exact_at_any_scale_and_offset(
+    exponent: float, east: float, north: float, measurements: int, seed: int
+) -> None:
+    """From millimetres to 10,000 km, and at 1e8 m, the error is 1e-9 of the larger of size and offset."""
     scale = 10.0**exponent
     # Beyond a million sizes away the coordinates themselves no longer tell the sensors apart.
     reach = min(1e8, 1e5 * scale)
@@ -48,7 +50,7 @@ def test_any_scale_and_any_offset(exponent: float, east: float, north: float, me
 
 
 def test_one_sensor_with_a_direct_and_a_mirrored_path_has_a_fix(method: MethodSpec) -> None:
-    """From (0, 0), directly at 45 degrees and in the mirror x = 3 at atan2(2, 4): the source is (2, 2)."""
+    """From (0, 0), 45 degrees directly and atan2(2, 4) in the mirror x = 3 give the source (2, 2)."""
     scene = Scene(reflectors=(LineReflector(name="wall", point=(3.0, 0.0), direction=(0.0, 1.0)),))
     batch = bearing_batch((0.0, 0.0), [[np.pi / 4, math.atan2(2.0, 4.0)]], reflector=[[-1, 0]], scene=scene)
     np.testing.assert_allclose(estimate(method, batch).position_m, [[2.0, 2.0]], atol=1e-12)
@@ -64,8 +66,8 @@ def test_two_bearings_by_hand(method: MethodSpec) -> None:
     np.testing.assert_allclose(estimates.covariance_m2, [[50e-4, 0.0, 50e-4]], atol=1e-12)
 
 
-def test_turns_of_a_bearing_do_not_matter(method: MethodSpec) -> None:
-    """A bearing a whole turn off is the same bearing: fix, cost and residual stay."""
+def test_bearings_need_not_be_wrapped(method: MethodSpec) -> None:
+    """A bearing plus a whole turn gives the same fix, cost and residual."""
     world = draw_world(50, 6)
     turned = bearing_batch(
         world.batch.sensor_xy_m,
@@ -82,7 +84,7 @@ def test_turns_of_a_bearing_do_not_matter(method: MethodSpec) -> None:
 
 
 def test_residuals_and_cost_agree(method: MethodSpec) -> None:
-    """The cost is half the sum of the squared residuals of the flags, each by its std."""
+    """The cost is half the sum of the squared residuals over their variances."""
     world = draw_world(50, 6, (0.001, 0.05))
     residual = np.asarray(flags_of(method, world.batch).columns["residual_rad"], dtype=float)
     expected = 0.5 * ((residual / world.batch.bearing_std_rad) ** 2).sum(axis=1)
@@ -90,7 +92,7 @@ def test_residuals_and_cost_agree(method: MethodSpec) -> None:
 
 
 def test_a_grid_of_too_many_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A grid has a vertex at each end of both sides; as many as the limit are searched, more are a usage error."""
+    """A grid has vertices at both ends of both sides; more than the limit is a usage error."""
     monkeypatch.setenv("NLOSCTL_MAX_GRID_VERTICES", "12")
     batch = bearing_batch([[(0.0, 0.0), (10.0, 0.0)]], [[np.pi / 4, 3 * np.pi / 4]])
     found = estimate(bearings_ml_grid.METHOD, batch, width_m=3.0, height_m=2.0, step_m=1.0)

@@ -1,4 +1,4 @@
-"""The covariance of a fix that is not farther from a sensor than it is uncertain."""
+"""The covariance of a fix nearer to a sensor than its uncertainty."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def close_world(snapshots: int, std_deg: float, seed: int) -> tuple[BearingBatch, FloatArray]:
-    """Return bearings of 8 sensors in a square kilometre, of sources a std of the fix or so from the first sensor."""
+    """Return bearings of 8 sensors in a square kilometre, with sources about one std from the first sensor."""
     generator = np.random.default_rng(seed)
     sensor = generator.uniform(-500.0, 500.0, (snapshots, 8, 2))
     source = sensor[:, 0] + generator.normal(size=(snapshots, 2)) * 3.0 * std_deg
@@ -30,8 +30,8 @@ def close_world(snapshots: int, std_deg: float, seed: int) -> tuple[BearingBatch
 
 
 @pytest.mark.parametrize("std_deg", [0.1, 0.3, 1.0])
-def test_covariances_near_a_sensor_are_true(method: MethodSpec, std_deg: float) -> None:
-    """Within a std of a sensor 95 % ellipses hold 94 to 99 %, and no error is absurd beside its covariance."""
+def test_covariances_near_a_sensor_are_calibrated(method: MethodSpec, std_deg: float) -> None:
+    """Within a std of a sensor 95 % ellipses cover 94 to 99 %, and no NEES is extreme."""
     batch, source = close_world(8000, std_deg, seed=1)
     squared = squared_mahalanobis(estimate(method, batch), source)
     fixes = squared[~np.isnan(squared)]
@@ -40,8 +40,8 @@ def test_covariances_near_a_sensor_are_true(method: MethodSpec, std_deg: float) 
     assert fixes.max() < 100.0
 
 
-def test_the_inverse_information_is_not_true_there() -> None:
-    """The world of the other test bites: the inverse Fisher information is absurdly small in one fix of a hundred."""
+def test_the_inverse_information_is_not_calibrated_there() -> None:
+    """Without widening, the inverse Fisher information is far too small in 1 % of these fixes."""
     batch, source = close_world(8000, 1.0, seed=1)
     position = estimate(bearings_ml.METHOD, batch).position_m
     lines = sight_lines(batch)
@@ -53,8 +53,8 @@ def test_the_inverse_information_is_not_true_there() -> None:
     assert np.mean(squared[np.isfinite(squared)] > 100.0) > 0.01
 
 
-def test_fixes_far_from_all_sensors_keep_their_bits() -> None:
-    """A fix more than three stds from every sensor has the very covariance it had; one nearer a larger one."""
+def test_only_fixes_near_a_sensor_are_widened() -> None:
+    """Covariances of fixes more than three stds from every sensor are unchanged to the bit; nearer ones grow."""
     covariance = Symmetric2x2(np.full(2, 4.0), np.zeros(2), np.full(2, 1.0))
     asked: list[list[int]] = []
 
@@ -70,8 +70,8 @@ def test_fixes_far_from_all_sensors_keep_their_bits() -> None:
 
 
 @pytest.mark.slow
-def test_no_fix_of_fine_bearings_is_absurd() -> None:
-    """Of a million fixes of 8 bearings of at most 1 deg, sources anywhere, none has a NEES over 100 unflagged."""
+def test_precise_bearings_have_no_extreme_nees() -> None:
+    """Of a million fixes of 8 bearings of at most 1 deg none has a NEES over 100 with status ok."""
     generator = np.random.default_rng(7)
     for _ in range(250):
         sensor, source = generator.uniform(0.0, 1e3, (4000, 8, 2)), generator.uniform(0.0, 1e3, (4000, 2))

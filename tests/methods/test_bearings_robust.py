@@ -1,4 +1,4 @@
-"""The robust methods: what they promise of their flags, covariances and statuses, and in bad cases."""
+"""The robust methods: flags, covariances, statuses and edge cases."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def _bearings(sensor_xy: list[tuple[float, float]], bearing_deg: list[float], **
 
 
 @pytest.mark.parametrize("method", _ALL, ids=lambda module: module.METHOD.name)
-def test_laws(method: object) -> None:
-    """Each method obeys the laws of all methods, with random mirrors and several paths of one sensor."""
+def test_robust_methods_obey_the_laws(method: object) -> None:
+    """Each method obeys the laws of all methods, with random mirrors and several paths per sensor."""
     check_method(method.METHOD, seed=3)  # type: ignore[attr-defined]
 
 
@@ -47,8 +47,8 @@ def test_laws_hold_for_the_posterior_covariance() -> None:
 
 
 @pytest.mark.parametrize("std_deg", [1.0, 4.0])
-def test_direct_rows_alone_cost_the_robust_method_little(std_deg: float) -> None:
-    """Without outliers the default is at most 5 % worse in rms than maximum likelihood."""
+def test_robust_methods_are_efficient_without_outliers(std_deg: float) -> None:
+    """Without outliers the default has at most 5 % more RMS error than maximum likelihood."""
     truth, batch, _ = ring_batch(1, 5000, bearing_std_deg=std_deg, sources="disc")
     batch = without_flags(batch)
     robust = _errors(bearings_mixture_ml.solve(batch, MixtureOptions()).estimates, truth)
@@ -56,8 +56,8 @@ def test_direct_rows_alone_cost_the_robust_method_little(std_deg: float) -> None
     assert np.sqrt(np.mean(robust**2)) < 1.05 * np.sqrt(np.mean(plain**2))
 
 
-def test_quarter_of_outliers_on_a_500_m_ring() -> None:
-    """8 sensors, 2 deg, 2 of 8 bearings uniform over the circle: 95 % of the errors below 32 m, medians near 11 m."""
+def test_a_quarter_of_outliers_on_a_500_m_ring() -> None:
+    """8 sensors, 2 deg, 2 of 8 bearings uniform: 95 % of the errors are below 32 m, medians near 11 m."""
     truth, batch, _ = ring_batch(
         2, 4000, radius_m=500.0, bearing_std_deg=2.0, nlos_receivers=2, nlos_span_deg=360.0, sources="disc"
     )
@@ -69,8 +69,8 @@ def test_quarter_of_outliers_on_a_500_m_ring() -> None:
 
 
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
-def test_flags_tell_direct_rows_from_outliers(module: object) -> None:
-    """At small spread nearly every outlier far from the true bearing is flagged, nearly no direct row is."""
+def test_flags_separate_direct_rows_from_outliers(module: object) -> None:
+    """At small spread nearly all outliers far from the true bearing are flagged, nearly no direct row."""
     _, batch, direct = ring_batch(3, 500, bearing_std_deg=0.5, nlos_receivers=2, sources="disc")
     flags = module.METHOD.solve(batch, module.METHOD.options()).flags  # type: ignore[attr-defined]
     assert np.mean(flags.used[direct]) > 0.98
@@ -82,7 +82,7 @@ def test_flags_tell_direct_rows_from_outliers(module: object) -> None:
 
 @pytest.mark.parametrize(("outliers", "low", "high"), [(0, 0.92, 0.98), (2, 0.92, 0.98)])
 def test_posterior_covariance_is_calibrated(outliers: int, low: float, high: float) -> None:
-    """The 95 % ellipse of the posterior holds the truth in 92 to 98 %, with outliers the inliers' does not."""
+    """The 95 % posterior ellipse covers 92 to 98 %; with outliers that of the inliers does not."""
     truth, batch, _ = ring_batch(4, 3000, bearing_std_deg=4.0, nlos_receivers=outliers)
     coverage = {}
     for kind in ("inliers", "posterior"):
@@ -99,8 +99,8 @@ def test_posterior_covariance_is_calibrated(outliers: int, low: float, high: flo
         assert coverage["inliers"] < 0.9
 
 
-def test_mirror_image_behind_a_wall_is_an_alternative_until_excluded() -> None:
-    """With all paths and no order a virtual source is as likely as the source; walls can rule it out."""
+def test_walls_exclude_virtual_sources() -> None:
+    """With unordered paths a virtual source is as likely as the source; walls can exclude it."""
     wall = SegmentReflector(name="wall", start=(-400.0, 0.0), end=(900.0, 0.0))
     source, image = np.array([250.0, 150.0]), np.array([250.0, -150.0])
     places = [(0.0, 400.0), (170.0, 450.0), (330.0, 450.0), (500.0, 400.0)]
@@ -126,8 +126,8 @@ def test_mirror_image_behind_a_wall_is_an_alternative_until_excluded() -> None:
 
 
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
-def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source(module: object) -> None:
-    """Of paths in no order, those over a mirror may be seen by more sensors than the source: ambiguous, if asked."""
+def test_a_position_with_one_row_fewer_may_be_the_source(module: object) -> None:
+    """Paths over a mirror may reach more sensors than direct ones: ambiguous, if requested."""
     places = [(0.0, 400.0), (170.0, 450.0), (330.0, 450.0), (500.0, 400.0), (90.0, 480.0)]
     sensors = [place for place in places for _ in range(2)]
     seen = [(250.0, 150.0), (250.0, -150.0)] * 4 + [(250.0, 150.0), (-400.0, 300.0)]
@@ -155,7 +155,7 @@ def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source(module: object) -
 
 
 def test_acceptance_by_likelihood_finds_likelier_fixes() -> None:
-    """Growing sets by likelihood repairs masking: among many outliers the fixes are likelier than by thresholds."""
+    """With many outliers, growing inlier sets by likelihood gives likelier fixes than by thresholds."""
     _, batch, _ = ring_batch(10, 300, bearing_std_deg=2.0, nlos_receivers=3, sources="disc")
     costs = []
     for acceptance in ("threshold", "likelihood"):
@@ -167,7 +167,7 @@ def test_acceptance_by_likelihood_finds_likelier_fixes() -> None:
 
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
 def test_no_crossing_in_the_field_is_no_candidate(module: object) -> None:
-    """Where no two rays cross within the field there is no answer."""
+    """If no two rays cross within the search region the status is no_candidate."""
     batch = _bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0], field=CircleField(x_m=50.0, y_m=0.0, radius_m=5.0))
     estimates = module.METHOD.solve(batch, module.METHOD.options()).estimates  # type: ignore[attr-defined]
     assert estimates.status.tolist() == [Status.NO_CANDIDATE]
@@ -184,8 +184,8 @@ def test_no_crossing_in_the_field_is_no_candidate(module: object) -> None:
     ],
     ids=["identical sensors", "all parallel", "two rows"],
 )
-def test_bad_snapshots_have_their_status(module: object, batch: BearingBatch, status: Status) -> None:
-    """Identical sensors and parallel rays are degenerate; two rows that cross are an answer."""
+def test_statuses_of_degenerate_snapshots(module: object, batch: BearingBatch, status: Status) -> None:
+    """Identical sensors and parallel rays are degenerate; two rows that cross have a fix."""
     estimates = module.METHOD.solve(batch, module.METHOD.options()).estimates  # type: ignore[attr-defined]
     assert estimates.status[0] == status
 
@@ -193,14 +193,14 @@ def test_bad_snapshots_have_their_status(module: object, batch: BearingBatch, st
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
 @pytest.mark.parametrize("alpha", ["0", "1", "-0.1", "nan"])
 def test_alpha_must_be_inside_the_unit_interval(module: object, alpha: str) -> None:
-    """An alpha of 0 or 1 (or beyond) is a usage error that says what is allowed."""
+    """An alpha of 0 or 1 or beyond is a usage error that states the range."""
     with pytest.raises(UsageError, match="alpha"):
         parse_options(module.METHOD.options, {"alpha": alpha}, module.METHOD.name)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
-def test_snapshots_of_outliers_alone_spoil_no_other(module: object) -> None:
-    """Every row an outlier: some answer or none, and the other snapshots keep their bits."""
+def test_snapshots_of_outliers_leave_others_unchanged(module: object) -> None:
+    """A snapshot of outliers only has some answer or none; the others keep their bits."""
     _, batch, _ = ring_batch(5, 12, sources="disc")
     bearing = np.asfortranarray(batch.bearing_rad.copy())
     bearing[::2] = np.random.default_rng(1).uniform(-np.pi, np.pi, bearing[::2].shape)
@@ -211,8 +211,8 @@ def test_snapshots_of_outliers_alone_spoil_no_other(module: object) -> None:
         assert np.array_equal(clean.position_m[clean.row == row], mixed.position_m[mixed.row == row])
 
 
-def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
-    """``mode_gap`` is per row: the place where fewer rays meet is an alternative from that gap on, not below it."""
+def test_mode_gap_selects_the_crossings_followed() -> None:
+    """``mode_gap`` is per row: a crossing of fewer rays is an alternative from that gap on, not below it."""
     sensors = [(0.0, 0.0), (100.0, 0.0), (0.0, 100.0), (100.0, 100.0), (50.0, -20.0)]
     meet = [(40.0, 55.0)] * 3 + [(75.0, 20.0)] * 2
     bearing = [np.degrees(np.arctan2(y - b, x - a)) for (a, b), (x, y) in zip(sensors, meet, strict=True)]
@@ -233,7 +233,7 @@ def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
 
 
 def test_hundred_bearings_in_one_snapshot() -> None:
-    """100 rows work, by all their pairs or by a seeded sample of them."""
+    """100 rows are solved, by all pairs or by a seeded sample of them."""
     truth, batch, _ = ring_batch(6, 2, sensors=100, bearing_std_deg=4.0, nlos_receivers=30, sources="disc")
     exact, sampled = (
         bearings_mixture_ml.solve(batch, MixtureOptions(max_pairs=pairs)).estimates for pairs in (5000, 500)
@@ -242,8 +242,8 @@ def test_hundred_bearings_in_one_snapshot() -> None:
     np.testing.assert_allclose(_errors(sampled, truth), _errors(exact, truth), atol=1e-6)
 
 
-def test_all_pairs_are_tried_once_where_none_leads_into_the_field(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forty bearings that meet nowhere: rounds that double until every pair was tried, and no candidate."""
+def test_all_pairs_are_tried_once_without_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forty bearings that meet nowhere: doubling rounds until every pair was tried, then no_candidate."""
     rounds = []
 
     def watched(model: object, first: np.ndarray, second: np.ndarray, **options: object) -> object:
@@ -260,8 +260,8 @@ def test_all_pairs_are_tried_once_where_none_leads_into_the_field(monkeypatch: p
     assert tried.size == np.unique(tried).size == 780
 
 
-def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
-    """Where every way downhill leaves the field the fix is on its edge, without a covariance."""
+def test_modes_outside_the_field_end_at_its_edge() -> None:
+    """If every descent leaves the search region the fix is on its edge, without a covariance."""
     _, batch, _ = ring_batch(7, 300, bearing_std_deg=4.0, nlos_receivers=2, sources="disc", source_share=1.0)
     field = CircleField(x_m=0.0, y_m=0.0, radius_m=0.6)
     estimates = bearings_mixture_ml.solve(dataclasses.replace(batch, field=field), MixtureOptions()).estimates
@@ -274,8 +274,8 @@ def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
 
 
 @pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
-def test_ranges_sharpen_every_method(noise: str) -> None:
-    """With 2 % ranges every method is several times better than by bearings of 4 deg alone, and says so."""
+def test_ranges_improve_every_method(noise: str) -> None:
+    """2 % ranges reduce the error several times compared with bearings of 4 deg, and the covariance reports it."""
     truth, batch, _ = ring_batch(8, 400, bearing_std_deg=4.0, range_std_share=0.02, sources="disc")
     for module in (*_ALL, bearings_ml):
         spec = module.METHOD
@@ -287,7 +287,7 @@ def test_ranges_sharpen_every_method(noise: str) -> None:
 
 
 def test_one_row_with_a_range_is_an_answer_for_the_mixture() -> None:
-    """A single bearing with its range gives a fix; without the range it is too few."""
+    """A single bearing with its range gives a fix; without the range it is too_few."""
     batch = _bearings([(1.0, 2.0)], [30.0], field=CircleField(x_m=0.0, y_m=0.0, radius_m=100.0))
     assert bearings_mixture_ml.solve(batch, MixtureOptions()).estimates.status[0] == Status.TOO_FEW
     ranged = dataclasses.replace(batch, range_m=np.array([[10.0]]), range_std_m=np.array([[0.1]]))
@@ -297,8 +297,8 @@ def test_one_row_with_a_range_is_an_answer_for_the_mixture() -> None:
     np.testing.assert_allclose(estimates.position_m[0], expected, atol=1e-6)
 
 
-def test_prior_replaces_the_bootstrap_pair() -> None:
-    """With a prior one bearing is enough; the file's prior goes before the parameters'; half a prior is refused."""
+def test_a_prior_replaces_the_bootstrap_pair() -> None:
+    """With a prior one bearing is enough; the file's prior overrides the parameters'; half a prior is refused."""
     batch = _bearings([(0.0, 0.0)], [90.0])
     options = bearings_sequential.SequentialOptions
     assert bearings_sequential.solve(batch, options()).estimates.status[0] == Status.TOO_FEW
@@ -320,7 +320,7 @@ def test_prior_replaces_the_bootstrap_pair() -> None:
 
 
 def test_two_bearings_are_enough_for_sequential() -> None:
-    """Two rays without a prior give their crossing, one gives too_few, and no flags unless they are wanted."""
+    """Two rays without a prior give their crossing, one too_few; no flags unless requested."""
     batch = _bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0])
     options = bearings_sequential.SequentialOptions()
     estimates = bearings_sequential.solve(batch, options).estimates
@@ -339,8 +339,8 @@ def test_two_bearings_are_enough_for_sequential() -> None:
 
 
 @pytest.mark.parametrize(("x", "y", "std"), [(np.nan, 80.0, 5.0), (1.0, np.nan, 5.0), (1.0, 80.0, np.nan)])
-def test_a_prior_of_which_a_part_is_unknown_is_none(x: float, y: float, std: float) -> None:
-    """A file's prior without x, y or std gives way to that of the parameters; without one, one bearing is too few."""
+def test_incomplete_priors_are_ignored(x: float, y: float, std: float) -> None:
+    """A file's prior without x, y or std is replaced by that of the parameters; without one, one bearing is too_few."""
     options = bearings_sequential.SequentialOptions
     batch = _bearings([(0.0, 0.0)], [90.0])
     own = dataclasses.replace(batch, prior_xy_m=np.array([[[x, y]]]), prior_std_m=np.array([[std]]))
@@ -352,7 +352,7 @@ def test_a_prior_of_which_a_part_is_unknown_is_none(x: float, y: float, std: flo
 
 
 def test_a_prior_is_in_the_coordinates_of_the_file() -> None:
-    """Sensors, prior and fix may lie anywhere: moved by 100 km, the fix moves along."""
+    """Moving sensors and prior by 100 km moves the fix along."""
     move = np.array([1e5, -3e5])
     here = _bearings([(0.0, 0.0), (10.0, 0.0)], [90.0, 92.0])
     here = dataclasses.replace(here, prior_xy_m=np.full((1, 2, 2), 40.0), prior_std_m=np.full((1, 2), 20.0))
@@ -364,8 +364,8 @@ def test_a_prior_is_in_the_coordinates_of_the_file() -> None:
     assert fixes[0].status.tolist() == fixes[1].status.tolist() == [Status.OK]
 
 
-def test_trace_tells_every_step_and_ends_at_the_estimate() -> None:
-    """The trace counts the rows used, names each once, shrinks, and ends where the estimate is."""
+def test_the_trace_records_every_step() -> None:
+    """The trace counts the rows used, names each once, shrinks, and ends at the estimate."""
     _, batch, _ = ring_batch(9, 20, sources="disc")
     wanted = dataclasses.replace(batch, want_trace=True)
     solution = bearings_sequential.solve(wanted, bearings_sequential.SequentialOptions(bootstraps=3))

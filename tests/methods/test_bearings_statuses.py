@@ -1,4 +1,4 @@
-"""How a fix ends: the status words, decided per snapshot."""
+"""Status words, per snapshot."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def test_one_bearing_is_too_few(method: MethodSpec) -> None:
 
 @pytest.mark.parametrize("turn", [0.0, np.pi])
 def test_parallel_lines_are_degenerate(method: MethodSpec, turn: float) -> None:
-    """Parallel lines, exactly or to 1e-7 rad, whichever way their rays go, are degenerate."""
+    """Parallel lines, exactly or to 1e-7 rad, in any direction of their rays, are degenerate."""
     sensors = [(0.0, 0.0), (0.0, 10.0), (5.0, -10.0)]
     bearings = [[0.4, 0.4, 0.4 + turn], [0.4, 0.4 + 1e-8, 0.4 - 1e-8 + turn]]
     assert words(estimate(method, bearing_batch([sensors, sensors], bearings))) == ["degenerate"] * 2
 
 
-def test_a_fix_less_sure_than_it_is_far_is_degenerate(method: MethodSpec) -> None:
-    """Lines that cross at an angle of half their std meet nowhere in particular."""
+def test_fixes_more_uncertain_than_distant_are_degenerate(method: MethodSpec) -> None:
+    """Lines that cross at an angle of half their std are degenerate."""
     sensors = [(0.0, 0.0), (0.0, 10.0)]
     assert words(estimate(method, bearing_batch([sensors], [[0.01, 0.0]], std_rad=0.02))) == ["degenerate"]
     assert words(estimate(method, bearing_batch([sensors], [[0.01, 0.0]], std_rad=0.0002))) == ["ok"]
@@ -70,7 +70,7 @@ def test_two_bearings_from_one_place_are_degenerate(method: MethodSpec, place: t
     assert words(estimate(method, bearing_batch(place, [[0.2, 1.4]]))) == ["degenerate"]
 
 
-def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
+def test_min_range_makes_near_fixes_degenerate(method: MethodSpec) -> None:
     """A fix closer to a sensor than ``min_range_m`` is degenerate."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
     batch = bearing_batch([sensors], towards(sensors, (1.0, 1.0)))
@@ -79,15 +79,15 @@ def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
 
 
 def test_lines_that_cross_behind_the_sensors_are_behind(method: MethodSpec) -> None:
-    """Rays that all point away from where their lines cross give no answer; linear fits say behind."""
+    """Rays that all point away from the crossing of their lines have no fix; linear fits report behind."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
     estimates = estimate(method, bearing_batch([sensors], towards(sensors, (4.0, 5.0), turn=np.pi)))
     assert set(words(estimates)) <= ({"behind"} if method.name != "ml" else NO_ANSWER)
     assert np.isnan(estimates.position_m).all()
 
 
-def test_ml_still_tries_from_behind() -> None:
-    """Of the snapshots whose linear fix is behind a ray, ML brings some to a fix before all rays."""
+def test_ml_recovers_some_fixes_behind_rays() -> None:
+    """Of the snapshots whose linear fix is behind a ray, ML moves some in front of all rays."""
     batch = draw_world(3000, 4, (0.05, 0.6)).batch
     behind = np.array(words(estimate(bearings_stansfield.METHOD, batch))) == "behind"
     likely = np.array(words(estimate(bearings_ml.METHOD, batch)))
@@ -106,8 +106,8 @@ def test_the_wrong_side_of_a_mirror_is_infeasible(method: MethodSpec) -> None:
     assert np.isfinite(estimates.covariance_m2).all()
 
 
-def test_ml_can_be_held_to_what_the_scene_allows() -> None:
-    """With ``feasible`` a fix beyond its mirror is brought back to the mirror: boundary, without a covariance."""
+def test_feasible_moves_a_fix_to_the_mirror() -> None:
+    """With ``feasible`` a fix beyond its mirror moves to the mirror: boundary, without a covariance."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
     bearing = np.array([[np.arctan2(1.0, 1.0), *towards(sensors[1:], (5.0, 1.0))[0]]])
     batch = bearing_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL)
@@ -117,14 +117,14 @@ def test_ml_can_be_held_to_what_the_scene_allows() -> None:
     assert np.isnan(estimates.covariance_m2).all()
 
 
-def test_a_direct_row_is_not_held_to_a_mirror(method: MethodSpec) -> None:
+def test_unused_mirrors_constrain_nothing(method: MethodSpec) -> None:
     """A mirror of the scene that no row uses makes no fix infeasible."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
     assert words(estimate(method, bearing_batch([sensors], towards(sensors, (5.0, 1.0)), scene=WALL))) == ["ok"]
 
 
-def test_one_iteration_is_not_enough() -> None:
-    """Noisy bearings at ``max_iterations=1`` are not_converged, and give no answer."""
+def test_too_few_iterations_are_not_converged() -> None:
+    """Noisy bearings at ``max_iterations=1`` are not_converged and have no answer."""
     estimates = estimate(bearings_ml.METHOD, draw_world(50, 4, (0.03, 0.1)).batch, max_iterations=1)
     assert set(words(estimates)) <= NO_ANSWER
     assert words(estimates).count("not_converged") > 40
@@ -133,13 +133,13 @@ def test_one_iteration_is_not_enough() -> None:
 
 @pytest.mark.parametrize("std", [1e-6, 1e-4, 1e-3, 1e-2])
 def test_ordinary_bearings_converge(std: float) -> None:
-    """Well-posed bearings of any precision are ok under ML, not one of 3,000 not_converged."""
+    """Of 3,000 well-posed snapshots of any precision none is not_converged under ML."""
     estimates = estimate(bearings_ml.METHOD, draw_world(3000, 6, (std / 10.0, std)).batch)
     assert set(words(estimates)) == {"ok"}
 
 
-def test_rows_without_an_answer_use_nothing(method: MethodSpec) -> None:
-    """``used`` is false and ``residual_rad`` NaN for all rows of a snapshot without an answer, and only there."""
+def test_snapshots_without_an_answer_use_no_row(method: MethodSpec) -> None:
+    """``used`` is false and ``residual_rad`` NaN for all rows of snapshots without an answer, and only there."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
     bearings = np.concatenate([towards(sensors, (4.0, 5.0)), np.full((1, 3), 0.7)])
     flags = flags_of(method, bearing_batch([sensors, sensors], bearings))

@@ -1,4 +1,4 @@
-"""Bearings and ranges together, against scipy's minimum of the same chi-square, written out again."""
+"""Bearings with ranges, compared with scipy's minimum of the same chi-square."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def residuals(at: np.ndarray, batch: BearingBatch, row: int, noise: str) -> np.n
 
 
 @pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
-def test_the_fix_is_the_least_chi_square_of_both(noise: str) -> None:
-    """Fix and cost of ml are those of scipy: ranges by their own law, a lognormal one by the logarithm of its ratio."""
+def test_the_fix_minimizes_the_joint_chi_square(noise: str) -> None:
+    """Fix and cost of ml agree with scipy, for Gaussian ranges and for lognormal ones by their log ratio."""
     batch, source = ranged_batch(20)
     found = estimate(bearings_ml.METHOD, batch, range_noise=noise)
     assert set(found.status) == {0}
@@ -60,7 +60,7 @@ def test_the_fix_is_the_least_chi_square_of_both(noise: str) -> None:
 
 @pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
 def test_the_cost_of_sequential_is_the_chi_square_at_its_fix(noise: str) -> None:
-    """Half the sum of squares of all rows at the fix that is told, never below the least there is."""
+    """The cost is half the chi-square of all rows at the reported fix, never below the minimum."""
     batch, _ = ranged_batch(20)
     found, least = (estimate(module.METHOD, batch, range_noise=noise) for module in (bearings_sequential, bearings_ml))
     answered = np.flatnonzero(found.status == 0)
@@ -73,7 +73,7 @@ def test_the_cost_of_sequential_is_the_chi_square_at_its_fix(noise: str) -> None
 
 @pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
 def test_a_mixture_that_expects_no_outlier_is_maximum_likelihood(noise: str) -> None:
-    """With one outlier in 10^12 rows expected, the mixture's best fix is that of ml under the same law of ranges."""
+    """With an outlier probability of 1e-12 the best fix of the mixture is that of ml under the same law of ranges."""
     batch, _ = ranged_batch(20)
     mixture = estimate(bearings_mixture_ml.METHOD, batch, range_noise=noise, alpha=1e-12)
     best = mixture.position_m[mixture.alternative == 0]
@@ -83,7 +83,7 @@ def test_a_mixture_that_expects_no_outlier_is_maximum_likelihood(noise: str) -> 
 @pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
 @pytest.mark.parametrize("module", [bearings_mixture_ml, bearings_suppress], ids=lambda module: module.METHOD.name)
 def test_the_cost_of_robust_methods_is_the_likelihood_at_the_fix(module: ModuleType, noise: str) -> None:
-    """Equation (23) written out: a row is direct, Gaussian in bearing and range, or uniform over field and view."""
+    """Equation (23): a row is direct, Gaussian in bearing and range, or uniform over search region and view."""
     batch, _ = ranged_batch(20)
     batch = dataclasses.replace(batch, field=CircleField(x_m=0.0, y_m=0.0, radius_m=3e3))
     found = estimate(module.METHOD, batch, range_noise=noise, alpha=0.1, field_of_view_deg=120.0)
@@ -102,7 +102,7 @@ def test_the_cost_of_robust_methods_is_the_likelihood_at_the_fix(module: ModuleT
 
 @pytest.mark.parametrize(("noise", "other"), [("gaussian", "lognormal"), ("lognormal", "gaussian")])
 def test_updates_of_suppress_follow_the_law_of_ranges(noise: str, other: str) -> None:
-    """Its fixes are nearer to the most likely place under the law that is told than to that under the other."""
+    """Fixes are nearer to the maximum of the selected law of ranges than to that of the other."""
     batch, _ = ranged_batch(200)
     ours = estimate(bearings_suppress.METHOD, batch, range_noise=noise, alpha=0.01)
     first = ours.position_m[ours.alternative == 0]
@@ -114,7 +114,7 @@ def test_updates_of_suppress_follow_the_law_of_ranges(noise: str, other: str) ->
 
 @pytest.mark.parametrize("module", [bearings_ml, bearings_mixture_ml, bearings_sequential, bearings_suppress])
 def test_residuals_are_measured_minus_predicted(module: ModuleType) -> None:
-    """The flags' residuals are those of bearings and ranges at the best fix, in the coordinates of the file."""
+    """Residuals of bearings and ranges are those at the best fix, in the coordinates of the file."""
     batch, _ = ranged_batch(20)
     solution = module.METHOD.solve(batch, module.METHOD.options())
     first = solution.estimates.position_m[solution.estimates.alternative == 0]

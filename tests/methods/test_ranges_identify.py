@@ -1,4 +1,4 @@
-"""Several targets among unlabelled echoes: which echoes are direct, how many targets, and where."""
+"""Several targets among unlabelled echoes: direct echoes, number of targets, positions."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ SCATTERERS = np.array([(200.0, 33.0), (-51.0, 200.0)])
 
 
 def world(missed: tuple[tuple[int, int], ...] = (), std_m: float = 0.3):  # type: ignore[no-untyped-def]
-    """Return two targets seen by five sensors through two scatterers."""
+    """Return two targets observed by five sensors with two scatterers."""
     return echo_world(np.random.default_rng(12), SENSORS, TARGETS, SCATTERERS, std_m, PAPER_FIELD, missed)
 
 
 def raised(trial: EchoWorld, height_m: float) -> RangeBatch:
-    """Return the same echoes from sensors that are so high above the targets: slant ranges."""
+    """Return the same echoes from sensors above the targets: slant ranges."""
     return dataclasses.replace(
         trial.batch,
         range_m=np.hypot(trial.batch.range_m, height_m),
@@ -48,8 +48,8 @@ METHODS = [(ranges_assignment, {}), (ranges_extended_tca, {"eta": 15.0}), (range
 
 
 @pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
-def test_direct_echoes_are_told_from_the_others(module, options) -> None:  # type: ignore[no-untyped-def]
-    """Each target has exactly its direct echoes, flagged los and used; the others have no target and no residual."""
+def test_direct_echoes_are_identified(module, options) -> None:  # type: ignore[no-untyped-def]
+    """Each target has exactly its direct echoes, flagged los and used; others have no target and no residual."""
     trial = world()
     solution = solve(module.METHOD, trial.batch, **options)
     assert found_sets(solution) == trial.truth_sets()
@@ -62,7 +62,7 @@ def test_direct_echoes_are_told_from_the_others(module, options) -> None:  # typ
 
 @pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
 def test_slant_ranges_of_high_sensors_give_the_same_targets(module, options) -> None:  # type: ignore[no-untyped-def]
-    """From 60 m above, the sets are the same, and the covariance is that of `r-ls` on their slant ranges."""
+    """From 60 m above the sets are the same, with the covariance of `r-ls` on their slant ranges."""
     trial = world()
     batch = raised(trial, 60.0)
     solution = solve(module.METHOD, batch, **options)
@@ -103,8 +103,8 @@ def test_targets_are_located_by_range_least_squares(module, options) -> None:  #
         np.testing.assert_allclose(covariance, alone.covariance_m2[nearest], rtol=1e-4)
 
 
-def test_no_target_is_a_possible_answer() -> None:
-    """Echoes that fit no target give one row without one, and no flags."""
+def test_echoes_without_a_target_give_one_empty_row() -> None:
+    """Echoes that fit no target give one row without a position, and no flags."""
     generator = np.random.default_rng(3)
     number = np.repeat(np.arange(5), 4)
     batch = range_batch(SENSORS[number][None], generator.uniform(300.0, 900.0, (1, 20)), sensor=number[None])
@@ -118,14 +118,14 @@ def test_no_target_is_a_possible_answer() -> None:
 
 @pytest.mark.parametrize("missed", [((2, 0),), ((2, 0), (4, 1))])
 def test_a_sensor_may_miss_a_target(missed: tuple[tuple[int, int], ...]) -> None:
-    """A target that a sensor misses is found when ``min_sensors`` allows it, and not otherwise."""
+    """A target that a sensor misses is found if ``min_sensors`` allows it, and only then."""
     trial = world(missed)
     assert found_sets(solve(ranges_assignment.METHOD, trial.batch, min_sensors=4)) == trial.truth_sets()
     assert len(found_sets(solve(ranges_assignment.METHOD, trial.batch))) < 2
 
 
-def test_a_sensor_with_no_echo_at_all_is_as_if_it_were_not_there() -> None:
-    """A snapshot in which one of the sensors has no row is solved by the others."""
+def test_sensors_without_echoes_are_ignored() -> None:
+    """A snapshot in which a sensor has no row is solved by the others."""
     trial = world()
     keep = np.flatnonzero(trial.batch.sensor[0] != 3)
     batch = trial.batch
@@ -139,15 +139,15 @@ def test_a_sensor_with_no_echo_at_all_is_as_if_it_were_not_there() -> None:
 
 @pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
 def test_fewer_than_three_sensors_are_too_few(module, options) -> None:  # type: ignore[no-untyped-def]
-    """Echoes of two sensors cannot tell direct ones: too_few."""
+    """Echoes of two sensors give too_few."""
     number = np.array([[0, 0, 1, 1]])
     batch = range_batch(SENSORS[number], [[100.0, 200.0, 150.0, 300.0]], sensor=number)
     assert words(solve(module.METHOD, batch, **options)) == ["too_few"]
 
 
 @pytest.mark.parametrize(("module", "options"), METHODS, ids=["assignment", "extended-tca", "tca"])
-def test_sensors_on_a_line_give_both_sides(module, options) -> None:  # type: ignore[no-untyped-def]
-    """Targets seen from one line are ambiguous: the place and its mirror image, where the field holds both."""
+def test_collinear_sensors_give_both_sides(module, options) -> None:  # type: ignore[no-untyped-def]
+    """Targets of collinear sensors are ambiguous: position and mirror image, if both are in the search region."""
     line = np.array([(-150.0, 0.0), (-20.0, 0.0), (90.0, 0.0), (170.0, 0.0)])
     trial = echo_world(np.random.default_rng(4), line, TARGETS[:1], np.empty((0, 2)), 0.1, PAPER_FIELD)
     options = {**options, **({"targets": 1} if "targets" in options else {})}
@@ -163,7 +163,7 @@ def test_sensors_on_a_line_give_both_sides(module, options) -> None:  # type: ig
 
 
 def test_the_number_of_echoes_has_a_limit() -> None:
-    """More echoes at a sensor than ``max_echoes`` are an error that names the parameter."""
+    """More echoes at a sensor than ``max_echoes`` is an error that names the parameter."""
     number = np.concatenate([np.zeros(300, dtype=np.int64), [1, 2, 3]])
     batch = range_batch(SENSORS[number][None], np.linspace(50.0, 400.0, 303)[None], sensor=number[None])
     with pytest.raises(DataError, match=r"300 echoes .* max_echoes=100"):
@@ -171,8 +171,8 @@ def test_the_number_of_echoes_has_a_limit() -> None:
     assert solve(ranges_assignment.METHOD, batch, max_echoes=300).estimates.row.size >= 1
 
 
-def test_a_hundred_echoes_at_each_sensor_end_in_time() -> None:
-    """The largest snapshots that the default limit allows are solved in seconds."""
+def test_the_largest_snapshots_are_solved_in_seconds() -> None:
+    """Snapshots at the default limit of echoes are solved in seconds."""
     generator = np.random.default_rng(6)
     number = np.repeat(np.arange(4), 100)
     ranges = generator.uniform(50.0, 500.0, (1, 400))
@@ -182,14 +182,14 @@ def test_a_hundred_echoes_at_each_sensor_end_in_time() -> None:
     assert time.perf_counter() - start < 60.0
 
 
-def test_a_proof_cut_short_has_no_answer() -> None:
-    """Where ``max_nodes`` does not suffice the snapshot is not_converged, whatever was found so far."""
+def test_a_truncated_search_is_not_converged() -> None:
+    """If ``max_nodes`` is exceeded the snapshot is not_converged."""
     trial = irregular_world(np.random.default_rng(0))
     assert words(solve(ranges_assignment.METHOD, trial.batch, max_nodes=1)) == ["not_converged"]
 
 
-def test_held_out_layouts_are_identified() -> None:
-    """Irregular layouts of 4 to 7 sensors, 1 to 5 targets: assignment finds the number and the echoes."""
+def test_irregular_layouts_are_identified() -> None:
+    """With 4 to 7 sensors and 1 to 5 targets, assignment finds the number of targets and their echoes."""
     right = exact = 0
     for trial in range(40):
         irregular = irregular_world(np.random.default_rng([trial, 3]))

@@ -1,4 +1,4 @@
-"""Ranges of one source: exactness, statuses, ambiguity, heights, and covariances that are the size of the error."""
+"""Ranges of one source: exactness, statuses, ambiguity, heights, calibrated covariances."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def method(request: pytest.FixtureRequest) -> MethodSpec:
 @pytest.mark.parametrize("height", [0.0, 3.0])
 @pytest.mark.parametrize("offset", [0.0, 5e6])
 def test_exact_ranges_give_the_source(method: MethodSpec, height: float, offset: float) -> None:
-    """Without noise the fix is the source, slant ranges included, wherever the frame's origin is."""
+    """Noise-free ranges give the source, slant ranges included, for any origin of the frame."""
     sensors = np.array(SQUARE) + offset
     source = np.array([3.0, 14.0]) + offset
     estimates = solve(method, range_batch(sensors, exact_ranges(sensors, source, height), height=height)).estimates
@@ -34,14 +34,14 @@ def test_exact_ranges_give_the_source(method: MethodSpec, height: float, offset:
     assert estimates.cost[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_slant_ranges_taken_for_plane_ones_miss_the_source(method: MethodSpec) -> None:
-    """Heights matter: slant ranges without them give another place and a cost."""
+def test_ignored_heights_shift_the_fix(method: MethodSpec) -> None:
+    """Slant ranges without heights give another position and a positive cost."""
     estimates = solve(method, range_batch(SQUARE, exact_ranges(SQUARE, (3.0, 5.0), 3.0))).estimates
     assert estimates.cost[0] > 10.0
 
 
-def test_a_slant_range_shorter_than_the_height_is_no_fault(method: MethodSpec) -> None:
-    """A source under a sensor whose noisy range is less than its height still gets a fix near it."""
+def test_slant_ranges_below_the_height_are_solved(method: MethodSpec) -> None:
+    """A source under a sensor whose noisy range is less than its height still has a fix near it."""
     ranges = exact_ranges(SQUARE, (0.2, 0.1), 3.0)
     ranges[0, 0] = 2.9
     estimates = solve(method, range_batch(SQUARE, ranges, height=3.0)).estimates
@@ -67,7 +67,7 @@ def test_range_least_squares_is_the_global_minimum() -> None:
 
 
 def test_one_sensor_is_too_few(method: MethodSpec) -> None:
-    """One range, and any number of ranges of one sensor, are too few."""
+    """One range, and any number of ranges of one sensor, are too_few."""
     assert words(solve(method, range_batch((0.0, 0.0), [[5.0]]))) == ["too_few"]
     assert words(solve(method, range_batch((0.0, 0.0), [[5.0, 5.1, 4.9]]))) == ["too_few"]
 
@@ -82,13 +82,13 @@ def test_two_sensors_are_ambiguous(method: MethodSpec) -> None:
     np.testing.assert_allclose(found, [(3.0, -4.0), (3.0, 4.0)], atol=1e-6)
 
 
-def test_two_circles_that_miss_each_other_have_no_fix(method: MethodSpec) -> None:
-    """Two circles that do not meet, whose covariance across is infinite, are degenerate."""
+def test_circles_that_do_not_meet_are_degenerate(method: MethodSpec) -> None:
+    """Two circles that do not meet have an infinite covariance across: degenerate."""
     assert words(solve(method, range_batch([(0.0, 0.0), (10.0, 0.0)], [[3.0, 3.0]]))) == ["degenerate"]
 
 
-def test_sensors_on_a_line_are_ambiguous(method: MethodSpec) -> None:
-    """Sensors on one line, or a noisy range away from it, give the source and its mirror image."""
+def test_collinear_sensors_are_ambiguous(method: MethodSpec) -> None:
+    """Collinear sensors, or noisy ranges of nearly collinear ones, give the source and its mirror image."""
     solution = solve(method, range_batch(LINE, exact_ranges(LINE, (6.0, 9.0))))
     assert words(solution) == ["ambiguous", "ambiguous"]
     found = solution.estimates.position_m[np.argsort(solution.estimates.position_m[:, 1])]
@@ -99,8 +99,8 @@ def test_sensors_on_a_line_are_ambiguous(method: MethodSpec) -> None:
     np.testing.assert_allclose(solution.estimates.position_m[0], (6.0, 9.0), atol=1e-3)
 
 
-def test_how_near_an_optimum_is_ambiguous_can_be_chosen(method: MethodSpec) -> None:
-    """Far from a line the mirror image costs far more: an alternative, but no ambiguity."""
+def test_the_ambiguity_gap_can_be_set(method: MethodSpec) -> None:
+    """Far from a line the mirror image costs far more: an alternative, but not ambiguous."""
     batch = range_batch([(0.0, 0.0), (10.0, 0.5), (25.0, 0.0)], [[10.6, 9.3, 21.0]], 0.1)
     solution = solve(method, batch)
     assert solution.estimates.cost[1] > solution.estimates.cost[0] + 2.0
@@ -108,7 +108,7 @@ def test_how_near_an_optimum_is_ambiguous_can_be_chosen(method: MethodSpec) -> N
     assert words(solve(method, batch, ambiguous_within=1e4)) == ["ambiguous", "ambiguous"]
 
 
-def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
+def test_min_range_makes_near_fixes_degenerate(method: MethodSpec) -> None:
     """A fix closer to a sensor than ``min_range_m`` is degenerate, and one on a sensor always is."""
     batch = range_batch(SQUARE, exact_ranges(SQUARE, (1.0, 1.0)))
     assert words(solve(method, batch))[0] == "ok"
@@ -118,8 +118,8 @@ def test_the_least_range_can_be_chosen(method: MethodSpec) -> None:
 
 
 @pytest.mark.parametrize("height", [0.0, 6.0])
-def test_the_covariance_carries_errors_of_ranges_through_the_fit(method: MethodSpec, height: float) -> None:
-    """At exact ranges it is J diag(std^2) J', J the central differences of the fix by each range, heights and all."""
+def test_the_covariance_propagates_range_errors(method: MethodSpec, height: float) -> None:
+    """At exact ranges it is J diag(std^2) J' with J by central differences, heights included."""
     source, std = np.array([3.0, 5.5]), np.array([[0.1, 0.2, 0.15, 0.3]])
     exact, step = exact_ranges(SQUARE, source, height), 1e-3
 
@@ -134,8 +134,8 @@ def test_the_covariance_carries_errors_of_ranges_through_the_fit(method: MethodS
 
 
 @pytest.mark.parametrize(("name", "low", "high"), [("r-ls", 0.93, 0.97), ("sr-ls", 0.93, 0.97)])
-def test_covariances_are_the_size_of_the_error(name: str, low: float, high: float) -> None:
-    """Of fixes with small errors, 95 in 100 lie within the 95 % ellipse; SR-LS by its sandwich."""
+def test_covariances_are_calibrated(name: str, low: float, high: float) -> None:
+    """With small errors 95 % of the fixes are within the 95 % ellipse; SR-LS by its sandwich covariance."""
     generator = np.random.default_rng(9)
     shape = (4000, 5)
     angle = generator.uniform(-0.3, 0.3, shape) + 2.0 * np.pi * np.arange(5) / 5.0
@@ -154,7 +154,7 @@ def test_covariances_are_the_size_of_the_error(name: str, low: float, high: floa
 
 
 def test_residuals_are_measured_minus_predicted(method: MethodSpec) -> None:
-    """The flag residual_m is the range less the distance from the fix."""
+    """The flag residual_m is the range minus the distance from the fix."""
     batch = range_batch(SQUARE, exact_ranges(SQUARE, (3.0, 5.0)) + np.array([[0.1, -0.1, 0.05, 0.0]]))
     solution = solve(method, batch)
     assert solution.flags is not None

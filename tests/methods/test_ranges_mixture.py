@@ -1,4 +1,4 @@
-"""The mixture likelihood of ranges: outliers long and short, alternatives, competing paths, covariances."""
+"""The mixture likelihood of ranges: outliers, alternatives, competing paths, covariances."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SENSORS = [(0.0, 0.0), (40.0, 0.0), (45.0, 30.0), (0.0, 35.0), (20.0, -10.0), (-
 def polluted(
     snapshots: int, share: float, seed: int = 1, std: float = 0.2
 ) -> tuple[RangeBatch, FloatArray, FloatArray]:
-    """Return ranges of which a share is wrong by up to 30 m either way, the sources, and which are right."""
+    """Return ranges of which some are off by up to 30 m, the sources, and which rows are inliers."""
     generator = np.random.default_rng(seed)
     sources = generator.uniform((2.0, 2.0), (38.0, 28.0), (snapshots, 2))
     away = np.hypot(*np.moveaxis(sources[:, None] - np.array(SENSORS), -1, 0))
@@ -29,22 +29,22 @@ def polluted(
 
 
 def first_errors(batch: RangeBatch, sources: FloatArray, **options: object) -> FloatArray:
-    """Return the errors of the best fixes, infinite without one."""
+    """Return the errors of the best fixes, infinite without a fix."""
     estimates = solve(ranges_mixture_ml.METHOD, batch, **options).estimates
     best = estimates.position_m[estimates.alternative == 0]
     return np.where(np.isfinite(best[:, 0]), np.hypot(*(best - sources).T), np.inf)
 
 
 def test_without_outliers_it_is_range_least_squares() -> None:
-    """Where every row is right the fix is that of r-ls to a small part of its std."""
+    """Without outliers the fix is that of r-ls to a small part of its std."""
     batch, _, _ = polluted(100, 0.0)
     ours, theirs = (solve(module.METHOD, batch).estimates for module in (ranges_mixture_ml, ranges_r_ls))
     gap = ours.position_m[ours.alternative == 0] - theirs.position_m[theirs.alternative == 0]
     assert np.median(np.hypot(*gap.T)) < 0.01
 
 
-def test_long_and_short_outliers_are_left_out() -> None:
-    """With a quarter of the rows wrong the median error stays that of the right ones; r-ls is metres off."""
+def test_outliers_are_rejected() -> None:
+    """With 25 % outliers the median error is that of the inliers; r-ls is metres off."""
     batch, sources, right = polluted(400, 0.25)
     error = first_errors(batch, sources)
     assert np.median(error) < 0.25
@@ -59,7 +59,7 @@ def test_long_and_short_outliers_are_left_out() -> None:
 
 
 def test_the_density_of_outliers_is_a_parameter() -> None:
-    """The denser outliers are, the fewer rows are direct, and the density moves the cost as its logarithm says."""
+    """A higher outlier density flags fewer rows as direct, and adds its logarithm to the cost."""
     batch = range_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)))
     costs = [solve(ranges_mixture_ml.METHOD, batch, nlos_density_per_m=d).estimates.cost[0] for d in (1e-3, 1e-2)]
     # every row direct: the cost is that of Gaussians, (1 - alpha) and a density that hardly matter
@@ -71,7 +71,7 @@ def test_the_density_of_outliers_is_a_parameter() -> None:
 
 
 def test_front_and_back_are_alternatives() -> None:
-    """Seen from nearly one line a source and its image are both reported, and the snapshot is ambiguous."""
+    """For nearly collinear sensors a source and its mirror image are both reported, as ambiguous."""
     line = [(0.0, 0.0), (1.0, 0.02), (2.0, 0.0), (3.0, 0.01)]
     solution = solve(ranges_mixture_ml.METHOD, range_batch(line, exact_ranges(line, (4.0, 20.0))))
     assert set(words(solution)) == {"ambiguous"}
@@ -79,8 +79,8 @@ def test_front_and_back_are_alternatives() -> None:
     assert (apart.min(axis=0) < 1.5).all()
 
 
-def test_a_field_that_is_named_is_kept_to() -> None:
-    """With a field on one side of the line only that place is an answer."""
+def test_the_search_region_excludes_the_mirror_image() -> None:
+    """With a search region on one side of the line only that side is an answer."""
     line = [(0.0, 0.0), (1.0, 0.02), (2.0, 0.0), (3.0, 0.01)]
     field = BoxField(xmin_m=-30.0, xmax_m=30.0, ymin_m=1.0, ymax_m=30.0)
     solution = solve(ranges_mixture_ml.METHOD, range_batch(line, exact_ranges(line, (4.0, 20.0)), field=field))
@@ -89,7 +89,7 @@ def test_a_field_that_is_named_is_kept_to() -> None:
 
 
 def test_numbered_paths_of_a_sensor_compete() -> None:
-    """Of a sensor's numbered paths at most one is direct, and ``first`` trusts the first arrival alone."""
+    """At most one numbered path of a sensor is direct, and ``first`` considers the first arrival only."""
     sensors = np.array([*SENSORS[:4], SENSORS[0], SENSORS[1]])
     ranges = exact_ranges(sensors, (11.0, 12.0))
     ranges[0, 4:] += [7.0, 9.0]
@@ -102,8 +102,8 @@ def test_numbered_paths_of_a_sensor_compete() -> None:
         np.testing.assert_allclose(solution.estimates.position_m[0], (11.0, 12.0), atol=1e-3)
 
 
-def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source() -> None:
-    """Of echoes in no order, those over a wall may reach more sensors than the direct ones: ambiguous, if asked."""
+def test_a_position_with_one_row_fewer_may_be_the_source() -> None:
+    """Unordered echoes over a wall may reach more sensors than direct ones: ambiguous, if requested."""
     sensors = np.repeat(np.array(SENSORS[:5]), 2, axis=0)
     ranges = exact_ranges(sensors, (11.0, 12.0))
     ranges[0, 1::2] = exact_ranges(sensors[1::2], (30.0, 70.0))[0]
@@ -124,7 +124,7 @@ def test_a_place_on_which_a_row_fewer_agrees_may_be_the_source() -> None:
 
 
 def test_the_order_of_paths_moves_the_likelihood() -> None:
-    """Where the second of two paths fits, ``first`` holds its sensor to be an outlier, ``falling`` gives it a third."""
+    """If the second of two paths fits, ``first`` makes the sensor an outlier, ``falling`` gives it a third."""
     sensors = np.array([*SENSORS, SENSORS[0]])
     ranges = exact_ranges(sensors, (11.0, 12.0))
     ranges[0, 0] -= 8.0
@@ -138,8 +138,8 @@ def test_the_order_of_paths_moves_the_likelihood() -> None:
     assert cost["first"] > cost["falling"] + 1.0
 
 
-def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
-    """``mode_gap`` is per row: the place where fewer circles meet is an alternative from that gap on, not below it."""
+def test_mode_gap_selects_the_crossings_followed() -> None:
+    """``mode_gap`` is per row: a crossing of fewer circles is an alternative from that gap on, not below it."""
     ranges = exact_ranges(SENSORS, (11.0, 12.0))
     ranges[0, 3:5] = exact_ranges(SENSORS[3:5], (33.0, 21.0))
     field = BoxField(xmin_m=0.0, xmax_m=40.0, ymin_m=0.0, ymax_m=30.0)
@@ -157,8 +157,8 @@ def test_a_crossing_is_followed_if_it_is_near_enough_to_the_best() -> None:
         assert (away(mode_gap=share * gap)[0] < 1e-3).any() == expected
 
 
-def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
-    """Where every way downhill leaves the field the fix is on its edge, without a covariance."""
+def test_modes_outside_the_field_end_at_its_edge() -> None:
+    """If every descent leaves the search region the fix is on its edge, without a covariance."""
     noise = np.random.default_rng(9).normal(size=(100, 6))
     field = BoxField(xmin_m=5.0, xmax_m=11.0, ymin_m=5.0, ymax_m=20.0)
     batch = range_batch(SENSORS, exact_ranges(SENSORS, (11.0, 12.0)) + noise, 1.0, field=field)
@@ -171,14 +171,14 @@ def test_a_mode_outside_the_field_is_held_at_its_edge() -> None:
     assert np.median(x) > 10.9
 
 
-def test_one_place_is_too_few() -> None:
-    """Any number of sensors at one place cannot tell a position."""
+def test_coincident_sensors_are_too_few() -> None:
+    """Any number of coincident sensors is too_few."""
     batch = range_batch((0.0, 0.0), [[5.0, 5.1, 4.9]])
     assert words(solve(ranges_mixture_ml.METHOD, batch)) == ["too_few"]
 
 
-def test_the_posterior_covariance_is_the_size_of_the_error() -> None:
-    """With outliers about, 90 to 99 in 100 errors lie within the 95 % ellipse of the posterior covariance."""
+def test_the_posterior_covariance_is_calibrated() -> None:
+    """With outliers, 90 to 99 % of the errors are within the 95 % posterior ellipse."""
     batch, sources, _ = polluted(1500, 0.2, seed=4)
     estimates = solve(ranges_mixture_ml.METHOD, batch, covariance="posterior").estimates
     best = estimates.alternative == 0

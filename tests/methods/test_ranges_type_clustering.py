@@ -1,4 +1,4 @@
-"""Type-based clustering against a slow plain-Python implementation of the same steps."""
+"""Type-based clustering, compared with a slow implementation in plain Python."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nlosctl.solvers.echoes.type_sets import Gate
 
 
 def plain(world: EchoWorld, margin: float = 20.0, gap: float = 20.0) -> tuple[PlainClustering, list[list[int]]]:
-    """Return the reference on a world, and the rows of each sensor's ranges."""
+    """Return the reference result of a trial and the rows of each sensor's ranges."""
     batch, box = world.batch, world.batch.field
     assert isinstance(box, BoxField)
     number, rows, ranges, places = batch.sensor[0], [], [], []
@@ -39,7 +39,7 @@ def row_sets(kept: list[PlainSet], rows: list[list[int]]) -> set[frozenset[int]]
 
 
 def worlds() -> list[EchoWorld]:
-    """Return small worlds of the paper's scene and of irregular ones."""
+    """Return small trials of the paper's scene and of irregular layouts."""
     generator = np.random.default_rng(8)
     scatterers = perimeter(generator, 2)
     return [paper_world(generator, n, s, scatterers) for n, s in ((4, 0.1), (4, 3.0), (5, 1.0))]
@@ -47,8 +47,8 @@ def worlds() -> list[EchoWorld]:
 
 @pytest.mark.parametrize("unique", ["points", "circles"])
 @pytest.mark.parametrize("number", range(3))
-def test_the_sets_are_those_of_the_reference(number: int, unique: str) -> None:
-    """Targets before the elbow, and a known number of them, take the circles that the plain implementation gives."""
+def test_sets_agree_with_the_reference(number: int, unique: str) -> None:
+    """Targets before the elbow, or a known number, have the circles of the plain implementation."""
     world = worlds()[number]
     reference, rows = plain(world)
     kept = reference.unique(unique)
@@ -64,7 +64,7 @@ def test_the_sets_are_those_of_the_reference(number: int, unique: str) -> None:
 
 
 def clustered(world: EchoWorld, unique: str):  # type: ignore[no-untyped-def]
-    """Return the structured sets and the unique ones of a world."""
+    """Return the structured sets and the unique sets of a trial."""
     options = ranges_tca.METHOD.options(targets=1, unique=unique)
     echoes = read_echoes(world.batch, 0, 100)
     center = np.array([echoes.center_x]), np.array([echoes.center_y])
@@ -72,8 +72,8 @@ def clustered(world: EchoWorld, unique: str):  # type: ignore[no-untyped-def]
     return cluster_echoes(echoes, Gate(region, options.field_margin_m), options)
 
 
-def test_row_order_tells_nothing() -> None:
-    """Shuffling the rows leaves targets and estimates the same to the bit."""
+def test_the_order_of_rows_does_not_matter() -> None:
+    """Shuffling the rows leaves targets and estimates unchanged to the bit."""
     generator = np.random.default_rng(2)
     world = irregular_world(generator)
     first = solve(ranges_extended_tca.METHOD, world.batch, eta=25.0)
@@ -94,7 +94,7 @@ def test_row_order_tells_nothing() -> None:
 
 @pytest.mark.slow
 def test_plain_python_is_at_least_twenty_times_slower() -> None:
-    """The same steps in plain Python take at least twenty times as long a snapshot (K = L = 3, N = 6)."""
+    """The plain implementation takes at least twenty times as long per snapshot (K = L = 3, N = 6)."""
     generator = np.random.default_rng(4)
     scatterers = perimeter(generator, 3)
     trials = [paper_world(generator, 6, 1.0, scatterers) for _ in range(50)]

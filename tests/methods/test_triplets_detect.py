@@ -1,4 +1,4 @@
-"""Methods of detect-ip: verdicts, reasons, calibration, rows that cannot be judged."""
+"""Methods of detect-ip: flags, reasons, calibration, rows without a decision."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def said(module, batch, **options):
 
 @pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
 def test_a_direct_path_is_direct(module):
-    """A noise-free direct path has no reason and p-value 1 (of the joint method: next to it)."""
+    """A noise-free direct path has no reason and p-value 1 (nearly 1 for the joint method)."""
     found = said(module, direct_path())
     assert not found["ip"]
     assert found["reason"] == ""
@@ -63,8 +63,8 @@ def test_a_longer_path_is_indirect(module):
     assert found["p_value"] < 1e-6
 
 
-def test_no_ellipse():
-    """A path shorter than its baseline has no ellipse: tdaj cannot judge it and says why, chi2 decides."""
+def test_a_path_shorter_than_the_baseline():
+    """A path shorter than its baseline has no ellipse: tdaj gives the reason, chi2 decides."""
     batch = direct_path(length=4.0)
     found = said(triplets_tdaj, batch)
     assert (found["ip"], found["reason"]) == (False, "no_ellipse")
@@ -74,7 +74,7 @@ def test_no_ellipse():
 
 
 def test_slightly_shorter_than_the_baseline_may_be_direct():
-    """A target on the baseline, the path measured a little shorter than it: chi2 finds no fault."""
+    """A target on the baseline with a path slightly shorter than it: chi2 accepts it."""
     batch = one_path(dod=0.0, doa=np.pi, length=4.96, std=(0.01, 0.01, 0.05))
     found = said(triplets_chi2, batch)
     assert (found["ip"], found["reason"]) == (False, "no_ellipse")
@@ -82,7 +82,7 @@ def test_slightly_shorter_than_the_baseline_may_be_direct():
 
 
 def test_parallel_rays():
-    """Exactly parallel rays have no crossing: lambda 1 says so, lambda 5 does not need it."""
+    """Exactly parallel rays have no crossing: lambda 1 gives the reason, lambda 5 does not need it."""
     batch = one_path(dod=1.0, doa=1.0, length=9.0)
     found = said(triplets_tdaj, batch, rule="lambda1")
     assert (found["ip"], found["reason"], found["blind"]) == (False, "parallel", True)
@@ -90,7 +90,7 @@ def test_parallel_rays():
 
 
 def test_monostatic():
-    """Transmitter and receiver in one place: chi2 compares the two angles, whatever the length; tdaj has no frame."""
+    """Coincident transmitter and receiver: chi2 compares the angles at any length; tdaj has no frame."""
     batch = one_path(rx=(-2.5, 0.0), dod=1.0, doa=1.03, length=9.0, std=(0.01, 0.01, 0.05))
     assert said(triplets_tdaj, batch)["reason"] == "monostatic"
     found = said(triplets_chi2, batch)
@@ -98,8 +98,8 @@ def test_monostatic():
     assert found["reason"] == "inconsistent,monostatic"
 
 
-def test_lines_that_meet_behind():
-    """Diverging rays: the simulator's rule condemns them alone; chi2 tells and flags them, asked to or not."""
+def test_diverging_rays():
+    """Diverging rays: the simulator's rule flags them alone; chi2 reports and flags them with either option."""
     assert not said(triplets_tdaj, direct_path(), behind_is_ip=True)["ip"]
     batch = one_path(dod=1.66, doa=1.57, length=30.0, std=(0.2, 0.2, 0.05))
     assert said(triplets_tdaj, batch)["reason"] == ""
@@ -114,8 +114,8 @@ def test_lines_that_meet_behind():
 
 @pytest.mark.parametrize("length", [30.0, 9.0])
 @pytest.mark.parametrize("false_alarm", [1e-9, 1e-3, 0.2])
-def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
-    """The p-value is the lesser of both, that of the rays being of the angle by which they diverge; so are reasons."""
+def test_chi2_with_rays_flags_if_either_test_flags(length, false_alarm):
+    """The p-value is the smaller of both tests, and the reasons agree."""
     batch = one_path(dod=1.64, doa=1.57, length=length, std=(0.02, 0.015, 5.0))
     plain, asked = (said(triplets_chi2, batch, rays_miss=asks, false_alarm=false_alarm) for asks in (False, True))
     miss = 2.0 * stats.norm.sf(0.07 / np.hypot(0.02, 0.015))
@@ -127,8 +127,8 @@ def test_chi2_asked_for_rays_flags_what_either_test_flags(length, false_alarm):
     assert plain["reason"] == asked["reason"] == expected
 
 
-def test_the_chi_square_contains_the_angle_by_which_rays_miss():
-    """The rays meet at the fit, so that no p-value of chi2 is above that of the rays, asked for them or not."""
+def test_chi_square_includes_the_ray_test():
+    """The rays meet at the fit, so no p-value of chi2 exceeds that of the rays, with either option."""
     batch = snapshots_of(draw_columns("shen", 2000, seed=9), 2000, 1)
     plain, asked = (
         triplets_chi2.solve(batch, triplets_chi2.ConsistencyOptions(rays_miss=asks)).flags.columns
@@ -141,7 +141,7 @@ def test_the_chi_square_contains_the_angle_by_which_rays_miss():
 
 
 def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
-    """In company every path has a probability to be direct; one alone on its baseline none."""
+    """Each path in a group has a probability of being direct; one alone on its baseline has none."""
     columns = draw_columns("room", 40, seed=7, blocked_fraction=0.0)
     batch = snapshots_of(columns, 40, 12)
     ours, theirs = (
@@ -167,7 +167,7 @@ def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
 
 @pytest.mark.parametrize("false_alarm", [0.01, 0.2])
 def test_details_are_the_same_for_every_method(false_alarm):
-    """Those of chi2 and joint are those of tdaj at the same false alarms, and there are none unless they are wanted."""
+    """chi2 and joint have the details of tdaj at equal false-alarm probability; none unless requested."""
     batch = batch_of(draw_columns("shen", 20, seed=3))
     detailed = dataclasses.replace(batch, want_details=True)
     expected = triplets_tdaj.solve(detailed, triplets_tdaj.TdajOptions(false_alarm=false_alarm)).flags.columns
@@ -181,8 +181,8 @@ def test_details_are_the_same_for_every_method(false_alarm):
             np.testing.assert_array_equal(columns[name], expected[name])
 
 
-def test_chi2_knows_gaussian_errors_alone():
-    """Another law of errors with chi2 is a usage error that names the method which knows it."""
+def test_chi2_supports_only_gaussian_errors():
+    """Another error law is a usage error that names the method which supports it."""
     with pytest.raises(UsageError, match="tdaj"):
         triplets_chi2.METHOD.options(noise="laplace")
     with pytest.raises(UsageError, match="student-t:NU"):
@@ -198,7 +198,7 @@ def test_chi2_knows_gaussian_errors_alone():
 )
 @pytest.mark.parametrize("eta_m", [0.0, 0.7])
 def test_flags_agree_with_thresholds(rule, noise, eta_m):
-    """A path is flagged exactly where its difference exceeds the threshold of the details."""
+    """A path is flagged exactly if its difference exceeds the threshold in the details."""
     batch = dataclasses.replace(batch_of(draw_columns("shen", 30, seed=1)), want_details=True)
     options = triplets_tdaj.TdajOptions(rule=rule, noise=noise, false_alarm=0.02, eta_m=eta_m)
     columns = triplets_tdaj.solve(batch, options).flags.columns
@@ -213,7 +213,7 @@ def test_flags_agree_with_thresholds(rule, noise, eta_m):
 
 @pytest.mark.parametrize("k", [0, 2, 5])
 def test_fusion_counts_the_rules(k):
-    """Fusion flags where more than k of the six differences exceed their thresholds, equation (4)."""
+    """Fusion flags if more than k of the six differences exceed their thresholds, equation (4)."""
     batch = dataclasses.replace(batch_of(draw_columns("shen", 400, seed=2)), want_details=True)
     columns = triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule="fusion", k=k)).flags.columns
     beyond = sum((np.abs(columns[f"lambda{n}_m"]) > columns[f"threshold{n}_m"]).astype(int) for n in range(1, 7))
@@ -221,8 +221,8 @@ def test_fusion_counts_the_rules(k):
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 4, 5])
-def test_fusion_is_blind_where_too_few_rules_see(k):
-    """It needs more than k of the six differences that see, and rays that are not nearly parallel."""
+def test_fusion_needs_enough_rules(k):
+    """Fusion needs more than k defined differences, and rays that are not nearly parallel."""
     paths = [(1.0, 1.0, 9.0), (0.96, 1.86, 12.5), (0.0, np.pi, 8.0), (1.2, 1.2 + 1e-9, 9.0), (0.3, 2.9, 6.0)]
     paths.append((np.arctan2(5.0, 2.5), np.arctan2(5.0, -2.5), 2.0 * np.hypot(5.0, 2.5)))  # half way: points mirrored
     columns = [one_path(dod=dod, doa=doa, length=length) for dod, doa, length in paths]
@@ -241,8 +241,8 @@ def test_fusion_is_blind_where_too_few_rules_see(k):
 
 @pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
 @pytest.mark.parametrize("scale", [1e-3, 0.1, 1e3])
-def test_verdicts_have_no_scale(module, scale):
-    """A world a thousand times smaller or larger, errors and all, has the same p-values and reasons."""
+def test_decisions_do_not_depend_on_the_scale(module, scale):
+    """Scaling scene and errors by a thousand leaves p-values and reasons unchanged."""
     for length in (4.0, 11.0, 11.6):
         large, small = (
             said(
@@ -259,7 +259,7 @@ def test_verdicts_have_no_scale(module, scale):
 
 @pytest.mark.parametrize("eta_m", [0.0, 0.3, 2.0])
 def test_the_columns_of_tdaj_are_those_it_declares(eta_m):
-    """``outside_safe_region`` is declared and given where there is a safe region, and else neither."""
+    """``outside_safe_region`` is declared and present with a safe region, and absent without."""
     options = triplets_tdaj.TdajOptions(eta_m=eta_m)
     columns = triplets_tdaj.solve(direct_path(), options).flags.columns
     spec = triplets_tdaj.METHOD
@@ -268,7 +268,7 @@ def test_the_columns_of_tdaj_are_those_it_declares(eta_m):
 
 
 def test_details_are_points_in_global_coordinates():
-    """The three points of a direct path are the target, in the coordinates of the file, turned or not."""
+    """The three points of a direct path are the target in the coordinates of the file, rotated or not."""
     turn = 0.8
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     tx, rx, target = (rotation @ np.array(p) + [100.0, -50.0] for p in ((-2.5, 0.0), (2.5, 0.0), (1.0, 5.0)))
@@ -286,7 +286,7 @@ def test_details_are_points_in_global_coordinates():
 
 
 def test_safe_region():
-    """At the edge of the safe region a path is flagged with the nominal probability; inside less often."""
+    """On the edge of the safe region a path is flagged with the nominal probability; inside less often."""
     batch = one_path(dod=0.96, doa=1.86, length=12.5)
     rows_std = said(triplets_tdaj, dataclasses.replace(batch, want_details=True))
     value = abs(rows_std["lambda5_m"])
@@ -301,7 +301,7 @@ def test_safe_region():
 @pytest.mark.parametrize("number", [2, 3])
 @pytest.mark.parametrize("module", [triplets_chi2, triplets_tdaj])
 def test_false_alarms_are_nominal(number, module):
-    """P_f is the nominal 5 % over direct paths of the paper's scenarios, and the p-values are uniform."""
+    """P_f is the nominal 5 % over direct paths of the paper's scenarios, and p-values are uniform."""
     batch = batch_of(draw_columns("shen", 20_000, seed=number, number=number, indirect_fraction=0.0))
     p_value = module.solve(batch, module.METHOD.options()).flags.columns["p_value"].ravel()
     assert np.mean(p_value < 0.05) == pytest.approx(0.05, abs=0.0047)
@@ -322,7 +322,7 @@ def test_false_alarms_are_nominal_in_many_draws(number, module):
     ("target", "power_dbm"), [((0.0, 5.0), 1.0), ((-2.5, 6.0), 1.0), ((5.0, 0.1), 1.0), ((0.0, 40.0), 25.0)]
 )
 def test_chi2_is_calibrated_where_the_differences_are_blind(target, power_dbm):
-    """P_f of chi2 is nominal for targets on which a difference rule is blind or its linearization fails."""
+    """P_f of chi2 is nominal for targets where a difference is blind or its linearization fails."""
     columns = draw_columns(
         "shen", 10_000, seed=3, number=3, indirect_fraction=0.0, target_m=target, power_dbm=power_dbm
     )
@@ -336,8 +336,8 @@ def test_chi2_is_calibrated_where_the_differences_are_blind(target, power_dbm):
     assert max(abs(rate - 0.05) for rate in rates) > 0.03
 
 
-def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
-    """In rooms the joint method finds more indirect paths at the same false alarms, and its p-values stay uniform."""
+def test_joint_detects_more_than_single_paths():
+    """In rooms joint finds more indirect paths at equal false alarms; its p-values stay uniform."""
     columns = draw_columns("room", 400, seed=4, blocked_fraction=0.0)
 
     arrays = {}
@@ -360,8 +360,8 @@ def test_joint_beats_the_single_path_where_several_pairs_see_the_target():
     assert np.nanmedian(error) < 0.06
 
 
-def test_joint_estimates_are_the_most_likely_targets_of_their_paths():
-    """Where all paths support the target its place and covariance are those of ml on all; too near a rival is told."""
+def test_joint_estimates_agree_with_ml():
+    """If all paths support the target, position and covariance are those of ml; near rivals are ambiguous."""
     batch = snapshots_of(draw_columns("room", 40, seed=8, receivers=3, paths=1, blocked_fraction=0.0), 40, 3)
     solution = triplets_joint.solve(batch, triplets_joint.JointOptions())
     estimates = solution.estimates
@@ -383,8 +383,8 @@ def test_joint_estimates_are_the_most_likely_targets_of_their_paths():
     np.testing.assert_array_equal(always[~rivalled], never[~rivalled])
 
 
-def test_a_snapshot_without_a_target_says_so_alone():
-    """Paths that no target explains, or that lie along their baseline, have one row without a place; others theirs."""
+def test_snapshots_without_a_target_leave_others_unchanged():
+    """Unexplained paths, or paths along their baseline, give one row without a position."""
     paths = [direct_path(), direct_path(length=13.0), one_path(dod=0.0, doa=np.pi, length=5.0), direct_path()]
     fields = {name: np.concatenate([getattr(one, name) for one in paths]) for name in ("seed", *TripletBatch.SOURCES)}
     solution = triplets_joint.solve(dataclasses.replace(paths[0], **fields), triplets_joint.JointOptions())

@@ -1,4 +1,4 @@
-"""Maximum likelihood on triplets: answers, covariances, statuses."""
+"""Maximum likelihood on triplets: estimates, covariances, statuses."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def solve(batch, **options):
     return triplets_ml.solve(batch, triplets_ml.MaximumLikelihoodOptions(**options))
 
 
-def test_covariance_is_the_size_of_the_error():
-    """Over direct paths with little noise the normalized squared error has mean 2."""
+def test_covariance_is_calibrated():
+    """Over direct paths with little noise the NEES has mean 2."""
     columns = draw_columns("shen", 3000, seed=1, indirect_fraction=0.0, power_dbm=20.0, region_m=(-8.0, 8.0, 2.0, 10.0))
     estimates = solve(batch_of(columns)).estimates
     error = estimates.position_m - np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)
@@ -30,8 +30,8 @@ def test_covariance_is_the_size_of_the_error():
     assert np.nanmean(nees) == pytest.approx(2.0, abs=0.15)
 
 
-def test_path_by_path_estimates_say_of_which_path():
-    """Every path has an estimate of its own, a target of its own, and its place in the snapshot."""
+def test_single_path_estimates_name_their_path():
+    """Every path has an estimate and target of its own, and its index in the snapshot."""
     columns = draw_columns("room", 5, seed=2, receivers=2, paths=3, blocked_fraction=0.0)
     estimates = solve(_block(columns, 5, 6)).estimates
     assert estimates.row.tolist() == np.repeat(np.arange(5), 6).tolist()
@@ -40,7 +40,7 @@ def test_path_by_path_estimates_say_of_which_path():
 
 
 def test_joint_estimate_uses_all_paths():
-    """With joint=true direct paths of several pairs give one estimate, better than any by itself."""
+    """With joint=true direct paths of several pairs give one estimate, better than any single one."""
     columns = draw_columns("room", 100, seed=3, receivers=4, paths=1, blocked_fraction=0.0)
     batch = _block(columns, 100, 4)
     joint, single = solve(batch, joint=True).estimates, solve(batch).estimates
@@ -55,7 +55,7 @@ def test_joint_estimate_uses_all_paths():
 
 @pytest.mark.parametrize("joint", [False, True])
 def test_the_origin_does_not_matter(joint):
-    """Snapshots a hundred kilometres away have the same fixes there, to a micrometre, and the same statuses."""
+    """Snapshots a hundred kilometres away have the same fixes, to a micrometre, and the same statuses."""
     columns = draw_columns("room", 40, seed=5, receivers=3, paths=1, blocked_fraction=0.0)
     moved = dict(columns)
     for name in ("tx_x_m", "rx_x_m"):
@@ -69,7 +69,7 @@ def test_the_origin_does_not_matter(joint):
 
 
 def test_residuals_are_measured_minus_predicted():
-    """The flags' residuals are those of the estimate in the coordinates of the file."""
+    """Residuals are those of the estimate in the coordinates of the file."""
     columns = draw_columns("room", 20, seed=4, receivers=3, paths=1, blocked_fraction=0.0)
     solution = solve(_block(columns, 20, 3), joint=True)
     from nlosctl.models.triplets import predict_triplets
@@ -94,14 +94,14 @@ def test_residuals_are_measured_minus_predicted():
     ],
 )
 def test_statuses(path, status):
-    """A target on the baseline has no covariance: degenerate; others are answered."""
+    """A target on the baseline has no covariance: degenerate; others are ok."""
     estimates = solve(one_path(**path)).estimates
     assert estimates.status[0] == status
     assert np.isnan(estimates.position_m).all() == (status == Status.DEGENERATE)
 
 
 def test_the_joint_cost_is_half_the_chi_square_of_the_residuals():
-    """The cost is half the sum of all squared residuals in standard deviations; without flags there are none."""
+    """The cost is half the sum of squared scaled residuals; without flags there are none."""
     batch = _block(draw_columns("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
     solution = solve(batch, joint=True)
     said = solution.flags.columns
@@ -118,7 +118,7 @@ def test_the_joint_cost_is_half_the_chi_square_of_the_residuals():
 
 
 @pytest.mark.parametrize("joint", [False, True])
-def test_one_step_is_not_enough(joint):
+def test_too_few_iterations_are_not_converged(joint):
     """With ``max_iterations=1`` noisy paths are not_converged."""
     batch = _block(draw_columns("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
     assert (solve(batch, joint=joint, max_iterations=1).estimates.status == Status.NOT_CONVERGED).mean() > 0.5

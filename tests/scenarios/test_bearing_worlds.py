@@ -1,4 +1,4 @@
-"""The bearings scenarios: physical paths, errors of the stated size, truth that is true."""
+"""Bearing scenarios: physical paths, errors of the stated size, correct truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def generate(name, snapshots, seed=6, **options):
 
 
 def complex_positions(columns):
-    """Return sensors, sources as complex numbers."""
+    """Return sensors and sources as complex numbers."""
     return (
         columns["sensor_x_m"] + 1j * columns["sensor_y_m"],
         columns["truth_x_m"] + 1j * columns["truth_y_m"],
@@ -50,7 +50,7 @@ def noise_of(scene, columns):
 
 @pytest.mark.parametrize(("name", "options"), WORLDS)
 def test_errors_are_normal_with_the_stated_sigma(name, options):
-    """Measured minus true bearing over the stated sigma has mean 0, variance 1 and 95 % within 1.96."""
+    """Measured minus true bearing over sigma has mean 0, variance 1 and 95 % within 1.96."""
     scene, columns = generate(name, 4000, **options)
     error = noise_of(scene, columns)
     count = error.size
@@ -62,7 +62,7 @@ def test_errors_are_normal_with_the_stated_sigma(name, options):
 
 @pytest.mark.parametrize(("name", "options"), WORLDS)
 def test_source_and_sensor_are_on_one_side_of_the_mirror(name, options):
-    """Every row seen in a mirror can be: both ends lie on the same side, off the mirror."""
+    """Both ends of a mirror row are on the same side, off the mirror."""
     scene, columns = generate(name, 1000, **options)
     sensor, source = complex_positions(columns)
     for mirror in scene.reflectors:
@@ -74,8 +74,8 @@ def test_source_and_sensor_are_on_one_side_of_the_mirror(name, options):
 
 
 @pytest.mark.parametrize("name", ["ring", "random"])
-def test_outliers_are_uniform_and_told(name):
-    """The asked share of the rows has truth_los false, and bearings that say nothing of the source."""
+def test_outliers_are_uniform_and_flagged_in_the_truth(name):
+    """The requested fraction of rows has truth_los false and bearings independent of the source."""
     scene, columns = generate(name, 4000, outlier_fraction=0.25)
     outlier = ~columns["truth_los"]
     assert outlier.mean() == pytest.approx(0.25, abs=0.012)
@@ -86,8 +86,8 @@ def test_outliers_are_uniform_and_told(name):
     assert (np.abs(error[outlier]) > 6.0).mean() > 0.8
 
 
-def test_ring_holds_sensors_and_sources():
-    """Sensors are evenly on their circle; sources fill their disc evenly: half within 0.707 of its radius."""
+def test_ring_positions():
+    """Sensors are evenly spaced on the circle; sources are uniform over the disc, half within 0.707 of its radius."""
     scene, columns = generate("ring", 8000, sensors=6, radius_m=50.0, source_radius_m=40.0)
     sensors = np.array([complex(*sensor.position) for sensor in scene.sensors])
     np.testing.assert_allclose(sensors, 50.0 * np.exp(1j * np.pi / 3.0 * np.arange(6)), atol=1e-12)
@@ -97,7 +97,7 @@ def test_ring_holds_sensors_and_sources():
 
 
 def test_random_field_keeps_its_bounds():
-    """Sensors and sources are in the field, no source nearer than min_range_m, sigmas between their bounds."""
+    """Sensors and sources are in the region, no source nearer than min_range_m, sigmas within bounds."""
     _, columns = generate("random", 3000, field_m=200.0, min_range_m=15.0, bearing_std_deg=(1.0, 3.0))
     sensor, source = complex_positions(columns)
     for position in (sensor, source):
@@ -111,8 +111,8 @@ def test_random_field_keeps_its_bounds():
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
-def test_random_field_reflects_the_asked_share(fraction):
-    """The share of rows seen in a mirror is the asked one, spread over all mirrors."""
+def test_random_field_reflects_the_requested_fraction(fraction):
+    """Mirror rows have the requested fraction, spread over all mirrors."""
     _, columns = generate("random", 3000, reflected_fraction=fraction, mirrors=4)
     reflected = np.array([name is not None for name in columns["reflector"]])
     assert reflected.mean() == pytest.approx(fraction, abs=0.015)
@@ -122,7 +122,7 @@ def test_random_field_reflects_the_asked_share(fraction):
 
 
 def test_fixed_layout_is_drawn_from_its_own_seed():
-    """A fixed layout stays for all snapshots and seeds of the noise; layout_seed moves it, mirrors or not."""
+    """A fixed layout is the same for all snapshots and noise seeds; layout_seed changes it, mirrors or not."""
     few, many, moved = (
         generate("random", 2, layout="fixed", **options)[0]
         for options in ({"mirrors": 1}, {"mirrors": 5}, {"mirrors": 1, "layout_seed": 1})
@@ -132,14 +132,14 @@ def test_fixed_layout_is_drawn_from_its_own_seed():
     assert few.reflectors != moved.reflectors
 
 
-def test_random_field_without_room_says_so():
-    """A min_range_m that no source can keep is refused, not looped upon."""
+def test_impossible_min_range_is_refused():
+    """A min_range_m that no source can satisfy is an error instead of an endless loop."""
     with pytest.raises(UsageError, match="'min_range_m' parameter of random leaves no room"):
         generate("random", 5, min_range_m=2000.0)
 
 
 def test_sigma_bounds_are_read_from_text_and_checked():
-    """``bearing_std_deg=0.5,2`` is a pair; the wrong way round it is refused."""
+    """``bearing_std_deg=0.5,2`` is a pair; the wrong order is refused."""
     options = scenarios()["random"].options
     assert parse_options(options, {"bearing_std_deg": "0.5,2"}, "random").bearing_std_deg == (0.5, 2.0)
     with pytest.raises(UsageError, match=r"must be smallest,largest. Got 2,0.5 instead"):

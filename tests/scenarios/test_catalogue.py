@@ -1,4 +1,4 @@
-"""The list of scenarios, and what every scenario on it obeys."""
+"""The list of scenarios and rules for every scenario."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def generate(name, snapshots=300, seed=4, **options):
 
 
 def test_listing_imports_no_numpy():
-    """The names are there without the weight of the scenarios."""
+    """Listing the names does not import numpy."""
     code = (
         "import sys; from nlosctl.scenarios.catalogue import scenarios; print(*scenarios());"
         "assert 'song-flat' in scenarios(); assert 'numpy' not in sys.modules"
@@ -34,15 +34,15 @@ def test_listing_imports_no_numpy():
     assert {"random", "ring", "song-flat"} <= set(done.stdout.split())
 
 
-def test_unknown_scenario_names_the_nearest():
-    """A misspelt name is the command line's fault, and the cure is told."""
+def test_unknown_scenarios_suggest_the_nearest():
+    """A misspelt name is a usage error that suggests the nearest."""
     with pytest.raises(UsageError, match=re.escape("no scenario 'song-flap' (did you mean 'song-flat'?)")):
         find_scenario("song-flap")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_scenario_goes_by_its_name(name):
-    """The name in the list is the spec's own, and its kind is one that there is."""
+def test_names_and_kinds_agree_with_the_specification(name):
+    """The name in the list is that of the specification, and its kind exists."""
     spec = find_scenario(name)
     assert spec.name == name
     assert spec.kind in KINDS
@@ -50,8 +50,8 @@ def test_a_scenario_goes_by_its_name(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_columns_are_a_good_measurement_file(name):
-    """All required columns, none that the table doesn't know, of equal length, finite, in their bounds."""
+def test_columns_are_valid_measurements(name):
+    """All required columns and no unknown ones, of equal length, finite and within bounds."""
     spec, options, columns = generate(name)
     table = KINDS[spec.kind]
     assert {column.name for column in table.required} <= set(columns) <= set(table.names)
@@ -67,8 +67,8 @@ def test_columns_are_a_good_measurement_file(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_two_rows_are_the_same_measurement(name):
-    """Within a snapshot the key of the rows is unique, where rows of their kind have one."""
+def test_row_keys_are_unique(name):
+    """Within a snapshot the key of the rows is unique, for kinds that have one."""
     spec, _, columns = generate(name)
     if not KINDS[spec.kind].row_key:
         return
@@ -78,8 +78,8 @@ def test_no_two_rows_are_the_same_measurement(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_scene_knows_where_its_sensors_are(name):
-    """Where the scene has a sensor, its rows are at that position."""
+def test_sensor_positions_agree_with_the_scene(name):
+    """Rows of a sensor in the scene have its position."""
     spec, options, columns = generate(name)
     if "sensor" not in columns:
         return

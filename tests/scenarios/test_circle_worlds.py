@@ -1,4 +1,4 @@
-"""The scenarios with circles: their tables, and that every path is physical."""
+"""Scenarios with circles: tables of the paper, physical paths."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def generate(name, snapshots, options):
 
 
 def rows_of(columns, name):
-    """Return which rows are by the reflector, or direct for None."""
+    """Return which rows are by the reflector, or direct rows for None."""
     return np.array([found == name for found in columns.get("reflector", [None] * len(columns["snapshot"]))])
 
 
 @pytest.mark.parametrize(("name", "options"), WORLDS)
-def test_every_path_is_free_and_its_bearing_true(name, options):
-    """Rows by a circle have a free path above the least elevation, whose bearing is theirs within five sigma."""
+def test_paths_are_clear_and_bearings_agree(name, options):
+    """Circle rows have a clear path above the least elevation, with a bearing within five sigma."""
     scene, columns = generate(name, 400, {**options, "bearing_std_deg": 0.5})
     seen = 0
     for circle in [reflector for reflector in scene.reflectors if hasattr(reflector, "radius")]:
@@ -56,7 +56,7 @@ def test_every_path_is_free_and_its_bearing_true(name, options):
     assert seen > 0
 
 
-def test_sets_are_those_of_the_tables():
+def test_sensor_sets_agree_with_tables_3_and_4():
     """Tables III and IV: polar coordinates of the sensors, the target 50 km up."""
     for letter, expected in (("a", (0.10, 0.08, -0.09, -0.06)), ("b", (0.11, -0.07, -0.12))):
         scene, columns = generate("song-circle", 1, {"parameter_set": letter})
@@ -68,16 +68,16 @@ def test_sets_are_those_of_the_tables():
         assert (scene.reflectors[0].radius, scene.reflectors[0].blocker_radius) == (6671e3, 6371e3)
 
 
-def test_both_layers_are_heard():
-    """Over the horizon, near sources come by the E layer too, and the asked share of those by the F layer."""
+def test_both_layers_are_received():
+    """Near sources come by the E layer too, with the requested fraction of rows by the F layer."""
     _, columns = generate("over-the-horizon", 500, {})
     assert 0.05 < rows_of(columns, "E").mean() < 0.5
     _, columns = generate("over-the-horizon", 500, {"far_layer_fraction": 1.0})
     assert rows_of(columns, "F").all()
 
 
-def test_mixed_paths_have_their_shares_and_direct_sight():
-    """Direct, mirror and circle rows come in the asked shares, and direct rows see their source over the ground."""
+def test_mixed_paths_have_the_requested_fractions():
+    """Direct, mirror and circle rows have their fractions; direct rows have a clear line of sight."""
     scene, columns = generate("mixed", 2000, {"shares": (0.5, 0.2, 0.3)})
     shares = [rows_of(columns, name).mean() for name in (None, "cliff", "layer")]
     np.testing.assert_allclose(shares, (0.5, 0.2, 0.3), atol=0.02)
@@ -92,8 +92,8 @@ def test_mixed_paths_have_their_shares_and_direct_sight():
         assert ((points - np.array(cliff.point)) @ normal > 0.0).all()
 
 
-def test_a_world_that_cannot_be_is_refused():
-    """Sensors too far apart to see one source, and sources above the layers, are told."""
+def test_impossible_layouts_are_refused():
+    """Sensors too far apart for one source, and sources above the layers, are errors."""
     with pytest.raises(UsageError, match="baseline_m"):
         generate("over-the-horizon", 10, {"baseline_m": 9000e3})
     with pytest.raises(UsageError, match="layer_heights_m"):

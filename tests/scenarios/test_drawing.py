@@ -1,4 +1,4 @@
-"""The random numbers of a draw depend on the seed and the snapshot's number alone."""
+"""Random numbers depend only on the seed and the snapshot's number."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def assert_equal(one, other):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_shorter_draw_is_the_head_of_a_longer_one(name):
-    """More trials with the same seed leave the first snapshots as they were, across the border of a block."""
+def test_longer_draws_begin_with_shorter_ones(name):
+    """More trials with the same seed leave the first snapshots unchanged, across a block boundary."""
     long, short = draw_table(name, 3, SNAPSHOTS_PER_BLOCK + 7), draw_table(name, 3, SNAPSHOTS_PER_BLOCK - 5)
     head = long["snapshot"] < SNAPSHOTS_PER_BLOCK - 5
     assert_equal({column: values[head] for column, values in long.items()}, short)
@@ -48,8 +48,8 @@ def test_blocks_may_be_drawn_in_any_order(name):
 
 
 @pytest.mark.parametrize("trials", [0, 1, SNAPSHOTS_PER_BLOCK, SNAPSHOTS_PER_BLOCK + 1])
-def test_every_snapshot_is_numbered_once(trials):
-    """Snapshots count from 0 to trials - 1 through all blocks, each whole."""
+def test_snapshots_are_numbered_consecutively(trials):
+    """Snapshots count from 0 to trials - 1 through all blocks."""
     spec = scenarios()["song-flat"]
     chunks = [chunk["snapshot"] for chunk in draw_snapshots(spec, spec.options(), 1, trials)]
     numbers = np.concatenate([np.zeros(0, dtype=int), *chunks])
@@ -57,14 +57,14 @@ def test_every_snapshot_is_numbered_once(trials):
 
 
 def test_seeds_and_blocks_are_independent():
-    """Other seeds, large ones too, and other blocks share no bearing."""
+    """Different seeds, large ones too, and different blocks share no bearing."""
     seeds = (0, 1, 2**32, 2**32 + 1, 2**64)
     bearings = np.concatenate([draw_table("song-flat", seed, SNAPSHOTS_PER_BLOCK + 9)["bearing_rad"] for seed in seeds])
     assert np.unique(bearings).size == bearings.size
 
 
 def test_sigma_scales_the_same_noise():
-    """Draws that differ in sigma alone share their noise: a sweep compares like with like."""
+    """Draws that differ only in sigma share their noise, so that sweeps compare like with like."""
     quiet, loud = (draw_table("song-flat", 2, 50, bearing_std_deg=sigma)["bearing_rad"] for sigma in (0.01, 0.02))
     silent = draw_table("song-flat", 2, 50, bearing_std_deg=1e-12)["bearing_rad"]
     np.testing.assert_allclose(loud - silent, 2.0 * (quiet - silent), atol=1e-12)

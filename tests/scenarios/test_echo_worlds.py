@@ -1,4 +1,4 @@
-"""Simulated echoes: signal model (1), its truth, and an order that tells nothing."""
+"""Simulated echoes: signal model (1), truth, order of rows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCENARIOS = [liang.SCENARIO, echo_field.SCENARIO]
 
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_direct_ranges_are_distances(spec: ScenarioSpec) -> None:
-    """A direct echo reads the distance of its target; the error is Gaussian with the std of the row."""
+    """A direct echo reads the distance to its target plus a Gaussian error with the row's std."""
     columns = draw_columns(spec, 200, seed=3, range_std_m=0.5)
     los = columns["truth_los"]
     away = np.hypot(columns["truth_x_m"] - columns["sensor_x_m"], columns["truth_y_m"] - columns["sensor_y_m"])
@@ -36,7 +36,7 @@ def test_every_sensor_has_k_times_one_plus_l_echoes(spec: ScenarioSpec) -> None:
 
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_scattered_ranges_add_up(spec: ScenarioSpec) -> None:
-    """By a scatterer a range is |p-a| + |p-s| + |s-a|; with ``half``, half of that, never less than the distance."""
+    """A scattered range is |p-a| + |p-s| + |s-a|; with ``half`` half of it, never less than the distance."""
     both = [draw_columns(spec, 50, seed=3, range_std_m=1e-9, nlos_range=word) for word in ("sum", "half")]
     los = both[0]["truth_los"]
     np.testing.assert_allclose(both[1]["range_m"][~los], 0.5 * both[0]["range_m"][~los], rtol=1e-7)
@@ -47,7 +47,7 @@ def test_scattered_ranges_add_up(spec: ScenarioSpec) -> None:
 
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
 def test_misses_and_false_echoes(spec: ScenarioSpec) -> None:
-    """A share of the direct echoes is missed; a false echo has no target and no true position."""
+    """Some direct echoes are missed; a false echo has no target and no true position."""
     columns = draw_columns(spec, 200, seed=3, sensors=4, detection_probability=0.7, false_echoes=1.5)
     assert columns["truth_los"].sum() == pytest.approx(0.7 * 200 * 4 * 3, rel=0.05)
     false = np.isnan(columns["truth_target"])
@@ -57,8 +57,8 @@ def test_misses_and_false_echoes(spec: ScenarioSpec) -> None:
 
 
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
-def test_the_order_of_the_rows_tells_nothing(spec: ScenarioSpec) -> None:
-    """Direct echoes are as often in the first half of a snapshot's rows as in the second."""
+def test_the_order_of_rows_is_uninformative(spec: ScenarioSpec) -> None:
+    """Direct echoes are as frequent in the first half of a snapshot's rows as in the second."""
     columns = draw_columns(spec, 400, seed=3)
     rows = columns["range_m"].shape[0] // 400
     los = columns["truth_los"].reshape(400, rows)
@@ -66,7 +66,7 @@ def test_the_order_of_the_rows_tells_nothing(spec: ScenarioSpec) -> None:
     assert abs(int(first) - int(second)) < 4.0 * np.sqrt(first + second)
 
 
-def test_the_papers_scene() -> None:
+def test_the_scene_of_the_paper() -> None:
     """Sensors on a circle of 160 m, targets in the square of 400 m, scatterers fixed on its edge."""
     options = liang.LiangOptions(sensors=5)
     positions = np.array([sensor.position for sensor in liang.scene(options).sensors])
@@ -84,8 +84,8 @@ def test_the_papers_scene() -> None:
     np.testing.assert_allclose(columns["range_m"][scattered], (away + legs)[scattered], rtol=1e-6)
 
 
-def test_a_fixed_layout_stays() -> None:
-    """With a fixed layout sensors are those of the scene in every snapshot; with a fresh one they move."""
+def test_fixed_and_random_layouts() -> None:
+    """With a fixed layout sensors are those of the scene in every snapshot; otherwise they vary."""
     spec = echo_field.SCENARIO
     fixed = draw_columns(spec, 30, seed=3, layout="fixed", layout_seed=4)
     assert len(set(zip(fixed["sensor"], fixed["sensor_x_m"], strict=True))) == 5

@@ -1,4 +1,4 @@
-"""The worlds of Ananthasubramaniam and Madhow."""
+"""Scenarios of Ananthasubramaniam and Madhow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlosctl.scenarios.madhow_ring import MadhowRingOptions
 from nlosctl.scenarios.madhow_walls import MadhowWallsOptions, trace_paths
 
 
-def test_laplace_density_needs_the_corrected_constant() -> None:
+def test_erratum_constant_of_the_laplace_density() -> None:
     """Erratum: (2) integrates to one with 1 / (sqrt(2) s (1 - exp(-pi / (sqrt(2) s)))), not as printed."""
     std = 0.1
 
@@ -32,7 +32,7 @@ def test_laplace_density_needs_the_corrected_constant() -> None:
 
 @pytest.mark.parametrize("model", ["gaussian", "laplace", "cauchy"])
 def test_errors_follow_their_truncated_distribution(model: str) -> None:
-    """Errors have the distribution of their model, cut at a right angle on either side."""
+    """Errors have the distribution of their model, truncated at a right angle on either side."""
     std = 0.6
     errors = bearing_errors(np.random.default_rng(1), model, np.full(4000, std))  # type: ignore[arg-type]
     laws = {
@@ -46,8 +46,8 @@ def test_errors_follow_their_truncated_distribution(model: str) -> None:
     assert stats.kstest(errors, lambda angle: (law.cdf(angle) - low) / (high - low)).pvalue > 1e-3
 
 
-def test_exactly_the_asked_receivers_are_blocked() -> None:
-    """``nlos_receivers`` of the receivers have an outlier, in a resolved receiver all of its paths have."""
+def test_the_requested_receivers_are_blocked() -> None:
+    """``nlos_receivers`` of the receivers are outliers; in a resolved receiver all paths are."""
     options = MadhowRingOptions(nlos_receivers=3, paths=2)
     columns = madhow_ring.generate(options, np.random.default_rng(2), 50)
     direct = columns["truth_los"].reshape(50, 8, 2)
@@ -56,7 +56,7 @@ def test_exactly_the_asked_receivers_are_blocked() -> None:
 
 
 def test_direct_rows_point_at_the_source_and_outliers_face_the_centre() -> None:
-    """Direct bearings differ from the true ones by their small error alone; outliers lie within the span."""
+    """Direct bearings have small errors; outliers are within the span about the centre."""
     options = MadhowRingOptions(
         nlos_receivers=4, bearing_std_deg=0.1, nlos_span_deg=90.0, radius_m=20.0, sources="disc"
     )
@@ -73,8 +73,8 @@ def test_direct_rows_point_at_the_source_and_outliers_face_the_centre() -> None:
     assert off(inward)[~direct].max() > 40.0
 
 
-def test_walls_do_in_figure_10_what_the_paper_says() -> None:
-    """A: R1 and R2 direct, R3 direct and reflected, R4 reflected alone; B: R4 nothing; C: all direct; D as A."""
+def test_walls_of_figure_10() -> None:
+    """A: R1 and R2 direct, R3 direct and reflected, R4 reflected only; B: none at R4; C: all direct; D as A."""
     world = madhow_walls.scene(MadhowWallsOptions())
     walls = [wall for wall in world.reflectors if isinstance(wall, SegmentReflector)]
 
@@ -89,8 +89,8 @@ def test_walls_do_in_figure_10_what_the_paper_says() -> None:
     assert seen(places["D"]) == like_a
 
 
-def test_narrowband_bearing_lies_between_its_paths() -> None:
-    """The superposition of two paths points between them, nearer to the stronger."""
+def test_narrowband_bearings_are_between_their_paths() -> None:
+    """The superposition of two paths has a bearing between them, nearer to the stronger."""
     options = {"figure": "11", "bearing_std_deg": 1e-6}
     wide, narrow = (
         madhow_walls.generate(MadhowWallsOptions(band=band, **options), np.random.default_rng(1), 1)  # type: ignore[arg-type]
@@ -104,8 +104,8 @@ def test_narrowband_bearing_lies_between_its_paths() -> None:
         assert not narrow["truth_los"][k]
 
 
-def test_words_that_contradict_each_other_are_refused() -> None:
-    """More blocked receivers than there are, or a source that a figure has not, is a usage error."""
+def test_contradicting_options_are_refused() -> None:
+    """More blocked receivers than exist, or a source that a figure lacks, is a usage error."""
     with pytest.raises(UsageError, match="nlos_receivers"):
         MadhowRingOptions(sensors=4, nlos_receivers=5)
     with pytest.raises(UsageError, match="source"):

@@ -1,4 +1,4 @@
-"""The triplets scenarios: physical paths, errors of the stated size, truth that is true."""
+"""Triplet scenarios: physical paths, errors of the stated size, correct truth."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ WORLDS = [
 
 
 @pytest.mark.parametrize(("name", "options"), WORLDS)
-def test_direct_paths_read_their_target(name, options):
-    """The errors of direct paths are normal with the stated standard deviations; indirect ones are longer."""
+def test_direct_paths_have_normal_errors(name, options):
+    """Errors of direct paths are normal with the stated stds; indirect paths are longer."""
     columns = draw_columns(name, 2000, seed=1, **options)
     tx, rx, target = (np.stack([columns[f"{n}_x_m"], columns[f"{n}_y_m"]], axis=1) for n in ("tx", "rx", "truth"))
     dod, doa, length = predict_triplets(tx, rx, target)
@@ -41,7 +41,7 @@ def test_direct_paths_read_their_target(name, options):
 
 
 def test_folded_angles_are_lines():
-    """With fold_angles all angles are in [0, pi), and the same lines as without."""
+    """With fold_angles all angles are in [0, pi) and describe the same lines."""
     plain, folded = draw_columns("shen", 500, seed=2), draw_columns("shen", 500, seed=2, fold_angles=True)
     for name in ("dod_rad", "doa_rad"):
         assert ((folded[name] >= 0.0) & (folded[name] < np.pi)).all()
@@ -50,7 +50,7 @@ def test_folded_angles_are_lines():
 
 
 def test_room_walls_reflect():
-    """Every path of a room unfolds over its walls: seen from the node, the other end of a leg is an image."""
+    """Every path of a room unfolds over its walls: from the node, the other end of a leg is an image."""
     columns = draw_columns("room", 50, seed=3, receivers=1, paths=25, blocked_fraction=0.0, angle_std_deg=1e-9,
                    path_length_std_m=1e-12)  # fmt: skip
     half = {0: 5.0, 1: 4.0}
@@ -80,7 +80,7 @@ def test_room_walls_reflect():
 
 
 def test_rooms_number_their_paths():
-    """Paths count from 0 in every snapshot, blocked direct paths are not there."""
+    """Paths count from 0 in every snapshot, without blocked direct paths."""
     columns = draw_columns("room", 300, seed=4, blocked_fraction=0.5)
     for snapshot in range(300):
         path = columns["path"][columns["snapshot"] == snapshot]

@@ -1,4 +1,4 @@
-"""How many bootstraps, (27)-(31), and thresholds, (25)."""
+"""Number of bootstraps, (27)-(31), and thresholds, (25)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from nlosctl.solvers.sequential.starting_pairs import bootstrap_failure, count_b
 
 
 @pytest.mark.parametrize(("outliers", "bootstraps"), [(1, 2), (2, 1), (2, 3), (3, 2)])
-def test_failure_is_the_share_of_choices_of_pairs_that_all_hold_an_outlier(outliers: int, bootstraps: int) -> None:
-    """(27), printed upside down, counts the sets of pairs in which every pair holds an outlier."""
+def test_failure_probability_counts_sets_of_bad_pairs(outliers: int, bootstraps: int) -> None:
+    """(27), printed upside down, is the share of sets of pairs in which every pair contains an outlier."""
     pairs = list(combinations(range(8), 2))
     chosen = list(combinations(pairs, bootstraps))
     bad = sum(all(min(pair) < outliers for pair in choice) for choice in chosen)
@@ -22,8 +22,8 @@ def test_failure_is_the_share_of_choices_of_pairs_that_all_hold_an_outlier(outli
 
 
 @pytest.mark.parametrize("outliers", [1, 2, 3, 4])
-def test_failure_lies_between_its_bounds(outliers: int) -> None:
-    """(31) is below, (30) above, as long as there are fewer bootstraps than bad pairs."""
+def test_failure_probability_is_between_its_bounds(outliers: int) -> None:
+    """(31) is below and (30) above, as long as there are fewer bootstraps than bad pairs."""
     pairs = math.comb(8, 2)
     bad = pairs - math.comb(8 - outliers, 2)
     for bootstraps in range(1, bad + 1):
@@ -33,15 +33,15 @@ def test_failure_lies_between_its_bounds(outliers: int) -> None:
         assert failure <= (bad / pairs) ** bootstraps * (1.0 + 1e-12)
 
 
-def test_bootstraps_for_a_failure_of_a_thousandth() -> None:
-    """Erratum: the paper's {4, 7, 11, 15} give more than 1e-3; the smallest numbers that do not are {5, 8, 12, 18}."""
+def test_erratum_bootstraps_for_a_failure_probability_of_1e_3() -> None:
+    """Erratum: the paper's {4, 7, 11, 15} give more than 1e-3; the smallest that do not are {5, 8, 12, 18}."""
     assert [count_bootstraps(8, k / 8, 1e-3) for k in (1, 2, 3, 4)] == [5, 8, 12, 18]
     printed = [bootstrap_failure(8, k / 8, m) for k, m in zip((1, 2, 3, 4), (4, 7, 11, 15), strict=True)]
     np.testing.assert_allclose(printed, [1.7e-3, 1.4e-3, 1.5e-3, 4.5e-3], rtol=0.05)
 
 
 def test_all_pairs_are_different_and_differ_by_seed() -> None:
-    """The pairs of a snapshot are a permutation of all pairs, drawn from its own seed."""
+    """The pairs of a snapshot are a permutation of all pairs, drawn from the seed of the snapshot."""
     first, second = shuffled_pairs(np.array([1, 2, 1], dtype=np.uint64), 6, 5000)
     for row in range(3):
         assert sorted(zip(first[row], second[row], strict=True)) == list(combinations(range(6), 2))
@@ -59,8 +59,8 @@ def test_bearing_threshold_is_where_both_densities_are_equal(alpha: float) -> No
     np.testing.assert_allclose(direct, alpha / np.pi, rtol=1e-12)
 
 
-def test_thresholds_are_nought_where_outliers_are_always_likelier() -> None:
-    """A logarithm below nought in (25) means that no row can be in a set; a row without a range is not limited."""
+def test_thresholds_are_zero_if_outliers_are_always_likelier() -> None:
+    """A negative logarithm in (25) means that no row can be an inlier; a row without a range has no limit."""
     assert bearing_threshold_rad(np.array([1.5]), 0.9, 180.0)[0] == 0.0
     assert range_threshold_m(np.array([100.0]), 0.9, np.array([50.0]))[0] == 0.0
     assert np.isinf(range_threshold_m(np.array([np.nan]), 0.25, np.array([50.0]))[0])

@@ -1,4 +1,4 @@
-"""The heaviest choice of candidates that share no echo."""
+"""Maximum-weight choice of candidates that share no echo."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlosctl.solvers.echoes.assignment import choose_disjoint
 
 
 def heaviest(echo: np.ndarray, weight: np.ndarray) -> float:
-    """Return the largest total weight of disjoint candidates, by trying every choice."""
+    """Return the maximum total weight of disjoint candidates by exhaustive enumeration."""
     count = weight.shape[0]
     clash = [[bool(((echo[i] == echo[j]) & (echo[i] >= 0)).any()) for j in range(count)] for i in range(count)]
     best = 0.0
@@ -24,7 +24,7 @@ def heaviest(echo: np.ndarray, weight: np.ndarray) -> float:
 
 @pytest.mark.parametrize("most", [2, 3, 6])
 def test_no_other_choice_is_heavier(most: int) -> None:
-    """The choice is disjoint and as heavy as the best of all choices, missed echoes and negative weights included."""
+    """The choice is disjoint and has the maximum weight, with missed echoes and negative weights."""
     generator = np.random.default_rng(most)
     for _ in range(60):
         echo = generator.integers(-1, most, (9, 4))
@@ -37,7 +37,7 @@ def test_no_other_choice_is_heavier(most: int) -> None:
         assert (np.diff(weight[chosen]) <= 0.0).all()
 
 
-def test_nothing_worth_choosing_is_no_choice() -> None:
+def test_negative_weights_give_an_empty_choice() -> None:
     """Candidates of negative weight, and no candidates at all, give an empty choice."""
     assert choose_disjoint(np.zeros((2, 3), dtype=np.int64), np.array([-1.0, -2.0]), 10) is not None
     chosen = choose_disjoint(np.zeros((0, 3), dtype=np.int64), np.zeros(0), 10)
@@ -45,16 +45,16 @@ def test_nothing_worth_choosing_is_no_choice() -> None:
     assert chosen.size == 0
 
 
-def test_a_search_cut_short_says_so() -> None:
-    """A search that looks at more choices than allowed has no answer."""
+def test_a_truncated_search_has_no_result() -> None:
+    """A search that exceeds the node limit has no result."""
     generator = np.random.default_rng(1)
     echo, weight = generator.integers(0, 6, (60, 5)), generator.uniform(1.0, 2.0, 60)
     assert choose_disjoint(echo, weight, 5) is None
     assert choose_disjoint(echo, weight, 1_000_000) is not None
 
 
-def test_candidates_far_apart_cost_no_search() -> None:
-    """Two hundred candidates in clusters of their own are chosen within a few hundred looks."""
+def test_separate_clusters_are_solved_separately() -> None:
+    """Two hundred candidates in separate clusters are solved within a few hundred nodes."""
     echo = np.repeat(np.arange(200)[:, None], 4, axis=1)
     chosen = choose_disjoint(echo, np.ones(200), 1000)
     assert chosen is not None

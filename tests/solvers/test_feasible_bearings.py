@@ -1,4 +1,4 @@
-"""Constrained maximum likelihood, against a search that zooms into the allowed part of the annulus."""
+"""Constrained maximum likelihood, compared with a zooming grid search in the allowed part of the annulus."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ IONOSPHERE = Scene(
 
 
 def over_the_horizon(snapshots, reflector, seed):
-    """Return sight lines of the paper's set B at 5 degrees, all by the layer or the last two directly as well."""
+    """Return sight lines of the paper's set B at 5 degrees, all by the layer or the last two direct as well."""
     generator = np.random.default_rng(seed)
     angle = np.pi * np.array([0.11, -0.07, -0.12] if (reflector == 0).all() else [0.11, -0.07, 0.02, -0.015])
     shape = (snapshots, angle.size)
@@ -33,7 +33,7 @@ def over_the_horizon(snapshots, reflector, seed):
 
 
 def infeasible_free_estimates(lines):
-    """Return the rays of the snapshots whose free estimate is outside of the scene, these estimates and their size."""
+    """Return the rays of snapshots whose free estimate violates the scene, these estimates and their cost."""
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
     free = minimize(bearing_problem(lines), *lines.inside_circles(start.x, start.y))
@@ -44,7 +44,7 @@ def infeasible_free_estimates(lines):
 
 
 def zoomed_cost(lines, row):
-    """Return the least cost among allowed points of grids in height and angle that zoom in."""
+    """Return the least cost among allowed points of zooming grids in height and angle."""
     low, high = np.array([EARTH_M, -0.35]), np.array([0.9999 * IONOSPHERE_M, 0.35])
     best, best_at = np.inf, (low + high) / 2.0
     for _ in range(8):
@@ -66,7 +66,7 @@ def zoomed_cost(lines, row):
 
 @pytest.mark.parametrize("reflector", [np.zeros(3, dtype=int), np.array([0, 0, -1, -1])], ids=["layer", "and direct"])
 def test_no_allowed_point_is_better(reflector):
-    """The constrained estimate is allowed, on an edge, and as good as the best of a zooming search: 1e-3 nats."""
+    """The constrained estimate is allowed, on an edge, and within 1e-3 nats of the zooming search."""
     lines, x, y, scale = infeasible_free_estimates(over_the_horizon(60, reflector, seed=11))
     fix = minimize_within_scene(lines, x, y, scale, 30)
     assert x.size >= 4
@@ -78,8 +78,8 @@ def test_no_allowed_point_is_better(reflector):
         assert cost[row] <= zoomed_cost(lines, row) + 1e-3
 
 
-def test_a_point_in_front_of_the_mirror():
-    """With a flat mirror the constrained estimate lies on it, and its cost is the least along it."""
+def test_the_constrained_estimate_is_on_the_mirror():
+    """With a flat mirror the constrained estimate is on it, and its cost is the minimum along it."""
     mirror = Scene(reflectors=(LineReflector(name="m", point=(0.0, 100.0), direction=(1.0, 0.0)),))
     sensor_xy = np.array([[[-50.0, 0.0], [50.0, 0.0], [0.0, 10.0]]])
     reflector = np.array([[0, -1, -1]])

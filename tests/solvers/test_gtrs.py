@@ -1,4 +1,4 @@
-"""Squared-range least squares: the exact global minimum."""
+"""Squared-range least squares: the global minimum."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def cost(sensors: FloatArray, squared: FloatArray, weight: FloatArray, x: FloatA
 
 @pytest.mark.parametrize("layout", ["plane", "line", "nearly a line"])
 @pytest.mark.parametrize("measurements", [2, 3, 6])
-def test_no_start_leads_lower(layout: str, measurements: int) -> None:
+def test_no_random_start_finds_a_lower_cost(layout: str, measurements: int) -> None:
     """The fit costs no more than the best of eight least-squares searches from random starts."""
     sensors, squared, weight = draw_ranges(measurements, 15, measurements, layout)
     fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
@@ -50,8 +50,8 @@ def test_no_start_leads_lower(layout: str, measurements: int) -> None:
         assert ours[row] <= min(2.0 * search.cost for search in searches) + 1e-12
 
 
-def test_sensors_on_a_line_have_two_minima_of_equal_cost() -> None:
-    """On one line the mirror image of the fit is another minimum, just as low, on the other side."""
+def test_collinear_sensors_have_two_equal_minima() -> None:
+    """For collinear sensors the mirror image of the fit is another minimum of equal cost."""
     sensors, squared, weight = draw_ranges(7, 200, 4, "line")
     fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
     one = cost(sensors, squared, weight, fit.x, fit.y)
@@ -63,7 +63,7 @@ def test_sensors_on_a_line_have_two_minima_of_equal_cost() -> None:
     ).all()
 
 
-def test_a_block_is_its_snapshots_one_by_one() -> None:
+def test_fits_do_not_depend_on_the_block() -> None:
     """Fitting a block gives the bits of fitting each snapshot alone."""
     sensors, squared, weight = draw_ranges(11, 50, 5, "plane")
     whole = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
@@ -74,7 +74,7 @@ def test_a_block_is_its_snapshots_one_by_one() -> None:
 
 
 def test_coincident_sensors_have_no_fit() -> None:
-    """Sensors that all stand at one place give no number, and the row beside them keeps its own."""
+    """Coincident sensors give NaN, and the row beside them is unaffected."""
     sensors, squared, weight = draw_ranges(13, 2, 4, "plane")
     alone = fit_squared_ranges(sensors[1:, :, 0], sensors[1:, :, 1], squared[1:], weight[1:])
     sensors[0] = sensors[0, 0]

@@ -17,7 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Draw:
-    """Random bearing problems with their sources (B,)."""
+    """Random bearing problems and their sources (B,)."""
 
     problem: BearingProblem
     source_x: FloatArray
@@ -38,7 +38,7 @@ def draw_problems(problems: int, measurements: int, std: float, seed: int) -> Dr
 
 
 def minimize_by_scipy(problem: BearingProblem, row: int, start: tuple[float, float]) -> tuple[FloatArray, float]:
-    """Return the minimum that is found from ``start`` and its cost, by scipy with all tolerances shut."""
+    """Return scipy's minimum from ``start`` and its cost, with the tightest tolerances."""
     origin = np.stack([problem.origin_x[row], problem.origin_y[row]])
     bearing = np.arctan2(problem.sine[row], problem.cosine[row])
 
@@ -88,28 +88,28 @@ def worst_against_scipy(problems: int, seed: int) -> float:
     return worst
 
 
-def test_the_minimum_is_that_of_scipy() -> None:
-    """300 random problems end within 1e-6 of a standard deviation of scipy's tightest."""
+def test_the_minimum_agrees_with_scipy() -> None:
+    """300 random problems end within 1e-6 of a standard deviation of scipy's tightest minimum."""
     assert worst_against_scipy(300, seed=0) < 1e-6
 
 
 @pytest.mark.slow
-def test_the_minimum_is_that_of_scipy_on_10_000_problems() -> None:
-    """10,000 random problems end within 1e-6 of a standard deviation of scipy's tightest."""
+def test_the_minimum_agrees_with_scipy_on_10_000_problems() -> None:
+    """10,000 random problems end within 1e-6 of a standard deviation of scipy's tightest minimum."""
     assert worst_against_scipy(10_000, seed=100) < 1e-6
 
 
 @pytest.mark.parametrize("std", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
-def test_well_posed_problems_settle_whatever_their_precision(std: float) -> None:
-    """Near the minimum the cost changes by rounding alone; that must not count as a worse step."""
+def test_well_posed_problems_converge_at_any_precision(std: float) -> None:
+    """Changes of the cost by rounding near the minimum must not count as a worse step."""
     draw = draw_problems(2000, 8, std, seed=7)
     minimum = minimize(draw.problem, draw.source_x, draw.source_y)
     assert minimum.converged.mean() > 0.998
     assert np.median(minimum.evaluations) <= 8
 
 
-def test_the_derivatives_are_those_of_the_cost() -> None:
-    """Gradient and matrix are the cost's derivatives by finite differences, where these are positive definite."""
+def test_the_derivatives_agree_with_finite_differences() -> None:
+    """Gradient and matrix agree with finite differences of the cost where these are positive definite."""
     draw = draw_problems(50, 5, 0.05, seed=11)
     x, y = draw.source_x + 30.0, draw.source_y - 20.0
     at = draw.problem.evaluate(x, y)
@@ -131,8 +131,8 @@ def test_the_derivatives_are_those_of_the_cost() -> None:
     assert (at.hessian.determinant > 0.0).all()
 
 
-def test_a_start_that_is_not_finite_spoils_no_other() -> None:
-    """A start of NaN or infinity is not converged, with no cost; its neighbours end where they do alone."""
+def test_invalid_starts_leave_other_rows_unchanged() -> None:
+    """A start of NaN or infinity is not converged and has no cost; its neighbours are unaffected."""
     draw = draw_problems(6, 5, 0.02, seed=12)
     clean = minimize(draw.problem, draw.source_x, draw.source_y)
     start_x = draw.source_x.copy()
@@ -143,16 +143,16 @@ def test_a_start_that_is_not_finite_spoils_no_other() -> None:
     np.testing.assert_array_equal(spoilt.x[[0, 2, 3, 5]], clean.x[[0, 2, 3, 5]])
 
 
-def test_too_few_iterations_are_told() -> None:
-    """A problem that has not settled within ``max_iterations`` is marked, and keeps its last point."""
+def test_too_few_iterations_are_reported() -> None:
+    """A problem that has not converged within ``max_iterations`` is marked and keeps its last point."""
     draw = draw_problems(5, 5, 0.05, seed=13)
     minimum = minimize(draw.problem, draw.source_x + 200.0, draw.source_y + 200.0, max_iterations=1)
     assert not minimum.converged.any()
     assert np.isfinite(minimum.x).all()
 
 
-def test_no_problem_ends_above_its_start() -> None:
-    """From poor starts, settled or not, the cost never ends higher than where it began, unless it ran to infinity."""
+def test_the_cost_never_increases() -> None:
+    """From poor starts the final cost is at most that of the start, unless it diverged to infinity."""
     draw = draw_problems(500, 4, 0.1, seed=14)
     start_x, start_y = np.random.default_rng(15).uniform(-3e3, 3e3, (2, 500))
     minimum = minimize(draw.problem, start_x, start_y)

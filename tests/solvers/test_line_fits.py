@@ -1,4 +1,4 @@
-"""Linear fits of a point to lines, against numpy.linalg.lstsq."""
+"""Linear fits of a point to lines, compared with numpy.linalg.lstsq."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def random_lines(snapshots: int, measurements: int) -> SightLines:
-    """Return rays from random origins, roughly towards a point of each snapshot."""
+    """Return rays from random origins, roughly towards a point per snapshot."""
     generator = np.random.default_rng(5)
     shape = (snapshots, measurements)
     origin_x, origin_y = generator.uniform(-1e3, 1e3, (2, *shape))
@@ -38,8 +38,8 @@ def fit_by_numpy(lines: SightLines, row: int, weight: FloatArray) -> FloatArray:
     return np.linalg.lstsq(weight[:, None] * normal, weight * offset, rcond=None)[0]
 
 
-def test_least_squares_is_that_of_numpy() -> None:
-    """The nearest point to all lines agrees with numpy.linalg.lstsq to 1e-9 of the scene's size."""
+def test_least_squares_agrees_with_numpy() -> None:
+    """The point nearest to all lines agrees with numpy.linalg.lstsq to 1e-9 of the scene's size."""
     lines = random_lines(200, 6)
     fit = fit_least_squares(lines)
     for row in range(200):
@@ -48,7 +48,7 @@ def test_least_squares_is_that_of_numpy() -> None:
 
 
 def test_stansfield_is_one_weighted_pass_from_least_squares() -> None:
-    """Stansfield is lstsq with weights 1 / (std range), the ranges of the least-squares fix, not iterated."""
+    """Stansfield is lstsq with weights 1 / (std range) at the ranges of the least-squares fix, not iterated."""
     lines = random_lines(200, 6)
     first = fit_least_squares(lines)
     fit = fit_stansfield(lines, first)
@@ -60,7 +60,7 @@ def test_stansfield_is_one_weighted_pass_from_least_squares() -> None:
 
 
 def test_the_normal_matrix_is_that_of_the_weighted_lines() -> None:
-    """``normal`` is A^T A of the rows that were fitted."""
+    """``normal`` is A^T A of the fitted rows."""
     lines = random_lines(20, 4)
     normal = fit_least_squares(lines).normal
     rows = np.stack([lines.sine, -lines.cosine], axis=-1)
@@ -70,8 +70,8 @@ def test_the_normal_matrix_is_that_of_the_weighted_lines() -> None:
     np.testing.assert_allclose(normal.yy, expected[:, 1, 1], rtol=1e-13)
 
 
-def test_exactly_parallel_lines_have_no_point() -> None:
-    """Exactly parallel lines give what is not finite, in both fits, and no warning."""
+def test_parallel_lines_have_no_point() -> None:
+    """Exactly parallel lines give values that are not finite in both fits, without a warning."""
     lines = random_lines(2, 3)
     lines.cosine[0], lines.sine[0] = 1.0, 0.0
     first = fit_least_squares(lines)

@@ -1,4 +1,4 @@
-"""The likelihood of mixed rows, against its own definition and finite differences."""
+"""The likelihood of mixed rows, compared with its definition and finite differences."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def test_cost_is_half_the_chi_square(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gradient_is_that_of_the_cost(seed):
-    """The gradient agrees with finite differences of the cost, where no row changes its path in between."""
+def test_gradient_agrees_with_finite_differences(seed):
+    """The gradient agrees with finite differences of the cost where no row changes its path."""
     lines, x, y = draw_mixed_rows(seed)
     problem = bearing_problem(lines)
     at = problem.evaluate(x, y)
@@ -51,8 +51,8 @@ def test_gradient_is_that_of_the_cost(seed):
         assert close.mean() > 0.95
 
 
-def test_snapshots_without_circles_are_solved_as_alone():
-    """Beside circle rows, a snapshot of direct and mirror rows has the very evaluation that it has without."""
+def test_circle_rows_do_not_affect_other_snapshots():
+    """Snapshots of direct and mirror rows have the same values with and without circle rows in the block."""
     batch = CIRCLES.trial(np.random.default_rng(1), 30, 3, None).batch
     batch.reflector[::2] = np.where(batch.reflector[::2] > 0, -1, batch.reflector[::2])
     lines = sight_lines(batch)
@@ -66,15 +66,15 @@ def test_snapshots_without_circles_are_solved_as_alone():
     np.testing.assert_array_equal(together.hessian.xy[plain], alone.hessian.xy)
 
 
-def test_without_circles_it_is_the_plain_problem():
-    """A block without circle rows does not pay for them."""
+def test_without_circles_the_plain_problem_is_used():
+    """A block without circle rows uses the plain likelihood."""
     batch = CIRCLES.trial(np.random.default_rng(1), 5, 3, None).batch
     batch.reflector[:] = -1
     assert isinstance(bearing_problem(sight_lines(batch)), BearingProblem)
 
 
 def test_the_minimum_is_stationary():
-    """Where Levenberg-Marquardt settles the gradient is zero in standard deviations."""
+    """Where Levenberg-Marquardt converges, the gradient in standard deviations is zero."""
     lines, x, y = draw_mixed_rows(5)
     found = minimize(bearing_problem(lines), x, y)
     at = bearing_problem(lines).evaluate(found.x, found.y)

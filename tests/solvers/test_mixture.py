@@ -21,7 +21,7 @@ def _model(batch: BearingBatch, *, lognormal: bool = False, path_prior: str = "u
 
 @pytest.mark.parametrize("paths", [1, 2])
 def test_cost_is_equation_23_and_its_wideband_form(paths: int) -> None:
-    """The cost equals minus (23), and with several paths the form with the direct one summed out, (5)."""
+    """The cost is minus (23); with several paths it is the form with the direct one summed out, (5)."""
     _, batch, _ = ring_batch(1, 40, paths=paths, alpha=0.3, sources="disc")
     model = _model(batch)
     xy = np.random.default_rng(2).uniform(-0.6, 0.6, (40, 2))
@@ -36,7 +36,7 @@ def test_cost_is_equation_23_and_its_wideband_form(paths: int) -> None:
 @pytest.mark.parametrize("paths", [1, 3])
 @pytest.mark.parametrize("noise", ["none", "gaussian", "lognormal"])
 def test_derivatives_agree_with_finite_differences(paths: int, noise: str) -> None:
-    """Gradient and second derivatives are those of the cost, with ranges or without, in groups or alone."""
+    """Gradient and second derivatives agree with finite differences, with or without ranges and groups."""
     share = 0.0 if noise == "none" else 0.05
     truth, batch, _ = ring_batch(3, 30, paths=paths, alpha=0.2, sources="disc", range_std_share=share)
     model = _model(batch, lognormal=noise == "lognormal")
@@ -64,8 +64,8 @@ def test_derivatives_agree_with_finite_differences(paths: int, noise: str) -> No
         assert np.max(error[positive]) < 1e-4, name
 
 
-def test_responsibilities_sum_to_one_over_a_group_with_the_outlier() -> None:
-    """Of a sensor's paths at most one is direct: their probabilities sum to less than one, and to one with none."""
+def test_responsibilities_and_the_outlier_sum_to_one() -> None:
+    """At most one path of a sensor is direct: probabilities sum to less than one, and to one with "none"."""
     truth, batch, _ = ring_batch(5, 50, paths=3, alpha=0.3, sources="disc")
     model = _model(batch)
     probability, _ = model.mixture.responsibilities(
@@ -78,7 +78,7 @@ def test_responsibilities_sum_to_one_over_a_group_with_the_outlier() -> None:
 
 @pytest.mark.parametrize(("options", "share"), [({"nlos_receivers": 2}, 0.99), ({"paths": 2, "alpha": 0.1}, 0.98)])
 def test_modes_reach_the_global_optimum(options: dict[str, float], share: float) -> None:
-    """The cost is within .05 nat of the best point that a fine grid with local descent finds."""
+    """The cost is within 0.05 nats of the best point of a fine grid with local descent."""
     _, batch, _ = ring_batch(6, 60, bearing_std_deg=4.0, sources="disc", **options)
     estimates = bearings_mixture_ml.solve(without_flags(batch), MixtureOptions()).estimates
     cost = estimates.cost[estimates.alternative == 0]
@@ -101,7 +101,7 @@ def test_modes_reach_the_global_optimum(options: dict[str, float], share: float)
 
 
 def test_first_arrival_prior_ignores_later_paths() -> None:
-    """With ``path_prior=first`` only a sensor's lowest path number may be direct, whatever the order of the rows."""
+    """With ``path_prior=first`` only the lowest path number of a sensor may be direct, in any order of the rows."""
     _, batch, _ = ring_batch(7, 30, paths=2, sources="disc")
     flipped = dataclasses.replace(
         batch,

@@ -1,4 +1,4 @@
-"""Few starts are followed, and no mode is lost by it; what several paths in no known order do to a status."""
+"""Which starts are followed to a mode, and the status when several unordered paths compete."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 def test_candidates_on_the_slope_of_a_mode_are_left_out() -> None:
-    """What costs as much as the parabola of a mode foretells leads there; what costs less may be another's."""
+    """Candidates whose cost matches the quadratic model of a mode are skipped; those with less are followed."""
     mode = Mode(
         np.array([1.0]), np.array([0.0]), np.array([2.0]), Symmetric2x2(*(np.ones((1,)) * v for v in (4, 0, 1)))
     )
@@ -55,7 +55,7 @@ def test_the_best_mode_is_that_of_a_fine_grid(outliers: int, std_deg: float, alp
 
 
 def grid_cost(batch: BearingBatch, row: int, grid: FloatArray, alpha: float) -> FloatArray:
-    """Return minus (23) of a snapshot at points (P, 2), minimum range as the method's; written from the equations."""
+    """Return minus (23) of a snapshot at points (P, 2), with the method's minimum range, from the equations."""
     sensor, std = batch.sensor_xy_m[row], batch.bearing_std_rad[row]
     offset = grid[:, None] - sensor
     error = batch.bearing_rad[row] - np.arctan2(offset[..., 1], offset[..., 0])
@@ -66,16 +66,16 @@ def grid_cost(batch: BearingBatch, row: int, grid: FloatArray, alpha: float) -> 
     return cost
 
 
-def test_the_grid_s_cost_is_that_of_the_other_reference() -> None:
-    """The two plain writings of (23) in the tests agree."""
+def test_both_reference_costs_agree() -> None:
+    """The two independent implementations of (23) in the tests agree."""
     _, batch, _ = ring_batch(12, 5, sources="disc")
     points = np.random.default_rng(3).uniform(-0.5, 0.5, (5, 2))
     ours = [grid_cost(batch, row, points[row : row + 1], 0.25)[0] for row in range(5)]
     np.testing.assert_allclose(ours, mixture_cost(batch, points, 0.25), rtol=1e-3)
 
 
-def test_a_start_is_given_up_where_that_is_asked_for() -> None:
-    """Rows of which ``give_up`` says so keep their point, not converged; the others end where they would."""
+def test_abandoned_starts_keep_their_point() -> None:
+    """Rows that ``give_up`` selects keep their point, not converged; the others are unaffected."""
     angle = np.array([[0.3, 2.5, -1.0], [0.4, 2.4, -1.1]])
     origin = np.array([[-10.0, 10.0, 0.0]] * 2), np.array([[0.0, -5.0, 12.0]] * 2)
     problem = BearingProblem(*origin, np.cos(angle), np.sin(angle), np.full((2, 3), 50.0))
@@ -122,7 +122,7 @@ def mirror_batch(snapshots: int, seen: float, seed: int) -> tuple[BearingBatch, 
 
 
 def best_and_five(batch: BearingBatch, source: FloatArray, **options: object) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Return whether each snapshot's best is 5 m off or more, whether one of five is not, whether it is ambiguous."""
+    """Return per snapshot: best is 5 m off or more, one of five is within 5 m, ambiguous."""
     estimates = bearings_mixture_ml.solve(batch, MixtureOptions(**options)).estimates  # type: ignore[arg-type]
     error = np.hypot(*(estimates.position_m - source[estimates.row]).T)
     first = estimates.alternative == 0
@@ -133,7 +133,7 @@ def best_and_five(batch: BearingBatch, source: FloatArray, **options: object) ->
 
 @pytest.mark.parametrize("seen", [0.7, 0.9])
 def test_images_of_the_source_make_a_snapshot_ambiguous(seen: float) -> None:
-    """Seen as often as the source its images are best twice in three, by any number of nats; the status says so."""
+    """Images seen as often as the source are best in two of three snapshots; the status is ambiguous."""
     batch, source = mirror_batch(250, seen, seed=4)
     wrong, held, ambiguous = best_and_five(batch, source)
     assert wrong.mean() > 0.5
@@ -144,8 +144,8 @@ def test_images_of_the_source_make_a_snapshot_ambiguous(seen: float) -> None:
     assert by_nats[wrong].mean() < ambiguous[wrong].mean()
 
 
-def test_a_known_order_needs_no_caution_about_images() -> None:
-    """Where the first arrival is known to be the direct one, the images compete no more: most snapshots are ok."""
+def test_a_known_order_resolves_images() -> None:
+    """If the first arrival is known to be direct, images do not compete: most snapshots are ok."""
     batch, source = mirror_batch(150, 1.0, seed=5)
     offset = source[:, None] - batch.sensor_xy_m
     away = np.abs(np.angle(np.exp(1j * (batch.bearing_rad - np.arctan2(offset[..., 1], offset[..., 0])))))
@@ -158,7 +158,7 @@ def test_a_known_order_needs_no_caution_about_images() -> None:
 
 
 def test_single_paths_are_seldom_ambiguous() -> None:
-    """One path to a sensor, no outlier: at most three snapshots in a hundred are ambiguous, and none is wrong."""
+    """With one path per sensor and no outlier at most 3 % of snapshots are ambiguous, and none is wrong."""
     truth, batch, _ = ring_batch(13, 2000, bearing_std_deg=2.0, sources="disc")
     estimates = bearings_mixture_ml.solve(without_flags(batch), MixtureOptions()).estimates
     first = estimates.alternative == 0

@@ -1,4 +1,4 @@
-"""Bootstrap and updates of the sequential algorithm against the information form."""
+"""Bootstrap and updates of the sequential algorithm, compared with the information form."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _information(dx: float, dy: float, std_rad: float) -> np.ndarray:
 
 
 def test_bootstrap_covariance_is_the_inverse_information_of_the_pair() -> None:
-    """(15) and (16) are right as printed: crossing and covariance are those of the two bearings."""
+    """(15) and (16) are right as printed: crossing and covariance agree with the information of both bearings."""
     _, batch, _ = ring_batch(1, 20, sources="disc")
     lines = sight_lines(batch)
     first, second = (np.full((20, 1), k) for k in (0, 3))
@@ -36,7 +36,7 @@ def test_bootstrap_covariance_is_the_inverse_information_of_the_pair() -> None:
 
 
 def test_update_adds_the_information_of_the_bearing() -> None:
-    """For a small step the updated covariance is the inverse of (22): the prior's information and the bearing's."""
+    """For a small step the updated covariance is the inverse of (22): prior information plus the bearing's."""
     truth, batch, _ = ring_batch(2, 20, bearing_std_deg=1e-4)
     lines = sight_lines(batch)
     places = [np.full((20, 1), k) for k in (0, 2, 5)]
@@ -58,7 +58,7 @@ def test_update_adds_the_information_of_the_bearing() -> None:
 
 @pytest.mark.parametrize("lognormal", [False, True])
 def test_sequential_equals_one_linear_solve_when_errors_are_small(lognormal: bool) -> None:
-    """With tiny errors bearings and ranges, in any order, give the weighted least-squares point and its covariance."""
+    """With small errors, bearings and ranges in any order give the weighted least-squares point and covariance."""
     truth, batch, _ = ring_batch(3, 20, bearing_std_deg=1e-4, range_std_share=1e-6, sources="disc")
     assert batch.range_m is not None
     assert batch.range_std_m is not None
@@ -87,8 +87,8 @@ def test_sequential_equals_one_linear_solve_when_errors_are_small(lognormal: boo
         assert np.hypot(*(got - expected)) < 1e-3 * np.sqrt(np.trace(np.linalg.inv(information)))
 
 
-def test_rows_without_a_range_leave_the_state_alone() -> None:
-    """A NaN range updates nothing, to the bit."""
+def test_missing_ranges_update_nothing() -> None:
+    """A NaN range leaves the state unchanged to the bit."""
     _, batch, _ = ring_batch(4, 10, range_std_share=0.02)
     assert batch.range_m is not None
     lines = sight_lines(batch)

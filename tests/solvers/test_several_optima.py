@@ -1,4 +1,4 @@
-"""Optima of ambiguous paths, against the enumeration of every combination of paths on a dense grid."""
+"""Optima with ambiguous paths, compared with the enumeration of all combinations on a dense grid."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCENE = Scene(reflectors=(CircleReflector(name="ring", center=(0.0, 0.0), radius
 
 
 def draw_ambiguous(snapshots, measurements, std_deg, seed):
-    """Return a batch of bearings of sources in an open circle, each by one of its paths, taken at random."""
+    """Return bearings of sources in an open circle, each by one of its paths chosen at random."""
     generator = np.random.default_rng(seed)
     shape = (snapshots, measurements)
 
@@ -39,7 +39,7 @@ def draw_ambiguous(snapshots, measurements, std_deg, seed):
 
 
 def residuals_by_path(batch, row, x, y):
-    """Return the scaled residual (4, P, K) of each path of each sensor at points (P,); NaN where there is none."""
+    """Return the scaled residual (4, P, K) of each path of each sensor at points (P,); NaN without a path."""
     columns = []
     for k in range(batch.measurements):
         sensor = [np.full(x.shape, part) for part in batch.sensor_xy_m[row, k]]
@@ -50,7 +50,7 @@ def residuals_by_path(batch, row, x, y):
 
 
 def least_over_combinations(residual):
-    """Return the least half chi-square (P,) over all 4^K combinations of paths, one after the other."""
+    """Return the least half chi-square (P,) over all 4^K combinations of paths, by enumeration."""
     sensors = residual.shape[-1]
     best = np.full(residual.shape[1], np.inf)
     for combination in itertools.product(range(4), repeat=sensors):
@@ -60,7 +60,7 @@ def least_over_combinations(residual):
 
 
 def enumerated_optima(batch, row):
-    """Return (cost, x, y) of the local optima found from the dense grid, best first, and the grid's least cost."""
+    """Return (cost, x, y) of the local optima found from the dense grid, best first, and the grid's minimum."""
     steps = np.linspace(-0.999 * RADIUS, 0.999 * RADIUS, 60)
     x, y = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
     inside = np.hypot(x, y) < 0.999 * RADIUS
@@ -85,7 +85,7 @@ def enumerated_optima(batch, row):
 
 
 def ends_of(batch):
-    """Return the ends from all starts."""
+    """Return the optima reached from all starts."""
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
@@ -93,8 +93,8 @@ def ends_of(batch):
 
 
 @pytest.mark.parametrize(("measurements", "std_deg", "snapshots"), [(2, 0.5, 6), (3, 1.0, 4), (4, 0.3, 2)])
-def test_the_best_optimum_is_that_of_the_enumeration(measurements, std_deg, snapshots):
-    """No combination of paths has a lower cost anywhere than our best, unless the likelihood ends at a caustic."""
+def test_no_combination_of_paths_is_better(measurements, std_deg, snapshots):
+    """No combination of paths has a lower cost than our best, unless the likelihood ends at a caustic."""
     batch = draw_ambiguous(snapshots, measurements, std_deg, seed=measurements)
     ends = ends_of(batch)
     compared = 0
@@ -109,8 +109,8 @@ def test_the_best_optimum_is_that_of_the_enumeration(measurements, std_deg, snap
     assert compared >= 0.7 * snapshots
 
 
-def test_ends_are_distinct_and_ranked():
-    """Of each snapshot the ends rise in cost, and no two are the same point."""
+def test_optima_are_distinct_and_ranked():
+    """The optima of a snapshot have increasing cost, and no two coincide."""
     ends = ends_of(draw_ambiguous(60, 4, 2.0, seed=9))
     cost = 0.5 * ends.lines.survey(ends.x, ends.y).chi_square
     several = 0
@@ -125,7 +125,7 @@ def test_ends_are_distinct_and_ranked():
 
 
 def test_crossings_are_on_both_rays():
-    """Each crossing lies on the lines of its pair; more than six rows give fifteen pairs."""
+    """Each crossing is on the lines of its pair; more than six rows give fifteen pairs."""
     lines = sight_lines(draw_ambiguous(20, 8, 1.0, seed=3))
     x, y = pairwise_crossings(lines)
     assert x.shape == (15, 20)

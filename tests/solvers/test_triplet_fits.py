@@ -31,8 +31,8 @@ def _numeric(evaluate, x, y, step):
 
 
 @pytest.mark.parametrize("elliptic", [False, True])
-def test_derivatives(elliptic):
-    """Gradient and, where it is positive, the Hessian are those of finite differences, in both coordinates."""
+def test_derivatives_agree_with_finite_differences(elliptic):
+    """Gradient and, where positive, Hessian agree with finite differences in both coordinate systems."""
     rows, problem = _problem()
     generator = np.random.default_rng(2)
     x, y = generator.uniform(-6.0, 6.0, 300), generator.uniform(1.0, 9.0, 300)
@@ -53,8 +53,8 @@ def test_derivatives(elliptic):
         assert close.mean() > 0.8
 
 
-def test_elliptic_coordinates_turn_back():
-    """A point that goes into elliptic coordinates comes back, on the baseline too, and with a baseline of zero."""
+def test_elliptic_coordinates_round_trip():
+    """Elliptic coordinates round-trip, on the baseline and with a baseline of zero too."""
     rows, plane = _problem(6)
     x, y = np.array([1.0, -1.0, 0.0, 3.0, -4.0, 0.5]), np.array([2.0, -2.0, 0.0, 0.0, 0.0, 1e-9])
     for baseline in (rows.rays.baseline_m, np.zeros(6)):
@@ -63,8 +63,8 @@ def test_elliptic_coordinates_turn_back():
         np.testing.assert_allclose(back, [x, y], atol=1e-8)
 
 
-def test_no_fit_is_worse_than_those_of_many_starts():
-    """No path has a lower chi-square than ours from a grid of starts by scipy."""
+def test_no_start_finds_a_lower_chi_square():
+    """No path has a lower chi-square from a grid of starts by scipy."""
     rows, problem = _problem(40, seed=3)
     fits = fit_paths(rows)
     assert fits.converged.all()
@@ -82,8 +82,8 @@ def test_no_fit_is_worse_than_those_of_many_starts():
         assert fits.cost[n] <= min(costs) * (1.0 + 1e-6) + 1e-6
 
 
-def test_a_direct_path_without_noise_costs_nothing():
-    """The fit of a noise-free direct path is the target, its cost zero."""
+def test_noise_free_direct_paths_have_zero_cost():
+    """The fit of a noise-free direct path is the target, with cost zero."""
     columns = draw_columns("shen", 200, seed=4, indirect_fraction=0.0)
     rows = path_rows(batch_of(columns))
     from nlosctl.models.triplets import predict_triplets
@@ -99,8 +99,8 @@ def test_a_direct_path_without_noise_costs_nothing():
     np.testing.assert_allclose(np.stack([fits.x, fits.y], axis=1)[far], target[far], atol=1e-6)
 
 
-def test_fit_of_a_snapshot_is_that_of_scipy():
-    """All paths of a snapshot together: the optimum of scipy from the truth is found from the paths' own fits."""
+def test_joint_fits_agree_with_scipy():
+    """The joint fit of a snapshot from its single-path fits agrees with scipy's optimum from the truth."""
     columns = draw_columns("room", 30, seed=5, receivers=4, paths=1, blocked_fraction=0.0)
     flat = path_rows(batch_of(columns))
     fits = fit_paths(flat)

@@ -1,4 +1,4 @@
-"""Decision rules on triplets: statistics, blind spots, rays that miss each other."""
+"""Decision rules on triplets: statistics, blind spots, rays that do not meet."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from nlosctl.solvers.triplets.difference_rules import blind_rows, decide, decide
 RULES = (1, 2, 3, 4, 5, 6, "ellipse")
 
 
-def test_standard_deviation_by_first_principles():
-    """sigma (24) is the spread of a rule under small errors, here drawn; so is the p-value uniform."""
+def test_standard_deviation_agrees_with_draws():
+    """sigma (24) is the spread of a rule under small simulated errors, and the p-value is uniform."""
     generator = np.random.default_rng(1)
     scene = DetectionScene(target_m=(5.2, 10.0), power_dbm=30.0)
     rows = scene.direct_row()
@@ -34,8 +34,8 @@ def test_standard_deviation_by_first_principles():
         assert np.std(values) == pytest.approx(decision.std_m[0], rel=0.12)
 
 
-def test_fusion_is_the_k_plus_first_smallest():
-    """More than k of the rules: the (k+1)-th smallest p-value; rules that do not exist say nothing."""
+def test_fusion_uses_the_p_value_of_rank_k_plus_1():
+    """ "More than k rules" has the (k+1)-th smallest p-value; undefined rules do not count."""
     p_values = [np.array([0.3, np.nan]), np.array([0.1, np.nan]), np.array([np.nan, np.nan]), np.array([0.02, np.nan])]
     np.testing.assert_array_equal(decide_fusion(p_values, 0), [0.02, np.nan])
     np.testing.assert_array_equal(decide_fusion(p_values, 2), [0.3, np.nan])
@@ -53,7 +53,7 @@ def test_fusion_is_the_k_plus_first_smallest():
     ],
 )
 def test_blind_spots_of_direct_paths(target, blind):
-    """Table I and what it leaves out: lambda 6 at x = 0, 1 and 3 over a node, 2, 4 and 5 at the baseline."""
+    """Table I and omissions: lambda 6 at x = 0, 1 and 3 over a node, 2, 4 and 5 on the baseline."""
     rows = DetectionScene(target_m=target).direct_row()
     found = {rule for rule in RULES if blind_rows(rows, rule)[0]}
     # Near the baseline the rays are nearly parallel, which 1 to 4 and the ellipse rule can't bear.
@@ -61,7 +61,7 @@ def test_blind_spots_of_direct_paths(target, blind):
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_blind_where_transmitter_and_receiver_are_one(rule):
+def test_zero_baselines_are_blind(rule):
     """Without a baseline there is no baseline frame: every rule is blind."""
     rows = path_rows(one_path(rx=(-2.5, 0.0), dod=1.0, doa=1.0, length=8.0))
     assert blind_rows(rows, rule)[0]
@@ -77,14 +77,14 @@ def test_blind_where_transmitter_and_receiver_are_one(rule):
         (-0.5, -1.5, 0.0),
     ],
 )
-def test_rays_that_miss(dod, doa, expected):
-    """The least turn that makes rays meet: of both to parallel, or of one across the baseline."""
+def test_angle_between_rays_that_do_not_meet(dod, doa, expected):
+    """The least rotation that makes rays meet: both to parallel, or one across the baseline."""
     rows = path_rows(one_path(dod=dod, doa=doa, length=9.0, std=(0.02, 0.01, 0.05)))
     assert rays_miss_by(rows)[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_rays_that_miss_by_brute_force():
-    """The least turn is the smallest scaled distance to a pair of angles whose rays meet, over a fine grid."""
+def test_angle_between_rays_agrees_with_brute_force():
+    """It is the smallest scaled distance to a pair of angles whose rays meet, over a fine grid."""
     std = (0.2, 0.3)
     grid = np.linspace(-np.pi, np.pi, 721)
     mu1, mu2 = (values.ravel() for values in np.meshgrid(grid, grid))
