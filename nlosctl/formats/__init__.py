@@ -1,1 +1,1 @@
-"""Importers and exporters of other programs' files: one file each, plugins like any other's."""
+"""Importers and exporters of other programs' file formats, one file each: plugins like those of other packages."""

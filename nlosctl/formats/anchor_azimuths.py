@@ -1,4 +1,4 @@
-"""CSV of directions from each anchor's boresight: any angle-of-arrival system that logs one direction per line."""
+"""CSV of directions relative to each anchor's boresight, one per line, from any angle-of-arrival system."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ __all__ = ["FORMAT"]
 
 @dataclass(frozen=True, kw_only=True)
 class AnchorOptions:
-    """The names of the columns, and what they leave open."""
+    """Names of the columns, and settings that the file does not contain."""
 
-    time: str = option("time_s", meaning="column of the time in seconds")
-    sensor: str = option("sensor", meaning="column of the anchor's name, as in the scene")
-    azimuth: str = option("azimuth_deg", meaning="column of the direction from the boresight, in degrees")
-    tag: str | None = option(None, meaning="column of what was heard: each its own snapshots")
+    time: str = option("time_s", meaning="column with the time in seconds")
+    sensor: str = option("sensor", meaning="column with the anchor's name, as in the scene")
+    azimuth: str = option("azimuth_deg", meaning="column with the direction from the boresight, in degrees")
+    tag: str | None = option(None, meaning="column with the tag's name; each tag has its own snapshots")
     sense: Literal["clockwise", "counter-clockwise"] = option(
-        "clockwise", meaning="how directions count from the boresight, seen from above"
+        "clockwise", meaning="positive sense of directions from the boresight, seen from above"
     )
     window: str = option("0.1s", meaning=WINDOW_MEANING)
     bearing_std_deg: float | None = option(
         None,
-        meaning="std of every direction; else give it to the next command",
+        meaning="standard deviation of every direction; otherwise set it in the next command",
         unit="deg",
         minimum=0.0,
         exclusive=True,
@@ -41,8 +41,8 @@ def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
     wanted = [options.time, options.sensor, options.azimuth, *([options.tag] if options.tag else [])]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
-        turned = number(cells[options.azimuth], options.azimuth, -360.0, 360.0)
-        clockwise = turned if options.sense == "clockwise" else -turned
+        angle = number(cells[options.azimuth], options.azimuth, -360.0, 360.0)
+        clockwise = angle if options.sense == "clockwise" else -angle
         time_s = number(cells[options.time], options.time)
         values: dict[str, Any] = {
             **anchor_values(anchors, cells[options.sensor], clockwise, options.sensor),
@@ -57,7 +57,7 @@ def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
 
 FORMAT = ImporterSpec(
     name="anchor-azimuths",
-    summary="CSV of directions from each anchor's boresight, the anchors in the scene",
+    summary="CSV of directions relative to each anchor's boresight, with the anchors in the scene",
     reference="this project, docs/formats.md",
     options=AnchorOptions,
     kind=lambda options: "bearings",

@@ -1,4 +1,4 @@
-"""Directions that an anchor measures from its own boresight: its position and heading are in the scene."""
+"""Directions relative to an anchor's boresight: the scene contains its position and heading."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["anchor_values", "anchors_of"]
 
 
 def anchors_of(file: ForeignFile) -> dict[str, Sensor]:
-    """Return the scene's sensors by name; raise DataError where there are none."""
+    """Return the scene's sensors by name; raise DataError if it has none."""
     if not file.scene.sensors:
         raise DataError(
             f"{file.name}: directions from a boresight need a scene with the anchors: --scene FILE with [[sensor]], "
@@ -20,16 +20,17 @@ def anchors_of(file: ForeignFile) -> dict[str, Sensor]:
 
 
 def anchor_values(anchors: dict[str, Sensor], name: str, clockwise_deg: float, field: str) -> dict[str, object]:
-    """Return sensor, its position and the azimuth of a direction ``clockwise_deg`` from the anchor's boresight.
+    """Return sensor name, position and azimuth of a direction ``clockwise_deg`` from the anchor's boresight.
 
-    Raises UnfitError where the scene lacks the anchor, or its heading.
+    Raises UnfitError if the scene lacks the anchor or its heading.
     """
     if name not in anchors:
         raise UnfitError(f"the scene has no sensor {name[:60]!r}{did_you_mean(name, anchors)}", field)
     anchor = anchors[name]
     if anchor.heading_deg is None:
         raise UnfitError(
-            f"the scene's sensor {name!r} has no heading_deg: its boresight, clockwise from +y or north", field
+            f"the scene's sensor {name!r} has no heading_deg: set the azimuth of its boresight (from +y or north)",
+            field,
         )
     return {
         "sensor": name,

@@ -1,4 +1,4 @@
-"""Estimates as CZML for Cesium: a packet for each, with a point and an ellipse on the ground."""
+"""Estimates as CZML for Cesium: one packet per estimate, with a point and an ellipse on the ground."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from typing import IO, Any
 
 from nlosctl.contract.formats import ExporterSpec, Places
-from nlosctl.formats.map_options import MapOptions
+from nlosctl.formats.map_options import MapOptions, known_values, title
 
 __all__ = ["FORMAT"]
 
@@ -21,8 +21,8 @@ class _Writer:
         sink.write(b'[\n{"id": "document", "name": "nlosctl estimates", "version": "1.0"}')
 
     def write(self, places: Places) -> None:
-        for place in range(places.size):
-            packet = json.dumps(_packet(places, place, self._number), ensure_ascii=False, allow_nan=False)
+        for row in range(places.size):
+            packet = json.dumps(_packet(places, row, self._number), ensure_ascii=False, allow_nan=False)
             self._sink.write(f",\n{packet}".encode())
             self._number += 1
 
@@ -30,29 +30,29 @@ class _Writer:
         self._sink.write(b"\n]\n")
 
 
-def _packet(piece: Places, place: int, number: int) -> dict[str, Any]:
-    said = {name: values[place] for name, values in piece.columns.items() if values[place] is not None}
+def _packet(places: Places, row: int, number: int) -> dict[str, Any]:
+    values = known_values(places, row)
     packet: dict[str, Any] = {
         "id": f"estimate-{number}",
-        "name": " ".join(str(said[key]) for key in ("snapshot", "method") if key in said),
-        "properties": {name: value if isinstance(value, str | bool) else _plain(value) for name, value in said.items()},
+        "name": title(values),
+        "properties": {name: _plain(value) for name, value in values.items()},
     }
-    if not math.isnan(piece.x[place]):
-        packet["position"] = {"cartographicDegrees": [float(piece.x[place]), float(piece.y[place]), 0.0]}
+    if not math.isnan(places.x[row]):
+        packet["position"] = {"cartographicDegrees": [float(places.x[row]), float(places.y[row]), 0.0]}
         packet["point"] = _POINT
-    if not math.isnan(piece.outline[place, 0, 0]):
+    if not math.isnan(places.outline[row, 0, 0]):
         packet["ellipse"] = {
-            "semiMajorAxis": float(piece.semi_major_m[place]),
-            "semiMinorAxis": max(float(piece.semi_minor_m[place]), 1e-9),
-            "rotation": -float(piece.major_azimuth_rad[place]),  # counter-clockwise from north
+            "semiMajorAxis": float(places.semi_major_m[row]),
+            "semiMinorAxis": max(float(places.semi_minor_m[row]), 1e-9),
+            "rotation": -float(places.major_azimuth_rad[row]),  # counter-clockwise from north
             "material": _FILL,
         }
     return packet
 
 
 def _plain(value: Any) -> Any:
-    finite = isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
-    return value if finite else str(value)
+    plain = isinstance(value, str | int) or (isinstance(value, float) and math.isfinite(value))
+    return value if plain else str(value)
 
 
 FORMAT = ExporterSpec(

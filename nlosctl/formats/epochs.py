@@ -1,4 +1,4 @@
-"""Rows of a log put together as snapshots: by windows of time, by what they are of, or by who speaks again."""
+"""Grouping of log rows into snapshots: by time windows and group, or by rounds of the sensors."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from nlosctl.errors import DataError, UsageError
 
 __all__ = ["WINDOW_MEANING", "in_epochs", "in_rounds", "parse_window"]
 
-WINDOW_MEANING = "time that a snapshot lasts, as 0.1s, 500ms, 2min; all: the whole file"
+WINDOW_MEANING = "duration of a snapshot, such as 0.1s, 500ms, 2min; all: the whole file"
 
 _UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
-def parse_window(words: str, owner: str) -> float:
-    """Return a duration in seconds, infinity for ``all``; raises UsageError."""
-    found = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", words.strip())
-    if words == "all":
+def parse_window(text: str, owner: str) -> float:
+    """Return a duration in seconds, infinity for ``all``; raise UsageError for anything else."""
+    parts = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", text.strip())
+    if text == "all":
         return math.inf
     try:
-        window = float(found[1]) * _UNITS[found[2]] if found else math.nan
+        window = float(parts[1]) * _UNITS[parts[2]] if parts else math.nan
     except (ValueError, KeyError):
         window = math.nan
     if not 0.0 < window < math.inf:
         raise UsageError(
-            f"The 'window' parameter of {owner} must be a time, as 0.1s or 2min, or 'all'. Got {words!r} instead."
+            f"The 'window' parameter of {owner} must be a duration such as 0.1s or 2min, or 'all'. "
+            f"Got {text!r} instead."
         )
     return window
 
 
 def in_epochs(rows: Iterable[Row | BadLine], window_s: float) -> Iterator[Row | BadLine]:
-    """Yield the rows with ``snapshot``, by window of ``epoch_s`` and by group, each in the order of the file.
+    """Yield the rows with a ``snapshot``, sorted by window of ``epoch_s``, group and line.
 
-    Windows begin at the first time of the file and follow each other; those without rows are not counted. A snapshot is
-    named by its number, with the group where the file has several. All rows are held in memory, in any order of time.
+    Windows start at the earliest time of the file; empty ones are not counted. A snapshot is named by its window's
+    number, preceded by the group if the file has several. Times may be in any order: all rows are held in memory.
     Raises DataError for times so far apart that their windows can't be counted.
     """
     good: list[Row] = []
@@ -53,55 +54,53 @@ def in_epochs(rows: Iterable[Row | BadLine], window_s: float) -> Iterator[Row | 
     first, last = min(times), max(times)
     if not math.isfinite((last - first) / window_s):
         raise DataError(
-            f"times from {first:g} s to {last:g} s can't be cut into windows of {window_s:g} s; look for odd ones"
+            f"times from {first:g} s to {last:g} s span too many windows of {window_s:g} s; look for wrong times"
         )
-    number = [0 if math.isinf(window_s) else math.floor((time - first) / window_s + 1e-9) for time in times]
-    keys = [(window, row.group) for window, row in zip(number, good, strict=True)]
-    groups = {group: place for place, group in enumerate(dict.fromkeys(row.group for row in good))}
-    windows = {window: place for place, window in enumerate(sorted(set(number)))}
-    order = sorted(range(len(good)), key=lambda place: (keys[place][0], groups[keys[place][1]], place))
+    window = [0 if math.isinf(window_s) else math.floor((time - first) / window_s + 1e-9) for time in times]
+    groups = {group: index for index, group in enumerate(dict.fromkeys(row.group for row in good))}
+    numbers = {start: number for number, start in enumerate(sorted(set(window)))}
+    order = sorted(range(len(good)), key=lambda index: (window[index], groups[good[index].group], index))
     several = len(groups) > 1
-    named = (
-        (good[place], f"{keys[place][1]}_{windows[keys[place][0]]}" if several else windows[keys[place][0]])
-        for place in order
+    yield from _with_snapshots(
+        (good[index], f"{good[index].group}_{numbers[window[index]]}" if several else numbers[window[index]])
+        for index in order
     )
-    yield from _numbered(named)
 
 
 def in_rounds(rows: Iterable[Row | BadLine]) -> Iterator[Row | BadLine]:
-    """Yield the rows with ``snapshot``: those of a group until one of its sensors speaks again.
+    """Yield the rows with a ``snapshot``; a group starts a new one when a sensor reports for the second time.
 
     For logs without a common clock. All rows are held in memory.
     """
     rounds: dict[str, list[tuple[Row, int]]] = {}
-    heard: dict[str, set[str]] = {}
+    sensors: dict[str, set[str]] = {}
     for row in rows:
         if isinstance(row, BadLine):
             yield row
             continue
-        held, spoken = rounds.setdefault(row.group, []), heard.setdefault(row.group, set())
+        numbered, seen = rounds.setdefault(row.group, []), sensors.setdefault(row.group, set())
         sensor = str(row.values["sensor"])
-        if sensor in spoken:
-            spoken.clear()
-        spoken.add(sensor)
-        held.append((row, 0 if not held else held[-1][1] + (len(spoken) == 1)))
+        if sensor in seen:
+            seen.clear()
+        seen.add(sensor)
+        numbered.append((row, 0 if not numbered else numbered[-1][1] + (len(seen) == 1)))
     several = len(rounds) > 1
-    for group, held in rounds.items():
-        yield from _numbered((row, f"{group}_{number}" if several else number) for row, number in held)
+    for group, numbered in rounds.items():
+        yield from _with_snapshots((row, f"{group}_{number}" if several else number) for row, number in numbered)
 
 
-def _numbered(named: Iterable[tuple[Row, object]]) -> Iterator[Row]:
-    """Yield rows with their snapshot; directions measured again by one sensor in one place are told apart: #2, #3."""
+def _with_snapshots(named: Iterable[tuple[Row, object]]) -> Iterator[Row]:
+    """Yield rows with their snapshot; repeated bearings of a sensor at one position get the sensor names #2, #3."""
     snapshot: object = None
-    said: Counter[object] = Counter()
+    counts: Counter[object] = Counter()
     for row, name in named:
         if name != snapshot:
             snapshot = name
-            said.clear()
+            counts.clear()
         values = {"snapshot": name, **row.values}
         if "range_m" not in values:
-            place = tuple(values.get(key) for key in ("sensor", "sensor_x_m", "sensor_lat_deg", "sensor_lon_deg"))
-            said[place] += 1
-            if said[place] > 1:
-                values["sensor"] = f"{values['sensor']}#{said[place]}"
+            sensor = tuple(values.get(key) for key in ("sensor", "sensor_x_m", "sensor_lat_deg", "sensor_lon_deg"))
+            counts[sensor] += 1
+            if counts[sensor] > 1:
+                values["sensor"] = f"{values['sensor']}#{counts[sensor]}"
         yield replace(row, values=values)

@@ -1,4 +1,4 @@
-"""Taking lines of text apart: fields as numbers within their limits, each fault told by its field."""
+"""Parsing of text lines: fields as numbers within limits, with faults that name their field."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from contextlib import suppress
 from nlosctl.contract.formats import BadLine, ForeignFile, Row, UnfitError
 from nlosctl.errors import DataError, did_you_mean
 
-__all__ = ["column", "integer", "lines", "number", "read_header", "read_table", "take_apart"]
+__all__ = ["integer", "lines", "number", "read_header", "read_table", "take_apart"]
 
 _LONGEST_LINE = 1 << 20
 _SHOWN = 60
 
 
 def lines(file: ForeignFile) -> Iterator[tuple[int, str]]:
-    """Yield number and text of each line that is not blank; raise DataError for what is no UTF-8 text."""
+    """Yield number and text of each non-blank line; raise DataError if the file is not UTF-8 text."""
     text = io.TextIOWrapper(file.stream, encoding="utf-8-sig", newline=None)
     number = 0
     try:
         while line := text.readline(_LONGEST_LINE):
             number += 1
             if len(line) >= _LONGEST_LINE:
-                raise DataError(f"{file.name}, line {number}: longer than {_LONGEST_LINE} characters: no such log")
+                raise DataError(f"{file.name}, line {number}: longer than {_LONGEST_LINE} characters; not such a log")
             if "\0" in line:
-                raise DataError(f"{file.name}, line {number}: holds zero bytes: this is no text file")
+                raise DataError(f"{file.name}, line {number}: contains zero bytes; not a text file")
             if line.strip():
                 yield number, line.rstrip("\r\n")
     except UnicodeDecodeError as error:
         raise DataError(f"{file.name}, after line {number}: not UTF-8 text; save it as UTF-8") from error
     finally:
-        with suppress(ValueError):  # closed already, where the reader was left before its end
+        with suppress(ValueError):  # already closed if the reader was abandoned before its end
             text.detach()
 
 
 def take_apart(numbered: Iterator[tuple[int, str]], parse: Callable[[int, str], Row | None]) -> Iterator[Row | BadLine]:
-    """Yield what ``parse(line, text)`` makes of each line, a `BadLine` where it raises UnfitError; None is left out."""
+    """Yield ``parse(line, text)`` of each line unless None, or a `BadLine` where it raises UnfitError."""
     for line, text in numbered:
         try:
             row = parse(line, text)
@@ -50,17 +50,17 @@ def take_apart(numbered: Iterator[tuple[int, str]], parse: Callable[[int, str], 
 
 
 def read_header(file: ForeignFile) -> tuple[dict[str, int], Iterator[tuple[int, str]]]:
-    """Return the columns of a CSV with their places, and the lines that follow; raise DataError where there is none."""
+    """Return the index of each column of a CSV, and the lines that follow; raise DataError if the file is empty."""
     numbered = lines(file)
     first = next(numbered, None)
     if first is None:
         raise DataError(f"{file.name}: no rows: the file is empty")
-    places: dict[str, int] = {}
-    for place, name in enumerate(_header(first[1], file)):
-        if name.strip() in places:
+    columns: dict[str, int] = {}
+    for index, name in enumerate(_header(first[1], file)):
+        if name.strip() in columns:
             raise DataError(f"{file.name}: column {name.strip()!r} is there twice; rename or drop one")
-        places[name.strip()] = place
-    return places, numbered
+        columns[name.strip()] = index
+    return columns, numbered
 
 
 def _header(text: str, file: ForeignFile) -> list[str]:
@@ -73,53 +73,51 @@ def _header(text: str, file: ForeignFile) -> list[str]:
 def read_table(
     file: ForeignFile, wanted: Sequence[str], parse: Callable[[int, Mapping[str, str]], Row | None]
 ) -> Iterator[Row | BadLine]:
-    """Yield what ``parse(line, cells)`` makes of each row of a CSV with a header that has all columns ``wanted``."""
-    places, numbered = read_header(file)
+    """Yield the results of ``parse(line, cells)`` for each row of a CSV, as `take_apart` does.
+
+    Raises DataError if the header lacks one of the columns ``wanted``.
+    """
+    columns, numbered = read_header(file)
     for name in wanted:
-        column(places, name, file)
+        if name not in columns:
+            known = ", ".join(known if known.isprintable() else repr(known) for known in columns)
+            raise DataError(
+                f"{file.name}: no column {name!r}{did_you_mean(name, columns)}. The file has: {known}; "
+                "set the column names with --param"
+            )
 
     def parse_line(line: int, text: str) -> Row | None:
         cells = _cells(text)
-        if len(cells) != len(places):
-            raise UnfitError(f"got {len(cells)} fields, expected {len(places)} as in the header")
-        return parse(line, {name: cells[place].strip() for name, place in places.items()})
+        if len(cells) != len(columns):
+            raise UnfitError(f"got {len(cells)} fields, expected {len(columns)} as in the header")
+        return parse(line, {name: cells[index].strip() for name, index in columns.items()})
 
     yield from take_apart(numbered, parse_line)
 
 
-def column(places: Mapping[str, int], name: str, file: ForeignFile) -> int:
-    """Return the place of a column; raise DataError that names those there are."""
-    if name not in places:
-        known = ", ".join(known if known.isprintable() else repr(known) for known in places)
-        raise DataError(
-            f"{file.name}: no column {name!r}{did_you_mean(name, places)}. The file has: {known}; --param names others"
-        )
-    return places[name]
-
-
 def number(text: str, name: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a field as a finite number from ``low`` to ``high``; raise UnfitError that says what came."""
+    """Return a field as a finite number from ``low`` to ``high``; raise UnfitError with the text otherwise."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or not low <= value <= high:
-        raise UnfitError(f"got {text.strip()[:_SHOWN]!r}, expected {_wanted('a number', low, high)}", name)
+        raise UnfitError(f"got {text.strip()[:_SHOWN]!r}, expected {_within('a number', low, high)}", name)
     return value
 
 
 def integer(text: str, name: str, low: float = -math.inf, high: float = math.inf) -> int:
-    """Return a field as an integer from ``low`` to ``high``; raise UnfitError that says what came."""
+    """Return a field as an integer from ``low`` to ``high``; raise UnfitError with the text otherwise."""
     try:
         value = int(text)
     except ValueError:
         value = None
     if value is None or not low <= value <= high:
-        raise UnfitError(f"got {text.strip()[:_SHOWN]!r}, expected {_wanted('an integer', low, high)}", name)
+        raise UnfitError(f"got {text.strip()[:_SHOWN]!r}, expected {_within('an integer', low, high)}", name)
     return value
 
 
-def _wanted(what: str, low: float, high: float) -> str:
+def _within(what: str, low: float, high: float) -> str:
     if math.isfinite(low) and math.isfinite(high):
         return f"{what} from {low:g} to {high:g}"
     if math.isfinite(low):

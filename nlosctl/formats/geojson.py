@@ -1,4 +1,4 @@
-"""Estimates as GeoJSON (RFC 7946): a point and an ellipse for each, with all of its columns as properties."""
+"""Estimates as GeoJSON (RFC 7946): a point and an ellipse per estimate, with all of its columns as properties."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ __all__ = ["FORMAT"]
 
 @dataclass(frozen=True, kw_only=True)
 class GeoJsonOptions(MapOptions):
-    """What is written, and in what."""
+    """Ellipses, and units of the coordinates."""
 
     metres: bool = option(
-        False, meaning="coordinates in metres of the plane, which only local tools read, not on earth"
+        False, meaning="coordinates in metres of the plane, for local tools, instead of longitude and latitude"
     )
 
 
 class _Writer:
     def __init__(self, sink: IO[bytes], options: GeoJsonOptions) -> None:
-        self._sink, self._before = sink, "\n"
+        self._sink, self._separator = sink, "\n"
         sink.write(b'{"type": "FeatureCollection", "features": [')
 
     def write(self, places: Places) -> None:
-        for place in range(places.size):
-            for feature in _features(places, place):
+        for row in range(places.size):
+            for feature in _features(places, row):
                 text = json.dumps(feature, ensure_ascii=False, allow_nan=False)
-                self._sink.write((self._before + text).encode("utf-8"))
-                self._before = ",\n"
+                self._sink.write((self._separator + text).encode("utf-8"))
+                self._separator = ",\n"
 
     def close(self) -> None:
         self._sink.write(b"\n]}\n")
 
 
-def _features(piece: Places, place: int) -> Iterator[dict[str, Any]]:
-    properties = {name: _value(values[place]) for name, values in piece.columns.items()}
-    x, y = float(piece.x[place]), float(piece.y[place])
+def _features(places: Places, row: int) -> Iterator[dict[str, Any]]:
+    properties = {name: _value(values[row]) for name, values in places.columns.items()}
+    x, y = float(places.x[row]), float(places.y[row])
     point = None if math.isnan(x) else {"type": "Point", "coordinates": [x, y]}
     yield {"type": "Feature", "geometry": point, "properties": {"feature": "estimate", **properties}}
-    outline = piece.outline[place]
+    outline = places.outline[row]
     if not math.isnan(outline[0, 0]):
         polygon = {"type": "Polygon", "coordinates": [outline.tolist()]}
-        share = {"feature": "ellipse", "ellipse_probability": piece.probability}
+        share = {"feature": "ellipse", "ellipse_probability": places.probability}
         yield {"type": "Feature", "geometry": polygon, "properties": {**properties, **share}}
 
 

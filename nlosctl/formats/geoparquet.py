@@ -20,15 +20,15 @@ _GEOMETRIES = {"geometry": "Point", "ellipse": "Polygon"}
 
 
 class _Writer:
-    """Holds all places until the end: the types of the columns are those of all of their values."""
+    """Collects all rows and writes them at the end: the type of a column depends on all of its values."""
 
     def __init__(self, sink: IO[bytes], options: MapOptions) -> None:
         self._sink = sink
         self._columns: dict[str, list[Any]] = {}
 
     def write(self, places: Places) -> None:
-        made = {"geometry": _points(places), "ellipse": _polygons(places)}
-        for name, cells in {**places.columns, **made}.items():
+        geometries = {"geometry": _points(places), "ellipse": _polygons(places)}
+        for name, cells in {**places.columns, **geometries}.items():
             self._columns.setdefault(name, []).extend(cells)
 
     def close(self) -> None:
@@ -45,7 +45,7 @@ def _type(name: str) -> Any:
 
 
 class _Unclosed:
-    """A sink that stays open for whoever made it."""
+    """A sink that stays open: its owner closes it."""
 
     def __init__(self, sink: IO[bytes]) -> None:
         self._sink = sink
@@ -61,16 +61,16 @@ class _Unclosed:
         """Leave the sink open."""
 
 
-def _points(piece: Places) -> Sequence[bytes | None]:
+def _points(places: Places) -> Sequence[bytes | None]:
     return [
         None if np.isnan(x) else struct.pack("<BIdd", 1, 1, x, y)
-        for x, y in zip(piece.x.tolist(), piece.y.tolist(), strict=True)
+        for x, y in zip(places.x.tolist(), places.y.tolist(), strict=True)
     ]
 
 
-def _polygons(piece: Places) -> Sequence[bytes | None]:
-    head = struct.pack("<BIII", 1, 3, 1, piece.outline.shape[1])
-    rings: Any = np.ascontiguousarray(piece.outline, dtype="<f8")
+def _polygons(places: Places) -> Sequence[bytes | None]:
+    head = struct.pack("<BIII", 1, 3, 1, places.outline.shape[1])
+    rings: Any = np.ascontiguousarray(places.outline, dtype="<f8")
     return [None if np.isnan(ring[0, 0]) else head + ring.tobytes() for ring in rings]
 
 

@@ -1,4 +1,4 @@
-"""Estimates as KML for Google Earth and the like: a placemark for each, its ellipse, and its columns as description."""
+"""Estimates as KML for Google Earth and similar tools: a placemark with ellipse and the columns as description."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import IO, Any
 from xml.sax.saxutils import escape
 
 from nlosctl.contract.formats import ExporterSpec, Places
-from nlosctl.formats.map_options import MapOptions
+from nlosctl.formats.map_options import MapOptions, known_values, title
 
 __all__ = ["FORMAT"]
 
@@ -28,22 +28,22 @@ class _Writer:
         sink.write(_HEAD.encode("utf-8"))
 
     def write(self, places: Places) -> None:
-        for place in range(places.size):
-            self._sink.write(_placemark(places, place).encode("utf-8"))
+        for row in range(places.size):
+            self._sink.write(_placemark(places, row).encode("utf-8"))
 
     def close(self) -> None:
         self._sink.write(b"</Document>\n</kml>\n")
 
 
-def _placemark(piece: Places, place: int) -> str:
-    said = {name: values[place] for name, values in piece.columns.items() if values[place] is not None}
-    name = " ".join(str(said[key]) for key in ("snapshot", "method") if key in said)
-    description = "\n".join(f"{key}: {_shown(value)}" for key, value in said.items())
+def _placemark(places: Places, row: int) -> str:
+    values = known_values(places, row)
+    name = title(values)
+    description = "\n".join(f"{key}: {_shown(value)}" for key, value in values.items())
     geometries = []
-    x, y = float(piece.x[place]), float(piece.y[place])
+    x, y = float(places.x[row]), float(places.y[row])
     if not math.isnan(x):
         geometries.append(f"<Point><coordinates>{x!r},{y!r}</coordinates></Point>")
-    outline = piece.outline[place]
+    outline = places.outline[row]
     if not math.isnan(outline[0, 0]):
         ring = " ".join(f"{lon!r},{lat!r}" for lon, lat in outline.tolist())
         boundary = f"<outerBoundaryIs><LinearRing><coordinates>{ring}</coordinates></LinearRing></outerBoundaryIs>"
@@ -66,7 +66,7 @@ def _text(text: str) -> str:
 
 FORMAT = ExporterSpec(
     name="kml",
-    summary="KML: placemarks with ellipses, status and the rest in the description",
+    summary="KML: placemarks with ellipses, status and all other columns in the description",
     reference="OGC 07-147r2, KML 2.2",
     options=MapOptions,
     start=_Writer,

@@ -1,8 +1,8 @@
-"""What KrakenSDR and df-aggregator have in common: a direction relative to the array becomes a compass azimuth.
+"""Options and rows shared by both KrakenSDR formats: a direction relative to the array becomes a compass azimuth.
 
-The software writes the direction in the unit-circle sense, counter-clockwise from the front of the array; df-aggregator
-turns it to an azimuth as heading + 360 - DoA (receivers.py). The wiki calls it "compass convention", which its
-authors name a mistake of the page; builds that follow it take ``sense=clockwise``.
+The software writes the direction counter-clockwise from the front of the array; df-aggregator converts it to an azimuth
+as heading + 360 - DoA (receivers.py). The wiki calls the direction "compass convention", which its authors call a
+mistake of the page; for builds that follow the wiki set ``sense=clockwise``.
 """
 
 from __future__ import annotations
@@ -27,17 +27,21 @@ EXTRA: dict[str, Any] = {
 
 @dataclass(frozen=True, kw_only=True)
 class KrakenOptions:
-    """What a log of readings leaves open."""
+    """Settings that a log of readings does not contain."""
 
     window: str = option("all", meaning=WINDOW_MEANING)
     sense: Literal["counter-clockwise", "clockwise"] = option(
-        "counter-clockwise", meaning="how the direction counts from the front of the array"
+        "counter-clockwise", meaning="positive sense of the direction from the front of the array"
     )
     heading_deg: float | None = option(
-        None, meaning="heading of the array, clockwise from north, in place of the logged one", unit="deg"
+        None, meaning="heading of the array, clockwise from north, instead of the logged one", unit="deg"
     )
     bearing_std_deg: float | None = option(
-        None, meaning="std of every bearing; else give it to the next command", unit="deg", minimum=0.0, exclusive=True
+        None,
+        meaning="standard deviation of every bearing; otherwise set it in the next command",
+        unit="deg",
+        minimum=0.0,
+        exclusive=True,
     )
 
 
@@ -55,13 +59,11 @@ def reading(
     power_db: float,
     options: KrakenOptions,
 ) -> Row:
-    """Return the row of one reading; raises UnfitError where the station does not know its place."""
+    """Return the row of one reading; raise UnfitError if the station had no position."""
     if lat_deg == 0.0 and lon_deg == 0.0:
-        raise UnfitError(
-            "got 0, 0: the station did not know its place, expected its latitude and longitude", "latitude"
-        )
+        raise UnfitError("got 0, 0: the station had no position, expected its latitude and longitude", "latitude")
     heading = heading_deg if options.heading_deg is None else options.heading_deg
-    turned = doa_deg if options.sense == "clockwise" else -doa_deg
+    clockwise_deg = doa_deg if options.sense == "clockwise" else -doa_deg
     return Row(
         line=line,
         epoch_s=time_s,
@@ -70,7 +72,7 @@ def reading(
             "sensor": station,
             "sensor_lat_deg": lat_deg,
             "sensor_lon_deg": lon_deg,
-            "azimuth_deg": (heading + turned) % 360.0,
+            "azimuth_deg": (heading + clockwise_deg) % 360.0,
             "bearing_std_deg": options.bearing_std_deg,
             "time_s": time_s,
             "frequency_hz": frequency_hz,

@@ -1,4 +1,4 @@
-"""Logs of KrakenSDR in its "Kraken App" format: a line per reading, without a header."""
+"""KrakenSDR logs in the "Kraken App" format: one line per reading, without a header."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from nlosctl.formats.kraken import EXTRA, KrakenOptions, reading
 __all__ = ["FORMAT"]
 
 _FEWEST = 12
-"""Time, DoA, confidence, power, frequency, array, latency, station, latitude, longitude and two headings; then the
-sensor of the main heading, reserved fields and the spectrum, of which nothing is needed."""
+"""Time, DoA, confidence, power, frequency, array, latency, station, latitude, longitude and two headings. The fields
+after them (source of the main heading, reserved fields, spectrum) are not used."""
 
 
 def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
@@ -44,7 +44,7 @@ def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
 
 FORMAT = ImporterSpec(
     name="kraken-csv",
-    summary="KrakenSDR readings in the Kraken App format (CSV, a line per reading)",
+    summary="KrakenSDR readings in the Kraken App format (CSV, one line per reading)",
     reference="KrakenSDR wiki, 'Kraken App' output format, and krakensdr_doa, kraken_sdr_signal_processor.py",
     options=KrakenOptions,
     kind=lambda options: "bearings",

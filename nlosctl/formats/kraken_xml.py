@@ -1,7 +1,6 @@
-"""Readings that KrakenSDR writes for df-aggregator: DATA elements, one to a document, any number of documents.
+"""KrakenSDR readings in the DF Aggregator format: one DATA element per XML document, any number of documents.
 
-Parsed by expat as the lines come, within an element of our own: a document type, and with it every entity, is no XML
-there.
+Lines are fed to expat within an enclosing element, where document types, and with them entities, are not valid XML.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ __all__ = ["FORMAT"]
 _DEEPEST = 8
 _LONGEST_TEXT = 10_000
 _LARGEST_MHZ = 1e5
-_PLACE = ("LOCATION/LATITUDE", "LOCATION/LONGITUDE", "LOCATION/HEADING")
-_FIELDS = ("STATION_ID", "TIME", "FREQUENCY", *_PLACE, "DOA", "PWR", "CONF")
+_LOCATION = ("LOCATION/LATITUDE", "LOCATION/LONGITUDE", "LOCATION/HEADING")
+_FIELDS = ("STATION_ID", "TIME", "FREQUENCY", *_LOCATION, "DOA", "PWR", "CONF")
 
 
 class _Readings:
-    """Gathers the fields of DATA elements; ``done`` are the whole ones, with the line where each began."""
+    """Collects the fields of DATA elements; ``done`` holds complete elements with the line where each begins."""
 
     def __init__(self) -> None:
         self.done: list[tuple[int, dict[str, str]]] = []
@@ -42,9 +41,7 @@ class _Readings:
     def _start(self, name: str, _: object) -> None:
         self._path.append(name)
         if len(self._path) > _DEEPEST:
-            raise DataError(
-                f"elements within elements, {len(self._path)} deep, expected <DATA> with <STATION_ID> and so on"
-            )
+            raise DataError(f"elements nested {len(self._path)} deep, expected <DATA> with <STATION_ID> and so on")
         if name == "DATA":
             self._fields, self._line = {}, self.parser.CurrentLineNumber
 
@@ -67,16 +64,16 @@ def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
 
 
 def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
-    readings, line, found = _Readings(), 0, False
+    readings, line, has_data = _Readings(), 0, False
     try:
         for line, text in lines(file):
             if "<!DOCTYPE" in text or "<!ENTITY" in text:
-                raise DataError("holds a document type or an entity, expected none: they are not read")
-            behind = line - readings.parser.CurrentLineNumber
-            readings.parser.Parse("\n" * behind + _without_declaration(text), False)
-            for begun, fields in readings.done:
-                found = True
-                yield _reading(begun, fields, options)
+                raise DataError("contains a document type or an entity, expected neither; they are not supported")
+            blank = line - readings.parser.CurrentLineNumber  # so that the parser's line numbers are the file's
+            readings.parser.Parse("\n" * blank + _without_declaration(text), False)
+            for first_line, fields in readings.done:
+                has_data = True
+                yield _reading(first_line, fields, options)
             readings.done.clear()
         readings.parser.Parse("</LOG>", True)
     except expat.ExpatError as error:
@@ -84,12 +81,12 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLi
     except DataError as error:
         prefix = "" if str(error).startswith(file.name) else f"{file.name}, line {line}: "
         raise DataError(f"{prefix}{error}") from None
-    if not found:
-        raise DataError(f"{file.name}: no <DATA> element: this is no DF Aggregator output")
+    if not has_data:
+        raise DataError(f"{file.name}: no <DATA> element; not DF Aggregator output")
 
 
 def _without_declaration(text: str) -> str:
-    """Return a line without an XML declaration: one stands before each document."""
+    """Return a line without its XML declarations: each document has one."""
     start = text.find("<?xml")
     end = text.find("?>", start)
     return text if start < 0 or end < 0 else _without_declaration(text[:start] + text[end + 2 :])
@@ -119,7 +116,7 @@ def _reading(line: int, fields: dict[str, str], options: KrakenOptions) -> Row |
 
 
 def _hertz(frequency: float) -> float:
-    """Return a frequency that is in MHz or in Hz, as versions differ; no receiver reaches both."""
+    """Return a frequency in Hz: versions of the software write MHz or Hz, and no receiver covers both ranges."""
     return frequency * 1e6 if frequency < _LARGEST_MHZ else frequency
 
 

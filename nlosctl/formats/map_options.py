@@ -1,19 +1,32 @@
-"""The options that the exporters of maps share."""
+"""Options and helpers shared by the map exporters."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from nlosctl.contract.formats import Places
 from nlosctl.contract.options import option
 
-__all__ = ["MapOptions"]
+__all__ = ["MapOptions", "known_values", "title"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """What of each estimate is drawn."""
+    """Ellipses of the estimates."""
 
     ellipse: float = option(
-        0.95, meaning="share of Gaussian errors that the ellipses hold", minimum=0.0, maximum=1.0, exclusive=True
+        0.95, meaning="probability content of the error ellipses", minimum=0.0, maximum=1.0, exclusive=True
     )
     vertices: int = option(72, meaning="vertices of an ellipse", minimum=8, maximum=3600)
+
+
+def known_values(places: Places, row: int) -> dict[str, Any]:
+    """Return the values of one estimate by column, without nulls."""
+    return {name: values[row] for name, values in places.columns.items() if values[row] is not None}
+
+
+def title(values: Mapping[str, Any]) -> str:
+    """Return the title of an estimate: its snapshot and method."""
+    return " ".join(str(values[key]) for key in ("snapshot", "method") if key in values)

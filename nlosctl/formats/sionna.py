@@ -1,9 +1,9 @@
-"""Paths that Sionna RT has traced, saved as arrays (NPZ) or rows (Parquet): bearings, or triplets over a target.
+"""Paths traced by Sionna RT, saved as arrays (NPZ) or rows (Parquet): bearings, or triplets via a target.
 
 The arrays are those of ``sionna.rt.Paths`` with a synthetic array, shapes (receivers, transmitters, paths): ``tau`` (s,
--1 where there is no path), ``phi_r`` and ``phi_t`` (azimuths of arrival and departure, rad), ``interactions`` (depth,
-receivers, transmitters, paths), and the positions ``targets`` (3, receivers), ``sources`` (3, transmitters). For truth
-of triplets ``vertices`` (depth, receivers, transmitters, paths, 3). No pickled object is read.
+-1 for no path), ``phi_r`` and ``phi_t`` (azimuths of arrival and departure, rad), ``interactions`` (depth, receivers,
+transmitters, paths), and the positions ``targets`` (3, receivers), ``sources`` (3, transmitters). The truth of triplets
+needs ``vertices`` (depth, receivers, transmitters, paths, 3). Pickled objects are not read.
 """
 
 from __future__ import annotations
@@ -29,28 +29,30 @@ _LIGHT_M_S = 299_792_458.0
 _LARGEST_BYTES = 4 << 30
 _DIRECT_OFF_RAD = 0.02
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, KeyError, NotImplementedError, RuntimeError)
-"""What damage to a zip raises: encryption and methods that there are not are read out of damaged bytes too."""
+"""Exceptions of damaged zip files, whose bytes may also look like encryption or an unknown compression method."""
 _NEEDED = ("tau", "phi_r", "phi_t", "sources", "targets")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SionnaOptions:
-    """What is made of the paths."""
+    """Kind of measurements to make of the paths, and their standard deviations."""
 
-    kind: Literal["bearings", "triplets"] = option("bearings", meaning="transmitters located by bearings, or triplets")
-    target: tuple[float, float] | None = option(None, meaning="x,y of the target that triplets are over", unit="m")
+    kind: Literal["bearings", "triplets"] = option("bearings", meaning="bearings of the transmitters, or triplets")
+    target: tuple[float, float] | None = option(None, meaning="x,y of the target of the triplets", unit="m")
     target_radius_m: float = option(
-        0.5, meaning="a single interaction so near to the target is on it", unit="m", minimum=0.0
+        0.5, meaning="a single interaction within this distance is on the target", unit="m", minimum=0.0
     )
     bearing_std_deg: float | None = option(
-        None, meaning="std of every direction", unit="deg", minimum=0.0, exclusive=True
+        None, meaning="standard deviation of every direction", unit="deg", minimum=0.0, exclusive=True
     )
-    range_std_m: float | None = option(None, meaning="std of every length", unit="m", minimum=0.0, exclusive=True)
+    range_std_m: float | None = option(
+        None, meaning="standard deviation of every length", unit="m", minimum=0.0, exclusive=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Paths:
-    """The arrays, checked: lengths (R, T, P) in metres with NaN where there is no path."""
+    """The checked arrays: lengths (R, T, P) in metres, NaN for no path."""
 
     length_m: FloatArray
     phi_r: FloatArray
@@ -63,30 +65,30 @@ class _Paths:
 
 def _rows(file: ForeignFile, options: SionnaOptions) -> Iterator[Row | BadLine]:
     if options.kind == "bearings" and options.target is not None:
-        raise UsageError("importer 'sionna' takes the parameter target with kind=triplets")
+        raise UsageError("importer 'sionna' takes the parameter 'target' only with kind=triplets")
     paths = _read(file)
     _check_direct(file, paths)
     yield from _bearings(paths, options) if options.kind == "bearings" else _triplets(paths, options)
 
 
 def _bearings(paths: _Paths, options: SionnaOptions) -> Iterator[Row]:
-    """Yield the paths of each transmitter, its receivers being the sensors, shortest first."""
+    """Yield the paths of each transmitter, shortest first, with the receivers as sensors."""
     receivers, transmitters, _ = paths.length_m.shape
     line = 0
     for tx in range(transmitters):
         for rx in range(receivers):
-            for rank, place in enumerate(_by_length(paths.length_m[rx, tx])):
+            for rank, path in enumerate(_by_length(paths.length_m[rx, tx])):
                 line += 1
-                bounces = None if paths.bounces is None else paths.bounces[rx, tx, place]
+                bounces = None if paths.bounces is None else paths.bounces[rx, tx, path]
                 values: dict[str, Any] = {
                     "snapshot": tx,
                     "sensor": f"rx{rx}",
                     "path": rank,
                     "sensor_x_m": paths.rx_m[0, rx],
                     "sensor_y_m": paths.rx_m[1, rx],
-                    "bearing_rad": _wrapped(paths.phi_r[rx, tx, place]),
+                    "bearing_rad": _wrapped(paths.phi_r[rx, tx, path]),
                     "bearing_std_deg": options.bearing_std_deg,
-                    "range_m": paths.length_m[rx, tx, place],
+                    "range_m": paths.length_m[rx, tx, path],
                     "range_std_m": options.range_std_m,
                     "truth_x_m": paths.tx_m[0, tx],
                     "truth_y_m": paths.tx_m[1, tx],
@@ -97,14 +99,14 @@ def _bearings(paths: _Paths, options: SionnaOptions) -> Iterator[Row]:
 
 
 def _triplets(paths: _Paths, options: SionnaOptions) -> Iterator[Row]:
-    """Yield the paths of each receiver and transmitter but the line of sight: a snapshot of triplets."""
+    """Yield a snapshot of triplets per receiver and transmitter: all paths except the line of sight."""
     receivers, transmitters, _ = paths.length_m.shape
     line = 0
     for rx in range(receivers):
         for tx in range(transmitters):
-            for rank, place in enumerate(_by_length(paths.length_m[rx, tx])):
+            for rank, path in enumerate(_by_length(paths.length_m[rx, tx])):
                 line += 1
-                bounces = None if paths.bounces is None else int(paths.bounces[rx, tx, place])
+                bounces = None if paths.bounces is None else int(paths.bounces[rx, tx, path])
                 if bounces == 0:
                     continue
                 values: dict[str, Any] = {
@@ -114,14 +116,14 @@ def _triplets(paths: _Paths, options: SionnaOptions) -> Iterator[Row]:
                     "tx_y_m": paths.tx_m[1, tx],
                     "rx_x_m": paths.rx_m[0, rx],
                     "rx_y_m": paths.rx_m[1, rx],
-                    "dod_rad": _wrapped(paths.phi_t[rx, tx, place]),
-                    "doa_rad": _wrapped(paths.phi_r[rx, tx, place]),
-                    "path_length_m": paths.length_m[rx, tx, place],
+                    "dod_rad": _wrapped(paths.phi_t[rx, tx, path]),
+                    "doa_rad": _wrapped(paths.phi_r[rx, tx, path]),
+                    "path_length_m": paths.length_m[rx, tx, path],
                     "dod_std_deg": options.bearing_std_deg,
                     "doa_std_deg": options.bearing_std_deg,
                     "path_length_std_m": options.range_std_m,
                     "interactions": bounces,
-                    **_target_truth(paths, options, (rx, tx, place), bounces),
+                    **_target_truth(paths, options, (rx, tx, path), bounces),
                 }
                 yield Row(line=line, values=values)
 
@@ -140,8 +142,8 @@ def _target_truth(
 
 
 def _by_length(length_m: FloatArray) -> list[int]:
-    there = np.flatnonzero(np.isfinite(length_m))
-    ranked: list[int] = there[np.argsort(length_m[there], kind="stable")].tolist()
+    existing = np.flatnonzero(np.isfinite(length_m))
+    ranked: list[int] = existing[np.argsort(length_m[existing], kind="stable")].tolist()
     return ranked
 
 
@@ -154,12 +156,12 @@ def _read(file: ForeignFile) -> _Paths:
     for name in _NEEDED:
         if name not in arrays:
             raise DataError(
-                f"{file.name}: no array {name!r}; it holds {', '.join(arrays) or 'none'}, expected {_NEEDED}"
+                f"{file.name}: no array {name!r}; got {', '.join(arrays) or 'none'}, expected {', '.join(_NEEDED)}"
             )
     tau = _numbers(file, arrays, "tau")
     if tau.ndim != 3:
         raise DataError(
-            f"{file.name}, array 'tau': got the shape {tau.shape}, expected (receivers, transmitters, paths): "
+            f"{file.name}, array 'tau': got shape {tau.shape}, expected (receivers, transmitters, paths); "
             f"trace with synthetic_array=True"
         )
     shape = tau.shape
@@ -169,9 +171,7 @@ def _read(file: ForeignFile) -> _Paths:
     if "interactions" in arrays:
         kinds = _numbers(file, arrays, "interactions")
         if kinds.shape[1:] != shape:
-            raise DataError(
-                f"{file.name}, array 'interactions': got the shape {kinds.shape}, expected (depth, *tau.shape)"
-            )
+            raise DataError(f"{file.name}, array 'interactions': got shape {kinds.shape}, expected (depth, *tau.shape)")
         bounces = np.count_nonzero(kinds, axis=0).astype(np.int64)
         if "vertices" in arrays:
             first_m = _numbers(file, arrays, "vertices", (*kinds.shape, 3))[0]
@@ -180,7 +180,7 @@ def _read(file: ForeignFile) -> _Paths:
 
 
 def _arrays(file: ForeignFile) -> dict[str, Any]:
-    """Return the arrays of an NPZ, or of a Parquet table; objects and what would not fit into memory are refused."""
+    """Return the arrays of an NPZ file or a Parquet table; raise DataError for objects and excessive sizes."""
     head = file.stream.read(4)
     file.stream.seek(0)
     if head == b"PAR1":
@@ -189,26 +189,26 @@ def _arrays(file: ForeignFile) -> dict[str, Any]:
         with zipfile.ZipFile(file.stream) as archive:
             size = sum(member.file_size for member in archive.infolist())
         if size > _LARGEST_BYTES:
-            raise DataError(f"{file.name}: its arrays have {size} bytes, expected at most {_LARGEST_BYTES}")
+            raise DataError(f"{file.name}: arrays of {size} bytes, expected at most {_LARGEST_BYTES}")
         file.stream.seek(0)
         with np.load(file.stream, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files if name in (*_NEEDED, "interactions", "vertices")}
     except _UNREADABLE as error:
-        raise DataError(f"{file.name}: not a whole NPZ file: {error}") from error
+        raise DataError(f"{file.name}: not a complete NPZ file: {error}") from error
     except ValueError as error:
-        raise DataError(f"{file.name}: an array that can't be read: {error}") from error
+        raise DataError(f"{file.name}: an array can't be read: {error}") from error
 
 
 def _numbers(file: ForeignFile, arrays: dict[str, Any], name: str, shape: tuple[int, ...] | None = None) -> FloatArray:
     array = arrays[name]
     if array.dtype.kind not in "fiu" or (shape is not None and array.shape != shape):
-        wanted = "numbers" if shape is None else f"numbers of the shape {shape}"
-        raise DataError(f"{file.name}, array {name!r}: got {array.dtype} of the shape {array.shape}, expected {wanted}")
+        wanted = "numbers" if shape is None else f"numbers of shape {shape}"
+        raise DataError(f"{file.name}, array {name!r}: got {array.dtype} of shape {array.shape}, expected {wanted}")
     return np.asarray(array, dtype=np.float64)
 
 
 def _check_direct(file: ForeignFile, paths: _Paths) -> None:
-    """Raise DataError where paths in line of sight do not come from where their transmitter is."""
+    """Raise DataError if line-of-sight paths do not arrive from the direction of their transmitter."""
     if paths.bounces is None:
         return
     direct = np.isfinite(paths.length_m) & (paths.bounces == 0)
@@ -219,7 +219,7 @@ def _check_direct(file: ForeignFile, paths: _Paths) -> None:
     if (direct & level & (off > _DIRECT_OFF_RAD)).any():
         worst = np.degrees(off[direct & level].max())
         raise DataError(
-            f"{file.name}, array 'phi_r': a path in line of sight comes from {worst:.3g} deg beside its transmitter, "
+            f"{file.name}, array 'phi_r': a line-of-sight path arrives {worst:.3g} deg off its transmitter, "
             f"expected the order (receivers, transmitters, paths) and angles in the scene's frame"
         )
 

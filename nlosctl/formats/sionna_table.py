@@ -1,4 +1,4 @@
-"""Traced paths as a Parquet table, a row for each path: turned into the arrays that an NPZ of Sionna RT has."""
+"""Traced paths as a Parquet table, one row per path, converted to the arrays of a Sionna RT NPZ file."""
 
 from __future__ import annotations
 
@@ -17,36 +17,37 @@ __all__ = ["arrays_of_table"]
 _NUMBERS = ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")
 _OPTIONAL = ("interactions", "vertex_x", "vertex_y")
 _MOST_CELLS = 1 << 27
-"""So many places of paths, receivers times transmitters times the most paths between two of them: 1 GiB an array."""
+"""Largest size of an array: receivers times transmitters times the most paths of a link; 1 GiB per array."""
 _MOST_INTERACTIONS = 1000
 
 
 def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
-    """Return the arrays of the table's paths; raises DataError for a column that is absent, empty or no number."""
+    """Return the arrays of the table's paths; raise DataError for a missing, empty or non-numeric column."""
     columns = _columns(file)
     rx, tx = (np.unique(columns[name], return_inverse=True)[1] for name in ("rx", "tx"))
     receivers, transmitters = int(rx.max()) + 1, int(tx.max()) + 1
     link = rx * transmitters + tx
     order = np.argsort(link, kind="stable")
     starts = np.searchsorted(link[order], link[order])
-    place = np.empty(order.shape[0], dtype=np.int64)
-    place[order] = np.arange(order.shape[0]) - starts
-    shape = (receivers, transmitters, int(place.max()) + 1)
+    path = np.empty(order.shape[0], dtype=np.int64)
+    path[order] = np.arange(order.shape[0]) - starts
+    shape = (receivers, transmitters, int(path.max()) + 1)
     if math.prod(shape) > _MOST_CELLS:
-        told = " x ".join(map(str, shape))
-        raise DataError(f"{file.name}: {told} receivers, transmitters and paths, expected at most {_MOST_CELLS} in all")
-    at = (rx, tx, place)
+        sizes = " x ".join(map(str, shape))
+        raise DataError(
+            f"{file.name}: {sizes} receivers, transmitters and paths, expected at most {_MOST_CELLS} in all"
+        )
+    at = (rx, tx, path)
 
     def filled(name: str, absent: float) -> Any:
         array = np.full(shape, absent)
         array[at] = columns[name]
         return array
 
-    made: dict[str, Any] = {name: filled(name, -1.0 if name == "tau" else 0.0) for name in ("tau", "phi_r", "phi_t")}
-    for name, end, count in (("targets", rx, receivers), ("sources", tx, transmitters)):
-        prefix = "rx" if name == "targets" else "tx"
-        made[name] = np.zeros((3, count))
-        made[name][0, end], made[name][1, end] = columns[f"{prefix}_x"], columns[f"{prefix}_y"]
+    arrays: dict[str, Any] = {name: filled(name, -1.0 if name == "tau" else 0.0) for name in ("tau", "phi_r", "phi_t")}
+    for name, prefix, node, count in (("targets", "rx", rx, receivers), ("sources", "tx", tx, transmitters)):
+        arrays[name] = np.zeros((3, count))
+        arrays[name][0, node], arrays[name][1, node] = columns[f"{prefix}_x"], columns[f"{prefix}_y"]
     if "interactions" in columns:
         count = filled("interactions", 0.0)
         wrong = ~((count >= 0.0) & (count <= _MOST_INTERACTIONS))
@@ -59,12 +60,12 @@ def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
             raise DataError(
                 f"{file.name}: {most} interactions of {count.size} paths, expected at most {_MOST_CELLS} in all"
             )
-        made["interactions"] = (np.arange(most)[:, None, None, None] < count).astype(np.int64)
+        arrays["interactions"] = (np.arange(most)[:, None, None, None] < count).astype(np.int64)
         if "vertex_x" in columns and "vertex_y" in columns:
-            vertices = np.zeros((*made["interactions"].shape, 3))
+            vertices = np.zeros((*arrays["interactions"].shape, 3))
             vertices[0, ..., 0], vertices[0, ..., 1] = filled("vertex_x", 0.0), filled("vertex_y", 0.0)
-            made["vertices"] = vertices
-    return made
+            arrays["vertices"] = vertices
+    return arrays
 
 
 def _columns(file: ForeignFile) -> dict[str, Any]:
@@ -72,10 +73,10 @@ def _columns(file: ForeignFile) -> dict[str, Any]:
         table = pyarrow.parquet.read_table(file.stream)
         names = table.column_names
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(f"{file.name}: not a whole Parquet file: {str(error).splitlines()[0]}") from error
+        raise DataError(f"{file.name}: not a complete Parquet file: {str(error).splitlines()[0]}") from error
     if not table.num_rows:
         raise DataError(f"{file.name}: no rows")
-    found = {}
+    columns = {}
     for name in ("rx", "tx", *_NUMBERS, *_OPTIONAL):
         if name not in names:
             if name in _OPTIONAL:
@@ -85,9 +86,9 @@ def _columns(file: ForeignFile) -> dict[str, Any]:
         cells = table.column(name)
         number = pa.types.is_floating(cells.type) or pa.types.is_integer(cells.type)
         if cells.null_count or (name in (*_NUMBERS, *_OPTIONAL) and not number):
-            raise DataError(f"{file.name}, column {name!r}: holds {cells.type}, expected numbers in every row")
+            raise DataError(f"{file.name}, column {name!r}: got {cells.type}, expected numbers in every row")
         try:
-            found[name] = cells.combine_chunks().to_numpy(zero_copy_only=False)
+            columns[name] = cells.combine_chunks().to_numpy(zero_copy_only=False)
         except (pa.ArrowException, ValueError) as error:
             raise DataError(f"{file.name}, column {name!r}: can't be read: {error}") from error
-    return found
+    return columns

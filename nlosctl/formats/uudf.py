@@ -1,4 +1,4 @@
-"""Angle events of u-blox u-connectLocate: ``+UUDF:`` lines of a serial log, other lines between them left out."""
+"""Angle events of u-blox u-connectLocate: the ``+UUDF:`` lines of a serial log; other lines are skipped."""
 
 from __future__ import annotations
 
@@ -21,15 +21,19 @@ _FIELDS = (9, 10)
 
 @dataclass(frozen=True, kw_only=True)
 class UudfOptions:
-    """What a log of angle events leaves open."""
+    """Settings that a log of angle events does not contain."""
 
     window: str = option(
         "round",
-        meaning=f"round: a snapshot of a tag lasts until an anchor speaks again; {WINDOW_MEANING}, by the anchors' "
-        "clocks, which count from their own start",
+        meaning=f"round: a snapshot of a tag ends when an anchor reports again; {WINDOW_MEANING}, by the anchors' "
+        "unsynchronized clocks",
     )
     bearing_std_deg: float | None = option(
-        None, meaning="std of every azimuth; else give it to the next command", unit="deg", minimum=0.0, exclusive=True
+        None,
+        meaning="standard deviation of every azimuth; otherwise set it in the next command",
+        unit="deg",
+        minimum=0.0,
+        exclusive=True,
     )
 
 
@@ -67,7 +71,7 @@ def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
     else:
         yield from in_epochs(rows, parse_window(options.window, "importer 'uudf'"))
     if not events:
-        raise DataError(f"{file.name}: no line has {_EVENT!r}: this is no log of u-connectLocate")
+        raise DataError(f"{file.name}: no line contains {_EVENT!r}; not a u-connectLocate log")
 
 
 FORMAT = ImporterSpec(

@@ -1,4 +1,4 @@
-"""Logs of UWB ranging, one range per line: lines of one window of time are a snapshot."""
+"""UWB ranging logs, one range per line: the lines of a time window are a snapshot."""
 
 from __future__ import annotations
 
@@ -22,29 +22,32 @@ _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 @dataclass(frozen=True, kw_only=True)
 class UwbOptions:
-    """The names of the columns, their units, and what they leave open."""
+    """Names of the columns, their units, and settings that the file does not contain."""
 
-    time: str = option("time", meaning="column of the time")
-    time_unit: Literal["s", "ms", "us", "ns"] = option("s", meaning="its unit")
-    anchor: str = option("anchor", meaning="column of the anchor's name, as in the scene")
-    range: str = option("range", meaning="column of the range")
-    range_unit: Literal["m", "cm", "mm"] = option("m", meaning="unit of range and std; of the variance its square")
-    tag: str | None = option(None, meaning="column of the tag's name: each its own snapshots")
-    std: str | None = option(None, meaning="column of the std of a range")
-    variance: str | None = option(None, meaning="column of the variance of a range")
+    time: str = option("time", meaning="column with the time")
+    time_unit: Literal["s", "ms", "us", "ns"] = option("s", meaning="unit of the time")
+    anchor: str = option("anchor", meaning="column with the anchor's name, as in the scene")
+    range: str = option("range", meaning="column with the range")
+    range_unit: Literal["m", "cm", "mm"] = option("m", meaning="unit of range and std; the variance is in its square")
+    tag: str | None = option(None, meaning="column with the tag's name; each tag has its own snapshots")
+    std: str | None = option(None, meaning="column with the standard deviation of a range")
+    variance: str | None = option(None, meaning="column with the variance of a range")
     range_std_m: float | None = option(
-        None, meaning="std of every range; else give it to the next command", unit="m", minimum=0.0, exclusive=True
+        None,
+        meaning="standard deviation of every range; otherwise set it in the next command",
+        unit="m",
+        minimum=0.0,
+        exclusive=True,
     )
     window: str = option("0.1s", meaning=WINDOW_MEANING)
 
 
 def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
-    told = [word for word in (options.std, options.variance, options.range_std_m) if word is not None]
-    if len(told) > 1:
-        raise UsageError("importer 'uwb' takes one of the parameters std, variance and range_std_m")
-    named = (options.tag, options.std, options.variance)
-    wanted = [options.time, options.anchor, options.range, *(name for name in named if name)]
-    places = {sensor.name: sensor.position for sensor in file.scene.sensors}
+    if sum(value is not None for value in (options.std, options.variance, options.range_std_m)) > 1:
+        raise UsageError("importer 'uwb' takes only one of the parameters std, variance and range_std_m")
+    optional = (options.tag, options.std, options.variance)
+    wanted = [options.time, options.anchor, options.range, *(name for name in optional if name)]
+    positions = {sensor.name: sensor.position for sensor in file.scene.sensors}
     metres = _METRES[options.range_unit]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
@@ -52,7 +55,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
         if not anchor:
             raise UnfitError("empty, expected the name of the anchor", options.anchor)
         time_s = number(cells[options.time], options.time) * _SECONDS[options.time_unit]
-        x, y = places.get(anchor, (None, None))
+        x, y = positions.get(anchor, (None, None))
         values: dict[str, Any] = {
             "sensor": anchor,
             "sensor_x_m": x,
@@ -78,7 +81,7 @@ def _std(cells: Mapping[str, str], options: UwbOptions, metres: float) -> float 
 FORMAT = ImporterSpec(
     name="uwb",
     summary="UWB ranging logs, one range per line (CSV: time, anchor, range, or as named)",
-    reference="this project, docs/formats.md; columns as UWB loggers have them",
+    reference="this project, docs/formats.md; columns as in common UWB logs",
     options=UwbOptions,
     kind=lambda options: "ranges",
     rows=_rows,

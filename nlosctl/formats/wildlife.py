@@ -1,4 +1,4 @@
-"""Compass bearings of wildlife telemetry: a CSV with a line per bearing, grouped by animal and time."""
+"""Compass bearings of wildlife telemetry: a CSV with one line per bearing, grouped by animal and time."""
 
 from __future__ import annotations
 
@@ -16,23 +16,27 @@ __all__ = ["FORMAT"]
 
 @dataclass(frozen=True, kw_only=True)
 class WildlifeOptions:
-    """The names of the columns, as in the R package sigloc unless told, and what they leave open."""
+    """Names of the columns (default: as in the R package sigloc), and settings that the file does not contain."""
 
-    group: str = option("GID", meaning="column that the bearings of one location share")
-    x: str = option("Easting", meaning="column of the observer's easting in metres, or longitude with degrees=true")
-    y: str = option("Northing", meaning="column of the observer's northing in metres, or latitude with degrees=true")
-    azimuth: str = option("Azimuth", meaning="column of the bearing to the animal, degrees clockwise from north")
-    station: str | None = option(None, meaning="column of the observer's or station's name; else they are numbered")
+    group: str = option("GID", meaning="column with the same value for all bearings of one location")
+    x: str = option("Easting", meaning="column with the observer's easting in metres, or longitude with degrees=true")
+    y: str = option("Northing", meaning="column with the observer's northing in metres, or latitude with degrees=true")
+    azimuth: str = option("Azimuth", meaning="column with the bearing to the animal, degrees clockwise from north")
+    station: str | None = option(None, meaning="column with the observer's or station's name; default: numbered")
     degrees: bool = option(False, meaning="whether x and y are longitude and latitude (WGS 84)")
     declination_deg: float = option(
         0.0,
-        meaning="magnetic declination, east positive, that is added to each bearing",
+        meaning="magnetic declination, east positive, added to each bearing",
         unit="deg",
         minimum=-180.0,
         maximum=180.0,
     )
     bearing_std_deg: float | None = option(
-        None, meaning="std of every bearing; else give it to the next command", unit="deg", minimum=0.0, exclusive=True
+        None,
+        meaning="standard deviation of every bearing; otherwise set it in the next command",
+        unit="deg",
+        minimum=0.0,
+        exclusive=True,
     )
 
 
@@ -63,12 +67,13 @@ def _rows(file: ForeignFile, options: WildlifeOptions) -> Iterator[Row | BadLine
 
 
 def _named(group: str, rows: list[Row]) -> Iterator[Row]:
-    """Yield the bearings of a location; stations without a name, or heard again, are numbered."""
-    said: Counter[str] = Counter()
+    """Yield the bearings of a location; stations without a name, and repeated ones, are numbered."""
+    counts: Counter[str] = Counter()
     for row in rows:
         station = str(row.values["sensor"])
-        said[station] += 1
-        name = str(said[station]) if not station else station if said[station] == 1 else f"{station}#{said[station]}"
+        counts[station] += 1
+        count = counts[station]
+        name = str(count) if not station else station if count == 1 else f"{station}#{count}"
         yield Row(line=row.line, values={"snapshot": group, **row.values, "sensor": name})
 
 

@@ -1,1 +1,1 @@
-"""Pictures: the only room that knows matplotlib. It draws what other rooms computed."""
+"""Pictures: the only part of the package that uses matplotlib; other parts compute what it draws."""

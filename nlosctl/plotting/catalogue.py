@@ -1,4 +1,4 @@
-"""Which views there are of a user's files. Imports neither numpy nor matplotlib."""
+"""The views of `plot`. Imports neither NumPy nor matplotlib."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MEASUREMENTS = ("bearings", "ranges", "triplets")
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A kind of picture: what it shows, and the files that it ``takes`` (in words, for the list of views)."""
+    """A kind of picture: what it shows and which files it takes, in words for the list of views."""
 
     name: str
     shows: str
@@ -29,31 +29,31 @@ VIEWS: dict[str, View] = {
         ),
         View(
             name="estimates",
-            shows="all estimates over the scene, by method; their density where they are many",
+            shows="all estimates over the scene, by method; a density map if there are many",
             takes="estimates",
         ),
         View(name="cdf", shows="distribution of the position error, by method and sweep", takes="estimates with truth"),
         View(
             name="sweep",
-            shows="a figure of 'evaluate' (--y, the RMSE unless told) against a sweep column, by method, with +-1 "
+            shows="a figure of 'evaluate' (--y; default: the RMSE) against a sweep column, by method, with +-1 "
             "standard error",
-            takes="scores, or estimates or flags with truth; bounds per snapshot beside them",
+            takes="scores, or estimates or flags with truth; optionally bounds per snapshot",
         ),
         View(
             name="roc",
-            shows="P_d over P_fa as the threshold moves, and how well p-values or probabilities are calibrated",
+            shows="ROC curve (P_d over P_fa), and calibration of the p-values or probabilities",
             takes="flags with ip and truth_ip, or with los and truth_los",
         ),
         View(name="map", shows="Cramer-Rao bound over the plane", takes="a map of 'bound --map'"),
         View(
             name="echoes",
-            shows="one snapshot of ranges as circles about their sensors, by the target that they are given to",
-            takes="flags of identify-los, and its estimates",
+            shows="one snapshot of ranges as circles about their sensors, by assigned target",
+            takes="flags of identify-los, with or without its estimates",
         ),
         View(
             name="triplets",
             shows="one snapshot of triplets: rays, ellipses of equal path length, and the three points of each path",
-            takes="triplets or their flags, and estimates",
+            takes="triplets or their flags, with or without estimates",
         ),
     )
 }

@@ -1,4 +1,4 @@
-"""Figures: one style, readable without colour, and files whose bytes depend on nothing but the figure."""
+"""Figures in one style, readable without colour, and picture files whose bytes depend only on the figure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 PICTURE_FORMATS = ("png", "svg", "pdf")
 
 _STYLE = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters everywhere
+    "font.family": "DejaVu Sans",  # shipped with matplotlib: the same glyphs on every system
     "font.size": 9.0,
     "axes.labelsize": 9.0,
     "axes.titlesize": 10.0,
@@ -64,7 +64,7 @@ _NO_DATES = {
 
 @dataclass(frozen=True)
 class SeriesStyle:
-    """How one of several series looks: colour, line style and marker each tell it apart alone."""
+    """Look of one of several series; colour, line style and marker each distinguish it on their own."""
 
     color: str
     line: str | tuple[int, tuple[float, ...]]
@@ -82,17 +82,17 @@ SERIES_STYLES = (
     SeriesStyle("#cc79a7", (0, (1.0, 2.5)), "P", filled=False),
     SeriesStyle("#707070", (0, (8.0, 2.0, 2.0, 2.0)), "*", filled=True),
 )
-"""The colours of Okabe and Ito, which the colour-blind tell apart, dark and light by turns for print in grey."""
+"""The colours of Okabe and Ito, distinguishable with colour blindness, alternating dark and light for print in grey."""
 
 
 def series_style(number: int) -> SeriesStyle:
-    """Return the style of series ``number``, from 0; after the last they begin again."""
+    """Return the style of series ``number``, counted from 0; the styles repeat after the last one."""
     return SERIES_STYLES[number % len(SERIES_STYLES)]
 
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Hold our style while something is drawn, whatever matplotlibrc says; also a decorator."""
+    """Apply the project's style while drawing, regardless of matplotlibrc; also a decorator."""
     with style.context(["default", _STYLE]):
         yield
 
@@ -109,7 +109,7 @@ def new_figure(
 ) -> tuple[Figure, list[Axes]]:
     """Return an empty figure of ``width_in`` by ``height_in`` inches and its panels, row by row.
 
-    ``width_ratios`` are those of the columns, equal unless given.
+    ``width_ratios`` are those of the columns; default: equal.
     """
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, width_ratios=width_ratios)
@@ -119,27 +119,28 @@ def new_figure(
 
 
 def axis_label(quantity: str, unit: str) -> str:
-    """Return the label of an axis: the quantity and its unit, ``-`` where it is a pure number."""
+    """Return the label of an axis: the quantity and its unit, ``-`` for a dimensionless quantity."""
     return f"{quantity} [{unit or '-'}]"
 
 
 def picture_format(target: str, format: str | None = None) -> str:
-    """Return png, svg or pdf, by ``format`` or by the extension of ``target``; UsageError for anything else."""
-    word = format if format is not None else PurePosixPath(location(target).name).suffix[1:]
-    if word.lower() in PICTURE_FORMATS:
-        return word.lower()
+    """Return png, svg or pdf, from ``format`` or the extension of ``target``; raise UsageError for anything else."""
+    wanted = format if format is not None else PurePosixPath(location(target).name).suffix[1:]
+    if wanted.lower() in PICTURE_FORMATS:
+        return wanted.lower()
     known = ", ".join(f".{name}" for name in PICTURE_FORMATS)
     if format is not None:
         raise UsageError(f"--format must be one of {', '.join(PICTURE_FORMATS)}. Got {format!r} instead.")
-    got = f"extension {'.' + word!r}" if word else "no extension"
-    raise UsageError(f"{target}: {got}; a picture's name ends in one of {known}{did_you_mean(word, PICTURE_FORMATS)}")
+    got = f"extension {'.' + wanted!r}" if wanted else "no extension"
+    near = did_you_mean(wanted, PICTURE_FORMATS)
+    raise UsageError(f"{target}: got {got}, expected a picture's name that ends in one of {known}{near}")
 
 
 @figure_style()
 def figure_bytes(figure: Figure, format: str) -> bytes:
     """Return the picture as png, svg or pdf; the same bytes for the same figure and version of matplotlib.
 
-    The layout is settled by the first call, so that a picture does not depend on those made before.
+    The first call fixes the layout, so that a picture does not depend on pictures of other formats made before it.
     """
     if figure.get_layout_engine() is not None:
         figure.draw_without_rendering()
@@ -157,10 +158,10 @@ def save_figure(
     overwrite: bool = False,
     inputs: Sequence[Location] = (),
 ) -> None:
-    """Write a picture, whole or not at all; PNG, SVG or PDF by the extension, or as ``format`` says.
+    """Write a picture completely or not at all: PNG, SVG or PDF, from ``format`` or the extension.
 
-    Raises UsageError for another extension, DataError where the file exists (without ``overwrite``), is one of
-    ``inputs`` or can't be written.
+    Raises UsageError for another extension, DataError if the file exists (without ``overwrite``), is one of ``inputs``
+    or can't be written.
     """
     check_targets([str(target)], overwrite=overwrite, inputs=inputs)
     write_bytes(str(target), figure_bytes(figure, picture_format(str(target), format)))

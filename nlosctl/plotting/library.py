@@ -1,6 +1,6 @@
-"""What we use of matplotlib, imported in this one place so that its absence is told with the cure.
+"""The parts of matplotlib in use, imported in one module so that its absence is reported with the cure.
 
-No pyplot: figures are objects, and nothing opens a window.
+Without pyplot: figures are objects, and no window opens.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ except ModuleNotFoundError as error:
     if error.name is None or error.name.partition(".")[0] != "matplotlib":
         raise
     raise MissingExtraError("drawing", "matplotlib", "plot") from error
-except Exception as error:  # a matplotlibrc or a MPLBACKEND of the user that it can't read
-    raise DataError(f"matplotlib can't be used as it is set up: {in_one_line(error)}") from error
+except Exception as error:  # an invalid matplotlibrc or MPLBACKEND of the user
+    raise DataError(f"matplotlib can't be used as configured: {in_one_line(error)}") from error
 
 __all__ = [
     "Axes",

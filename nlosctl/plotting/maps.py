@@ -27,7 +27,7 @@ __all__ = ["draw_map", "draw_regions", "edges_of"]
 
 
 _LEVELS = 9
-_LABELS_APART = 0.09
+_LABEL_SPACING = 0.09
 _LIGHTEST, _DARKEST = 0.96, 0.25
 _HATCHES = ("", "////", "\\\\\\\\", "xxxx", "----", "++++", "....", "oo")
 
@@ -36,10 +36,10 @@ _HATCHES = ("", "////", "\\\\\\\\", "xxxx", "----", "++++", "....", "oo")
 def draw_regions(
     axes: Axes, x: FloatArray, y: FloatArray, region: IntArray, labels: Sequence[str], *, equal_aspect: bool = True
 ) -> None:
-    """Draw which region each cell centre belongs to: ``region`` (H, W) are places in ``labels``, -1 is left white.
+    """Draw the region of each cell: ``region`` (H, W) indexes ``labels``, -1 is left white.
 
-    ``x`` (W,) and ``y`` (H,) are ascending cell centres. Regions differ in lightness and hatching; those that are
-    there are told beside the panel.
+    ``x`` (W,) and ``y`` (H,) are ascending cell centres. Regions differ in lightness and hatching; a legend beside the
+    panel lists those that occur.
     """
     colors = colormaps["cividis"](np.linspace(_LIGHTEST, _DARKEST, max(len(labels), 2)))[: len(labels)]
     painted = np.ma.masked_less(region, 0)
@@ -80,7 +80,8 @@ def draw_map(
 ) -> None:
     """Draw values (H, W) at cell centres ``x`` (W,), ``y`` (H,) as colours with a bar, and labelled contour lines.
 
-    ``label`` names the quantity with its unit. NaN, and on a logarithmic scale what is not positive, is left white.
+    ``label`` names the quantity with its unit. NaN, and on a logarithmic scale values that are not positive, are left
+    white.
     """
     good = np.isfinite(values) & ((values > 0.0) if log else True)
     shown = np.ma.masked_where(~good, values)
@@ -101,19 +102,19 @@ def draw_map(
 
 
 def _thin_labels(axes: Axes, labels: Sequence[Text]) -> None:
-    """Take away labels of contours that would stand on an earlier one."""
+    """Remove contour labels that would overlap an earlier one."""
     low, high = np.array(axes.dataLim.min), np.array(axes.dataLim.max)
-    kept: list[FloatArray] = []
+    used: list[FloatArray] = []
     for label in labels:
-        place = (np.array(label.get_position()) - low) / (high - low)
-        if any(np.hypot(*(place - other)) < _LABELS_APART for other in kept):
+        position = (np.array(label.get_position()) - low) / (high - low)
+        if any(np.hypot(*(position - other)) < _LABEL_SPACING for other in used):
             label.remove()
         else:
-            kept.append(place)
+            used.append(position)
 
 
 def edges_of(centres: FloatArray) -> FloatArray:
-    """Return the edges (N + 1,) of cells between ascending centres (N,); a lone cell is 1 wide."""
+    """Return the edges (N + 1,) of cells with ascending centres (N,); a single cell is 1 wide."""
     if centres.size == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middles = 0.5 * (centres[1:] + centres[:-1])
@@ -128,7 +129,10 @@ def _norm(values: FloatArray, log: bool) -> Normalize:
 
 
 def _levels(values: FloatArray, log: bool) -> FloatArray:
-    """Return round levels strictly within: 1, 2, 5 a decade over more than one, else evenly spaced ones."""
+    """Return round levels strictly inside the range of the values, on a logarithmic scale 1, 2, 5 times powers of 10.
+
+    Evenly spaced on a linear scale, and on a logarithmic one of less than a decade.
+    """
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     if log and high > 10.0 * low:
         decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)

@@ -1,4 +1,4 @@
-"""Pictures of panels that were declared as plain data."""
+"""Drawing of panels that are declared as plain data (`nlosctl.plotting.panels`)."""
 
 from __future__ import annotations
 
@@ -11,54 +11,36 @@ import numpy as np
 from nlosctl.plotting.figures import figure_style, new_figure, series_style
 from nlosctl.plotting.library import Axes, Figure, Patch
 from nlosctl.plotting.maps import draw_map, draw_regions
-from nlosctl.plotting.panels import (
-    BarsPanel,
-    CdfPanel,
-    HistogramPanel,
-    Line,
-    LinesPanel,
-    MapPanel,
-    Panel,
-    PointsPanel,
-    RegionsPanel,
-)
-from nlosctl.plotting.series import (
-    Series,
-    draw_cdf,
-    draw_histogram,
-    draw_points,
-    draw_reference_lines,
-    draw_series,
-    place_legend,
-)
+from nlosctl.plotting.panels import BarsPanel, LinesPanel, MapPanel, Panel, PointsPanel, RegionsPanel
+from nlosctl.plotting.series import draw_points, draw_series, place_legend
 
 __all__ = ["draw_panels"]
 
 _PANEL_IN = {1: (6.0, 4.2), 2: (5.0, 3.8), 3: (4.2, 3.4)}
-"""Width and height of a panel by how many stand in a row."""
+"""Width and height of a panel by the number of panels in a row."""
 _HATCHES = ("", "////", "||||", "\\\\\\\\", "xxxx", "----")
 
-_ROOM_ABOVE_BARS = 3
-"""Entries of a legend that find room above bars; more would hide some."""
+_ENTRIES_ABOVE_BARS = 3
+"""Most entries of a legend that fit above the bars without hiding any."""
 
 
 @figure_style()
 def draw_panels(title: str, panels: Sequence[Panel]) -> Figure:
-    """Return a figure with all panels, two in a row, or three where that fills all rows.
+    """Return a figure with all panels, two per row, or three if that fills all rows.
 
-    Panels with the same labels share one legend, beside them all, and so do all with points.
+    Panels with equal labels share one legend beside all of them, and so do point panels.
     """
     columns = 3 if len(panels) % 3 == 0 else min(len(panels), 2)
     rows = -(-len(panels) // columns)
     width, height = _PANEL_IN[columns]
     height *= max(panel.height for panel in panels)
-    figure, places = new_figure(rows, columns, width_in=width * columns, height_in=height * rows + 0.3, title=title)
-    for place, panel in zip(places, panels, strict=False):
-        _draw(panel, place)
-        _finish(panel, place)
-    for place in places[len(panels) :]:
-        place.set_axis_off()
-    _place_legends(figure, places[: len(panels)], panels)
+    figure, grid = new_figure(rows, columns, width_in=width * columns, height_in=height * rows + 0.3, title=title)
+    for axes, panel in zip(grid, panels, strict=False):
+        _draw(panel, axes)
+        _finish(panel, axes)
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    _add_legends(figure, grid[: len(panels)], panels)
     return figure
 
 
@@ -74,30 +56,30 @@ def _finish(panel: Panel, axes: Axes) -> None:
         axes.set_aspect("equal")
 
 
-def _place_legends(figure: Figure, places: Sequence[Axes], panels: Sequence[Panel]) -> None:
-    told = [_entries(axes) for axes in places]
-    alike = len(panels) > 1 and len(told[0]) > 1 and all(list(one) == list(told[0]) for one in told)
+def _add_legends(figure: Figure, grid: Sequence[Axes], panels: Sequence[Panel]) -> None:
+    entries = [_entries(axes) for axes in grid]
+    alike = len(panels) > 1 and len(entries[0]) > 1 and all(list(labels) == list(entries[0]) for labels in entries)
     if not alike and not all(isinstance(panel, PointsPanel) for panel in panels):
-        for axes, panel, labels in zip(places, panels, told, strict=True):
+        for axes, panel, labels in zip(grid, panels, entries, strict=True):
             if panel.legend and len(labels) > 1 and not isinstance(panel, RegionsPanel):
-                place_legend(axes, beside=isinstance(panel, BarsPanel) and len(labels) > _ROOM_ABOVE_BARS)
+                place_legend(axes, beside=isinstance(panel, BarsPanel) and len(labels) > _ENTRIES_ABOVE_BARS)
         return
-    for legend in filter(None, (axes.get_legend() for axes in places)):
+    for legend in filter(None, (axes.get_legend() for axes in grid)):
         legend.remove()
-    union = {label: handle for one in told for label, handle in one.items()}
+    union = {label: handle for labels in entries for label, handle in labels.items()}
     figure.legend(union.values(), union.keys(), loc="outside right upper")
 
 
 def _entries(axes: Axes) -> dict[str, Any]:
-    """Return what a legend of the panel is to tell by label: patches that it has in one already, then what is drawn."""
+    """Return the legend's handles by label: patches of the panel's own legend, then what is drawn."""
     legend = axes.get_legend()
-    told: dict[str, Any] = {}
+    patches: dict[str, Any] = {}
     if legend is not None:
         texts = [text.get_text() for text in legend.get_texts()]
-        entries = zip(texts, legend.legend_handles, strict=True)
-        told = {text: handle for text, handle in entries if isinstance(handle, Patch)}
+        pairs = zip(texts, legend.legend_handles, strict=True)
+        patches = {text: handle for text, handle in pairs if isinstance(handle, Patch)}
     handles, labels = axes.get_legend_handles_labels()
-    return told | dict(zip(labels, handles, strict=True))
+    return patches | dict(zip(labels, handles, strict=True))
 
 
 @singledispatch
@@ -107,22 +89,21 @@ def _draw(panel: Panel, axes: Axes) -> None:
 
 @_draw.register
 def _(panel: LinesPanel, axes: Axes) -> None:
-    draw_series(axes, _series(panel.lines), log_x=panel.log_x, log_y=panel.log_y, legend=False)
-    draw_reference_lines(axes, panel.references)
+    draw_series(axes, panel.lines, log_x=panel.log_x, log_y=panel.log_y, legend=False)
 
 
 @_draw.register
 def _(panel: PointsPanel, axes: Axes) -> None:
-    draw_series(axes, _series(panel.outlines), legend=False)
-    draw_points(axes, _series(panel.points), size_pt=panel.size_pt, legend=False)
+    draw_series(axes, panel.outlines, legend=False)
+    draw_points(axes, panel.points, size_pt=panel.size_pt, legend=False)
 
 
 @_draw.register
 def _(panel: RegionsPanel, axes: Axes) -> None:
     draw_regions(axes, panel.x, panel.y, panel.region, panel.labels, equal_aspect=panel.equal_aspect)
-    draw_series(axes, _series(panel.outlines), legend=False)
-    told = _entries(axes)
-    axes.legend(told.values(), told.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    draw_series(axes, panel.outlines, legend=False)
+    entries = _entries(axes)
+    axes.legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
 @_draw.register
@@ -140,30 +121,19 @@ def _(panel: MapPanel, axes: Axes) -> None:
     if panel.points:
         axes.use_sticky_edges = False
         axes.margins(0.04)
-        draw_points(axes, _series(panel.points), size_pt=5.0, legend=False)
-
-
-@_draw.register
-def _(panel: CdfPanel, axes: Axes) -> None:
-    draw_cdf(axes, panel.values, log_x=panel.log_x, legend=False)
-
-
-@_draw.register
-def _(panel: HistogramPanel, axes: Axes) -> None:
-    draw_histogram(axes, panel.values, bins=panel.bins, density=panel.density, legend=False)
-    draw_series(axes, _series(panel.curves), legend=False)
+        draw_points(axes, panel.points, size_pt=5.0, legend=False)
 
 
 @_draw.register
 def _(panel: BarsPanel, axes: Axes) -> None:
     count = max(len(panel.values), 1)
     width = 0.8 if panel.stacked else 0.8 / count
-    place = np.arange(len(panel.groups), dtype=np.float64)
-    base = np.zeros(place.shape)
+    center = np.arange(len(panel.groups), dtype=np.float64)
+    base = np.zeros(center.shape)
     for number, (label, values) in enumerate(panel.values.items()):
         heights = np.nan_to_num(values)
         axes.bar(
-            place if panel.stacked else place + (number - 0.5 * (count - 1)) * width,
+            center if panel.stacked else center + (number - 0.5 * (count - 1)) * width,
             heights,
             width,
             bottom=base if panel.stacked else 0.0,
@@ -175,12 +145,8 @@ def _(panel: BarsPanel, axes: Axes) -> None:
             error_kw={"elinewidth": 0.8, "ecolor": "#404040"},
         )
         base = base + heights
-    axes.set_xticks(place, panel.groups)
+    axes.set_xticks(center, panel.groups)
     if panel.log_y:
         axes.set_yscale("log")
     else:
         axes.margins(y=0.0 if panel.stacked else 0.3)
-
-
-def _series(lines: Sequence[Line]) -> list[Series]:
-    return [Series(**vars(line)) for line in lines]

@@ -1,4 +1,4 @@
-"""What a picture shows, as plain data: declared without matplotlib, drawn by `nlosctl.plotting.panel_drawing`."""
+"""Panels of a picture as plain data: declared without matplotlib, drawn by `nlosctl.plotting.panel_drawing`."""
 
 from __future__ import annotations
 
@@ -7,26 +7,15 @@ from dataclasses import dataclass, field
 
 from nlosctl.arrays import FloatArray, IntArray
 
-__all__ = [
-    "BarsPanel",
-    "CdfPanel",
-    "HistogramPanel",
-    "Line",
-    "LinesPanel",
-    "MapPanel",
-    "Panel",
-    "PointsPanel",
-    "RegionsPanel",
-]
+__all__ = ["BarsPanel", "LinesPanel", "MapPanel", "Panel", "PointsPanel", "RegionsPanel", "Series"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Line:
-    """A labelled series ``x`` and ``y`` (N,), with half-lengths of error bars (N,); NaN leaves a gap.
+class Series:
+    """A labelled series ``x`` and ``y`` (N,), with half-lengths ``error`` (N,) of error bars; NaN leaves a gap.
 
-    ``style`` numbers the styles of `nlosctl.plotting.figures`; its place in the panel unless given. A label that begins
-    with ``_`` is not in the legend. ``marker`` false:
-    the line alone, ``line`` false: the markers alone.
+    ``style`` is a number for `nlosctl.plotting.figures.series_style`; default: the index in the panel. A label that
+    starts with ``_`` is not in the legend. Without ``marker`` only the line is drawn, without ``line`` only markers.
     """
 
     label: str
@@ -40,9 +29,10 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What all panels have: axis labels as ``quantity [unit]``, a title, and limits where the data don't set them.
+    """Common settings: axis labels as ``quantity [unit]``, a title, and limits (default: from the data).
 
-    ``legend`` false: that of another panel holds. ``height`` is in units of the usual one; the largest counts.
+    Without ``legend`` the panel uses that of another panel. ``height`` is relative to the default; the largest of all
+    panels applies.
     """
 
     x_label: str = ""
@@ -57,37 +47,36 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True)
 class LinesPanel(Panel):
-    """Curves with error bars; ``references`` are labelled horizontal lines, such as a paper's number."""
+    """Curves with error bars."""
 
-    lines: tuple[Line, ...]
+    lines: tuple[Series, ...]
     log_x: bool = False
     log_y: bool = False
-    references: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PointsPanel(Panel):
-    """Clouds of points, and ``outlines``: lines under them, such as walls."""
+    """Point clouds, over ``outlines`` such as walls."""
 
-    points: tuple[Line, ...]
-    outlines: tuple[Line, ...] = ()
+    points: tuple[Series, ...]
+    outlines: tuple[Series, ...] = ()
     size_pt: float = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegionsPanel(Panel):
-    """A map of categories: ``region`` (H, W) places in ``labels``, -1 is blank, at cell centres ``x`` and ``y``."""
+    """A map of categories at cell centres ``x`` (W,), ``y`` (H,): ``region`` (H, W) indexes ``labels``, -1 is blank."""
 
     x: FloatArray
     y: FloatArray
     region: IntArray
     labels: tuple[str, ...]
-    outlines: tuple[Line, ...] = ()
+    outlines: tuple[Series, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapPanel(Panel):
-    """A map of values (H, W) at cell centres ``x`` (W,) and ``y`` (H,); ``label`` is the colour bar's."""
+    """A map of values (H, W) at cell centres ``x`` (W,), ``y`` (H,); ``label`` is that of the colour bar."""
 
     x: FloatArray
     y: FloatArray
@@ -95,32 +84,14 @@ class MapPanel(Panel):
     label: str
     log: bool = False
     contours: bool = True
-    points: tuple[Line, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class CdfPanel(Panel):
-    """Empirical distribution functions of labelled samples (N,)."""
-
-    values: Mapping[str, FloatArray]
-    log_x: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class HistogramPanel(Panel):
-    """Histograms of labelled samples (N,), over common bins."""
-
-    values: Mapping[str, FloatArray]
-    bins: int | FloatArray = 40
-    density: bool = True
-    curves: tuple[Line, ...] = ()
+    points: tuple[Series, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class BarsPanel(Panel):
-    """Groups of bars: ``values[label]`` (G,) over the ``groups``, with half-lengths of error bars; NaN: no bar.
+    """Groups of bars, side by side or ``stacked``: ``values[label]`` (G,) over the ``groups``; NaN: no bar.
 
-    Side by side, or one upon the other where ``stacked``.
+    ``errors[label]`` (G,) are half-lengths of error bars.
     """
 
     groups: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""The plane that a map shows: what must be in view, axes in metres or kilometres, the scene's mirrors and sensors."""
+"""Maps of the plane: their extent, axes in metres or kilometres, the scene's mirrors and sensors, error ellipses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.plotting.figures import SeriesStyle, axis_label
 from nlosctl.plotting.library import Axes, Circle, Ellipse, FuncFormatter
 
-__all__ = ["Extent", "draw_ellipses", "draw_reflectors", "draw_sensors", "finish_map", "scene_sensors"]
+__all__ = ["Extent", "draw_ellipses", "draw_reflectors", "draw_sensors", "finish_map", "legend_once", "scene_sensors"]
 
 
 _MARGIN = 0.08
@@ -25,36 +25,36 @@ _MIRROR_COLOR = "#606060"
 
 
 class Extent:
-    """The box of all that must be in view; points that are not finite take no part."""
+    """Bounding box of everything that must be in view; points that are not finite are ignored."""
 
     def __init__(self) -> None:
         self.low, self.high = np.full(2, np.inf), np.full(2, -np.inf)
 
     def include(self, points_m: FloatArray, radius_m: FloatArray | float = 0.0) -> None:
-        """Put points (N, 2) into view, with what is within ``radius_m`` (a number, or (N, 2) by axis) about them."""
+        """Include points (N, 2) and their surroundings up to ``radius_m``, a number or (N, 2) by axis."""
         radius = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), points_m.shape)
         good = np.isfinite(points_m).all(axis=1) & np.isfinite(radius).all(axis=1)
         if good.any():
             self.low = np.minimum(self.low, (points_m - radius)[good].min(axis=0))
             self.high = np.maximum(self.high, (points_m + radius)[good].max(axis=0))
 
-    def include_all(self, other: Extent) -> None:
-        """Put all that another box has into view."""
+    def include_extent(self, other: Extent) -> None:
+        """Include another box."""
         self.include(np.stack([other.low, other.high]))
 
     @property
     def is_known(self) -> bool:
-        """Whether anything is to be seen."""
+        """Whether the box includes any point."""
         return bool(np.isfinite(self.low).all())
 
     @property
     def span_m(self) -> float:
-        """The larger side; 1 where there is nothing to see."""
+        """The longer side; 1 for a box without extent."""
         span = float(np.max(self.high - self.low))
         return span if np.isfinite(span) and span > 0.0 else 1.0
 
     def framed(self, *, square: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return the corners with a margin, the shorter side lengthened where the box is very flat, or to a square."""
+        """Return the lower and upper corner with a margin; very flat boxes become less flat, or ``square``."""
         if not self.is_known:
             return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
         center, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
@@ -63,7 +63,7 @@ class Extent:
 
 
 def finish_map(axes: Axes, extent: Extent, *, square: bool = False) -> None:
-    """Set the limits, equal scales, and labels with the unit that suits the size."""
+    """Set limits, equal scales, and labels in metres or kilometres by the size."""
     low, high = extent.framed(square=square)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
@@ -80,19 +80,13 @@ def finish_map(axes: Axes, extent: Extent, *, square: bool = False) -> None:
 
 
 def draw_reflectors(axes: Axes, reflectors: Sequence[Reflector]) -> None:
-    """Draw mirrors as thick grey lines, opaque circles hatched; the first of each is in the legend."""
-    told: set[str] = set()
-
-    def once(label: str) -> str:
-        new = "_nolegend_" if label in told else label
-        told.add(label)
-        return new
-
+    """Draw mirrors as thick grey lines and opaque circles hatched, each kind once in the legend."""
+    labels: set[str] = set()
     for reflector in reflectors:
         if isinstance(reflector, CircleReflector):
             outline = Circle(reflector.center, reflector.radius, fill=False, edgecolor=_MIRROR_COLOR, linewidth=2.0)
             axes.add_patch(outline).set_zorder(1.2)
-            axes.plot([], [], color=_MIRROR_COLOR, linewidth=2.0, label=once("mirror"))
+            axes.plot([], [], color=_MIRROR_COLOR, linewidth=2.0, label=legend_once(labels, "mirror"))
             if reflector.blocker_radius is not None:
                 axes.add_patch(
                     Circle(
@@ -102,13 +96,18 @@ def draw_reflectors(axes: Axes, reflectors: Sequence[Reflector]) -> None:
                         edgecolor="#a0a0a0",
                         hatch="...",
                         zorder=0.6,
-                        label=once("opaque"),
+                        label=legend_once(labels, "opaque"),
                     )
                 )
         elif isinstance(reflector, SegmentReflector):
             ends = np.array([reflector.start, reflector.end])
             axes.plot(
-                *ends.T, color=_MIRROR_COLOR, linewidth=2.4, solid_capstyle="butt", label=once("mirror"), zorder=1.2
+                *ends.T,
+                color=_MIRROR_COLOR,
+                linewidth=2.4,
+                solid_capstyle="butt",
+                label=legend_once(labels, "mirror"),
+                zorder=1.2,
             )
         else:
             second = np.add(reflector.point, reflector.direction)
@@ -117,20 +116,27 @@ def draw_reflectors(axes: Axes, reflectors: Sequence[Reflector]) -> None:
                 (float(second[0]), float(second[1])),
                 color=_MIRROR_COLOR,
                 linewidth=2.0,
-                label=once("mirror"),
+                label=legend_once(labels, "mirror"),
                 zorder=1.2,
             )
 
 
+def legend_once(labels: set[str], label: str) -> str:
+    """Return ``label`` and add it to ``labels``; return a label outside the legend if it was in ``labels``."""
+    shown = "_nolegend_" if label in labels else label
+    labels.add(label)
+    return shown
+
+
 def draw_sensors(axes: Axes, names: Sequence[str], position_m: FloatArray, *, label: str = "sensor") -> None:
-    """Draw sensors (N, 2) as triangles, with their names where they are few."""
+    """Draw sensors (N, 2) as triangles, with their names if they are few."""
     axes.plot(*position_m.T, linestyle="none", marker="^", markersize=6.5, color="black", label=label, zorder=4.0)
     if len(names) > _MOST_NAMES:
         return
-    for name, place in zip(names, position_m, strict=True):
+    for name, position in zip(names, position_m, strict=True):
         axes.annotate(
             str(name),
-            (float(place[0]), float(place[1])),
+            (float(position[0]), float(position[1])),
             xytext=(5, 4),
             textcoords="offset points",
             fontsize=7.5,
@@ -153,21 +159,21 @@ def draw_ellipses(
     extent: Extent,
     share: float = 0.95,
 ) -> int:
-    """Draw the ellipses that hold ``share`` of Gaussian errors, put them into view, and return how many there are.
+    """Draw ellipses that contain ``share`` of Gaussian errors, include them in ``extent``, and return their number.
 
-    ``position_m`` (N, 2), ``covariance_m2`` (N, 3) as xx, xy, yy; none where either is not finite.
+    ``position_m`` (N, 2), ``covariance_m2`` (N, 3) as xx, xy, yy; rows that are not finite have no ellipse.
     """
     ellipse = error_ellipse(Symmetric2x2(*covariance_m2.T))
     scale = np.sqrt(ellipse_threshold(share))
     reach = scale * np.sqrt(np.maximum(covariance_m2[:, [0, 2]], 0.0))
-    drawn = 0
-    for place in np.flatnonzero(np.isfinite(ellipse.semi_major_m) & np.isfinite(position_m).all(axis=1)):
+    rows = np.flatnonzero(np.isfinite(ellipse.semi_major_m) & np.isfinite(position_m).all(axis=1))
+    for row in rows:
         axes.add_patch(
             Ellipse(
-                (float(position_m[place, 0]), float(position_m[place, 1])),
-                2.0 * scale * float(ellipse.semi_major_m[place]),
-                2.0 * scale * float(ellipse.semi_minor_m[place]),
-                angle=float(np.degrees(ellipse.orientation_rad[place])),
+                (float(position_m[row, 0]), float(position_m[row, 1])),
+                2.0 * scale * float(ellipse.semi_major_m[row]),
+                2.0 * scale * float(ellipse.semi_minor_m[row]),
+                angle=float(np.degrees(ellipse.orientation_rad[row])),
                 fill=False,
                 edgecolor=look.color,
                 linestyle=look.line,
@@ -175,6 +181,5 @@ def draw_ellipses(
                 zorder=3.2,
             )
         )
-        extent.include(position_m[place][None], reach[place][None])
-        drawn += 1
-    return drawn
+        extent.include(position_m[row][None], reach[row][None])
+    return int(rows.size)

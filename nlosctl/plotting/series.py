@@ -1,17 +1,17 @@
-"""Curves and clouds of several labelled series, each told apart by line style and marker as well as colour."""
+"""Curves and point clouds of several labelled series that differ in line style and marker as well as colour."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from nlosctl.arrays import FloatArray
 from nlosctl.plotting.figures import figure_style, series_style
 from nlosctl.plotting.library import Axes, FuncFormatter
+from nlosctl.plotting.panels import Series
 
-__all__ = ["Series", "draw_cdf", "draw_histogram", "draw_points", "draw_reference_lines", "draw_series", "place_legend"]
+__all__ = ["draw_cdf", "draw_points", "draw_reference_lines", "draw_series", "place_legend"]
 
 
 _RASTER_POINTS = 5000
@@ -19,44 +19,26 @@ _MARKED_POINTS = 40
 _INSIDE_ENTRIES = 6
 
 
-@dataclass(frozen=True, kw_only=True)
-class Series:
-    """A labelled series ``x`` and ``y`` (N,); NaN leaves a gap.
-
-    ``error`` is the half-length of the error bars (N,), or (2, N) below and above. ``style`` is a number for
-    `nlosctl.plotting.figures.series_style`, the place in the list unless given; ``line`` False leaves the markers
-    alone, ``marker`` False the line.
-    """
-
-    label: str
-    x: FloatArray
-    y: FloatArray
-    error: FloatArray | None = None
-    style: int | None = None
-    line: bool = True
-    marker: bool = True
-
-
 @figure_style()
 def draw_series(
     axes: Axes, series: Sequence[Series], *, log_x: bool = False, log_y: bool = False, legend: bool = True
 ) -> None:
-    """Draw lines through points with error bars, and a legend where there are several.
+    """Draw lines through points with error bars, and a legend if there are several series.
 
-    On a logarithmic axis an error bar that reaches 0 ends at the axis; lines of many points carry a few markers.
+    On a logarithmic axis an error bar that reaches 0 ends at the axis; long lines have a few markers only.
     """
     _scale(axes, log_x, log_y)
-    for place, one in enumerate(series):
-        look = series_style(place if one.style is None else one.style)
-        every = max(1, one.x.size // _MARKED_POINTS)
+    for index, line in enumerate(series):
+        look = series_style(index if line.style is None else line.style)
+        every = max(1, line.x.size // _MARKED_POINTS)
         axes.errorbar(
-            one.x,
-            one.y,
-            yerr=one.error,
-            label=one.label,
+            line.x,
+            line.y,
+            yerr=line.error,
+            label=line.label,
             color=look.color,
-            linestyle=look.line if one.line else "none",
-            marker=look.marker if one.marker else "",
+            linestyle=look.line if line.line else "none",
+            marker=look.marker if line.marker else "",
             markevery=every,
             errorevery=every,
             markerfacecolor=look.color if look.filled else "white",
@@ -68,13 +50,13 @@ def draw_series(
 
 @figure_style()
 def draw_points(axes: Axes, series: Sequence[Series], *, size_pt: float = 3.0, legend: bool = True) -> None:
-    """Draw points of several series; large clouds become an image within a vector picture."""
-    for place, one in enumerate(series):
-        look = series_style(place if one.style is None else one.style)
-        many = one.x.size > _RASTER_POINTS
+    """Draw points of several series; large clouds are rasterized in vector pictures."""
+    for index, cloud in enumerate(series):
+        look = series_style(index if cloud.style is None else cloud.style)
+        many = cloud.x.size > _RASTER_POINTS
         axes.plot(
-            one.x,
-            one.y,
+            cloud.x,
+            cloud.y,
             linestyle="none",
             marker=look.marker,
             markersize=size_pt,
@@ -83,7 +65,7 @@ def draw_points(axes: Axes, series: Sequence[Series], *, size_pt: float = 3.0, l
             markeredgewidth=0.6,
             alpha=0.4 if many else 0.9,
             rasterized=many,
-            label=one.label,
+            label=cloud.label,
         )
     if legend and len(series) > 1:
         place_legend(axes)
@@ -91,13 +73,13 @@ def draw_points(axes: Axes, series: Sequence[Series], *, size_pt: float = 3.0, l
 
 @figure_style()
 def draw_cdf(axes: Axes, values: Mapping[str, FloatArray], *, log_x: bool = False, legend: bool = True) -> None:
-    """Draw the share of each label's values (N,) that lie at or below x; NaN and infinity stay above every x.
+    """Draw the share of each label's values (N,) at or below x, as steps.
 
-    Stairs that reach 1 only where every value is finite: what has no value counts as too large.
+    NaN and infinity count as larger than every x: the steps reach 1 only if all values are finite.
     """
     _scale(axes, log_x, log_y=False)
-    for place, (label, samples) in enumerate(values.items()):
-        look = series_style(place)
+    for index, (label, samples) in enumerate(values.items()):
+        look = series_style(index)
         finite = np.sort(samples[np.isfinite(samples)])
         share = np.arange(1, finite.size + 1) / max(samples.size, 1)
         start = finite[:1]
@@ -120,28 +102,8 @@ def draw_cdf(axes: Axes, values: Mapping[str, FloatArray], *, log_x: bool = Fals
 
 
 @figure_style()
-def draw_histogram(
-    axes: Axes,
-    values: Mapping[str, FloatArray],
-    *,
-    bins: int | FloatArray = 30,
-    density: bool = False,
-    legend: bool = True,
-) -> None:
-    """Draw each label's values (N,) as the outline of a histogram over common bins; NaN and infinity are left out."""
-    kept = {label: samples[np.isfinite(samples)] for label, samples in values.items()}
-    edges = np.histogram_bin_edges(np.concatenate([*kept.values(), np.empty(0)]), bins)
-    for place, (label, samples) in enumerate(kept.items()):
-        look = series_style(place)
-        heights, _ = np.histogram(samples, edges, density=density and samples.size > 0)
-        axes.stairs(heights, edges, color=look.color, linestyle=look.line, linewidth=1.3, label=label)
-    if legend and len(values) > 1:
-        place_legend(axes)
-
-
-@figure_style()
 def draw_reference_lines(axes: Axes, levels: Mapping[str, float]) -> None:
-    """Draw labelled horizontal lines, such as a paper's number; each label stands at the right end of its line."""
+    """Draw horizontal lines with labels at their right end."""
     for label, level in levels.items():
         axes.axhline(level, color="#404040", linestyle=(0, (2.0, 2.0)), linewidth=1.0, zorder=1.5)
         axes.annotate(
@@ -159,7 +121,7 @@ def draw_reference_lines(axes: Axes, levels: Mapping[str, float]) -> None:
 
 
 def place_legend(axes: Axes, *, beside: bool = False) -> None:
-    """Put the legend inside where few entries leave room, else (or if told) beside the panel."""
+    """Put the legend inside the panel if it has few entries, otherwise (or with ``beside``) beside the panel."""
     handles, labels = axes.get_legend_handles_labels()
     if labels and (beside or len(labels) > _INSIDE_ENTRIES):
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
@@ -177,7 +139,7 @@ def _scale(axes: Axes, log_x: bool, log_y: bool) -> None:
 
 
 def _plain_power(value: float, _: int) -> str:
-    """Return a tick of a logarithmic axis: plain where that is short, else a power of ten."""
+    """Return a tick label of a logarithmic axis: a short plain number, otherwise a power of ten."""
     if 1e-3 <= value <= 1e4 or value <= 0.0:
         return f"{value:g}"
     return f"$10^{{{np.log10(value):g}}}$"

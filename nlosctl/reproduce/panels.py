@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlosctl.plotting.panels import Line
+from nlosctl.plotting.panels import Series
 from nlosctl.reproduce.samples import Drawn, Statistic, measure
 
 __all__ = ["curve"]
@@ -19,7 +19,7 @@ def curve(
     marker: bool = True,
     style: int | None = None,
     **keys: float | int | str,
-) -> Line:
+) -> Series:
     """Return a statistic over the condition ``x``, for those conditions that have the values ``keys``.
 
     Error bars are one Monte-Carlo standard error to each side; without ``marker`` (a bound, a theory) there are none.
@@ -32,4 +32,4 @@ def curve(
         values.append(ours.value)
         errors.append(ours.standard_error)
     bars = np.nan_to_num(np.array(errors)) if marker and drawn.random else None
-    return Line(label=label, x=np.array(places), y=np.array(values), error=bars, marker=marker, style=style)
+    return Series(label=label, x=np.array(places), y=np.array(values), error=bars, marker=marker, style=style)

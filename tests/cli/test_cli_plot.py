@@ -46,7 +46,7 @@ def test_a_sweep_through_pipes(cli: Cli, tmp_path: Path) -> None:
     [
         ([GOOD], "name the picture: -o FILE.svg"),
         ([], "name a file to draw"),
-        ([GOOD, "-o", "a.gif"], "extension '.gif'; a picture's name ends in one of .png, .svg, .pdf"),
+        ([GOOD, "-o", "a.gif"], "got extension '.gif', expected a picture's name that ends in one of .png, .svg, .pdf"),
         ([GOOD, "-o", "-"], "no extension"),
         ([GOOD, "-o", "a.png", "--view", "scenes"], "did you mean 'scene'?"),
         ([GOOD, "-o", "a.png", "--view", "roc"], "--view roc takes flags"),

@@ -22,7 +22,8 @@ from nlosctl.plotting.figures import (
 )
 from nlosctl.plotting.library import Figure
 from nlosctl.plotting.maps import draw_map, draw_regions, edges_of
-from nlosctl.plotting.series import Series, draw_cdf, draw_histogram, draw_points, draw_reference_lines, draw_series
+from nlosctl.plotting.panels import Series
+from nlosctl.plotting.series import draw_cdf, draw_points, draw_reference_lines, draw_series
 
 X = np.linspace(1.0, 3.0, 5)
 
@@ -33,7 +34,7 @@ def gallery() -> Figure:
     draw_series(panels[0], [Series(label=f"{k}", x=X, y=X + k, error=0.1 * X) for k in range(3)], log_x=True)
     draw_reference_lines(panels[0], {"a paper's": 2.0})
     draw_cdf(panels[1], {"a": X, "b": np.array([1.0, np.nan, 2.0, np.inf])})
-    draw_histogram(panels[2], {"a": X, "b": X * X, "none": np.empty(0)})
+    draw_series(panels[2], [Series(label="a", x=X, y=X, line=False)], log_y=True)
     draw_points(panels[3], [Series(label=f"{k}", x=X, y=X + k) for k in range(8)])
     x, y = np.linspace(-2.0, 2.0, 9), np.linspace(-1.0, 1.0, 7)
     grid = np.hypot(*np.meshgrid(x, y)) + 0.1
@@ -86,7 +87,7 @@ def test_nothing_imports_pyplot() -> None:
 @pytest.mark.parametrize(
     ("target", "format", "text"),
     [
-        ("a.jpg", None, "extension '.jpg'; a picture's name ends in one of .png, .svg, .pdf"),
+        ("a.jpg", None, "got extension '.jpg', expected a picture's name that ends in one of .png, .svg, .pdf"),
         ("a.svgz", None, "did you mean 'svg'?"),
         ("a", None, "no extension"),
         ("-", "gif", "--format must be one of png, svg, pdf. Got 'gif'"),
@@ -154,7 +155,6 @@ def test_panels_stand_empty_input() -> None:
     empty = np.empty(0)
     draw_series(panels[0], [Series(label="a", x=empty, y=empty)], log_y=True)
     draw_cdf(panels[1], {"a": np.array([np.nan])})
-    draw_histogram(panels[2], {"a": np.full(3, 2.0)})
     draw_points(panels[3], [Series(label="a", x=empty, y=empty)])
     draw_map(panels[4], X, X, np.full((5, 5), np.nan), "RMSE [m]", log=True)
     draw_map(panels[5], X, X, np.full((5, 5), 3.0), "RMSE [m]")

@@ -19,9 +19,9 @@ from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.results.plot_inputs import DrawnFile, open_drawn, read_sampled
 from nlosctl.plotting.catalogue import VIEWS
 from nlosctl.plotting.figures import figure_bytes
-from nlosctl.plotting.fitting_views import fitting_views
 from nlosctl.plotting.library import Axes, Circle, Ellipse, Figure
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plot_request import Picture, PlotRequest
+from nlosctl.plotting.suitable_views import suitable_views
 from nlosctl.plotting.views.pictures import choose_view, draw_picture
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -84,7 +84,7 @@ def files(tmp_path: Path) -> Any:
 
 def picture(files: Sequence[DrawnFile], view: str | None = None, **wanted: Any) -> Picture:
     """Return the picture of a view."""
-    return draw_picture(Request(files=files, **wanted), choose_view(files, view))
+    return draw_picture(PlotRequest(files=files, **wanted), choose_view(files, view))
 
 
 def ellipses(axes: Axes) -> list[Ellipse]:
@@ -356,11 +356,13 @@ def test_large_files_are_thinned_by_whole_snapshots(files: Any) -> None:
 def test_views_that_do_not_fit_are_told(files: Any) -> None:
     """A view that the files do not allow is told with what it takes and what would suit; so is an unknown one."""
     opened = files("fixes of bearings")
-    with pytest.raises(UsageError, match=r"--view map takes a map of 'bound --map'.*these suit: estimates, cdf, scene"):
+    with pytest.raises(
+        UsageError, match=r"--view map takes a map of 'bound --map'.*suitable views: estimates, cdf, scene"
+    ):
         choose_view(opened, "map")
     with pytest.raises(UsageError, match=r"no view 'scenes' \(did you mean 'scene'\?\)"):
         choose_view(opened, "scenes")
-    assert fitting_views(opened, one_snapshot=True)[0] == "scene"
+    assert suitable_views(opened, one_snapshot=True)[0] == "scene"
     with pytest.raises(UsageError, match="no view suits"):
         choose_view(files("map", "paths"), None)
 

@@ -215,7 +215,7 @@ def test_estimates_without_end(command: str, folder: Path) -> None:
 def test_times_that_no_window_reaches(folder: Path) -> None:
     """Times of a log so far apart that windows can't be counted are told; the importer failed."""
     (folder / "u.csv").write_text("time,anchor,range\n0,a,5\n1e308,a,5\n")
-    told(folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "can't be cut into windows")
+    told(folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "span too many windows")
 
 
 def test_paths_named_by_no_text(folder: Path) -> None:
@@ -250,7 +250,7 @@ def test_a_zip_of_unknown_ways(folder: Path) -> None:
         packed.seek(at)
         packed.write(b"\x63")
     (folder / "h.npz").write_bytes(packed.getvalue())
-    told(folder, ["convert", "h.npz", "--from", "sionna", "-o", "o.csv"], "h.npz", "not a whole NPZ file")
+    told(folder, ["convert", "h.npz", "--from", "sionna", "-o", "o.csv"], "h.npz", "not a complete NPZ file")
 
 
 def test_a_copy_of_nothing_but_bad_rows(folder: Path) -> None:

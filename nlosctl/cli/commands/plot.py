@@ -121,7 +121,7 @@ def plot(
     from nlosctl.io.measurements.options import ReadOptions
     from nlosctl.io.writers.output_set import check_targets
     from nlosctl.plotting.figures import figure_bytes, picture_format, save_figure
-    from nlosctl.plotting.requests import Request
+    from nlosctl.plotting.plot_request import PlotRequest
     from nlosctl.plotting.views.pictures import choose_view, draw_picture
 
     chosen = picture_format(output, format)
@@ -129,7 +129,7 @@ def plot(
         paths = [part.path for file in files for part in file.given.parts if part.path is not None]
         check_targets([output], overwrite=overwrite, inputs=paths)
         name = choose_view(files, view, one_snapshot=snapshot is not None)
-        request = Request(
+        request = PlotRequest(
             files=files,
             read=ReadOptions(kind=kind, renames=key_values(column, "--column"), scene_file=scene),
             snapshot=snapshot,
@@ -178,9 +178,9 @@ def _opened(
 def _list_views(files: Sequence[DrawnFile], json: bool) -> None:
     names = list(VIEWS)
     if files:
-        from nlosctl.plotting.fitting_views import fitting_views
+        from nlosctl.plotting.suitable_views import suitable_views
 
-        names = fitting_views(files)
+        names = suitable_views(files)
     rows: list[dict[str, Any]] = [
         {"view": name, "shows": VIEWS[name].shows, "takes": VIEWS[name].takes} for name in names
     ]

@@ -1,1 +1,1 @@
-"""The views of `plot`, a file each."""
+"""The views of `plot`, one file each, and their shared parts."""

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound over the plane."""
+"""The Cramér-Rao bound over the plane."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nlosctl.io.results.plot_inputs import read_sampled
 from nlosctl.plotting.figures import axis_label, figure_style
 from nlosctl.plotting.maps import draw_map
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, finish_map, scene_sensors
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import map_size_in
 
 __all__ = ["draw_bound_map"]
@@ -26,8 +26,8 @@ _LOG_FROM = 10.0
 
 
 @figure_style()
-def draw_bound_map(request: Request) -> Picture:
-    """Draw a map of ``bound --map``: its RMS, or the quantity that ``y`` names."""
+def draw_bound_map(request: PlotRequest) -> Picture:
+    """Draw a map of ``bound --map``: the RMS, or the quantity that ``y`` names."""
     quantity = request.y or "rms_m"
     if quantity not in _QUANTITIES:
         near, known = did_you_mean(quantity, _QUANTITIES), ", ".join(_QUANTITIES)
@@ -37,7 +37,7 @@ def draw_bound_map(request: Request) -> Picture:
     x, column = np.unique(columns["x_m"], return_inverse=True)
     y, row = np.unique(columns["y_m"], return_inverse=True)
     if x.size * y.size > 4 * columns["x_m"].size:
-        raise DataError(f"{file.name}: the positions are on no grid; a map is made by 'nlosctl bound --map'")
+        raise DataError(f"{file.name}: the positions are not on a grid; make a map with 'nlosctl bound --map'")
     values = np.full((y.size, x.size), np.nan)
     values[row, column] = columns[quantity]
     good = values[np.isfinite(values)]
@@ -52,8 +52,8 @@ def draw_bound_map(request: Request) -> Picture:
     low, high = np.array([x[0], y[0]]), np.array([x[-1], y[-1]])
     close = np.flatnonzero(((sensors >= 2.0 * low - high) & (sensors <= 2.0 * high - low)).all(axis=1))
     if close.size:
-        draw_sensors(axes, [names[place] for place in close], sensors[close])
+        draw_sensors(axes, [names[index] for index in close], sensors[close])
         extent.include(sensors[close])
     finish_map(axes, extent)
-    notes = [] if np.isfinite(values).all() else ["white: no bound, too few rows see the position"]
+    notes = [] if np.isfinite(values).all() else ["white: no bound, because too few rows see the position"]
     return Picture(figure=figure, notes=notes)

@@ -1,4 +1,4 @@
-"""A map of one snapshot, and beside it a close-up of the estimates where these are small on it."""
+"""A map of one snapshot, with a close-up beside it if the estimates are small on the map."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Callable
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Axes, Rectangle
 from nlosctl.plotting.plane import Extent, finish_map
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.series import place_legend
 
 __all__ = ["DrawLayers", "draw_with_close_up", "map_size_in"]
 
 DrawLayers = Callable[[Axes], tuple[Extent, Extent, list[str]]]
-"""Draws everything into a panel; returns what must be in view, what a close-up is of, and notes."""
+"""Draws everything into a panel; returns the extent of the map, the extent of a close-up, and notes."""
 
 _SMALL = 0.16
 _PANEL_IN, _TALLEST_IN, _LEGEND_IN, _FRAME_IN, _BESIDE_IN = 4.6, 5.2, 2.6, 0.95, 0.75
 
 
-def draw_with_close_up(request: Request, draw: DrawLayers, title: str) -> Picture:
-    """Return the picture of what ``draw`` draws: it is called once to see how large that is, then for each panel."""
+def draw_with_close_up(request: PlotRequest, draw: DrawLayers, title: str) -> Picture:
+    """Return the picture that ``draw`` draws; it is called once to get the extents, then once per panel."""
     _, (scratch,) = new_figure()
     extent, focus, notes = draw(scratch)
     close = focus.is_known and focus.span_m < _SMALL * extent.span_m
@@ -44,7 +44,7 @@ def draw_with_close_up(request: Request, draw: DrawLayers, title: str) -> Pictur
 
 
 def map_size_in(extent: Extent, columns: int = 1, rows: int = 1) -> tuple[float, float]:
-    """Return the width and height of a figure with panels of an extent and a legend beside them, in inches."""
+    """Return the width and height in inches of a figure with panels of an extent and a legend beside them."""
     low, high = extent.framed()
     ratio = float((high[1] - low[1]) / (high[0] - low[0]))
     height = min(_PANEL_IN * ratio, _TALLEST_IN)

@@ -1,4 +1,4 @@
-"""Flags against their truth: the curve over all thresholds, where the flags are on it, and calibration."""
+"""Flags against their truth: ROC curve with the operating point of the flags, and calibration."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from nlosctl.evaluation.detection import RocCurve, kolmogorov_smirnov, roc_curve
 from nlosctl.io.results.plot_inputs import DrawnFile, read_sampled
 from nlosctl.plotting.figures import axis_label, figure_style, series_style
 from nlosctl.plotting.library import Axes
-from nlosctl.plotting.requests import Picture, Request
-from nlosctl.plotting.series import Series, draw_series, place_legend
+from nlosctl.plotting.panels import Series
+from nlosctl.plotting.plot_request import Picture, PlotRequest
+from nlosctl.plotting.series import draw_series
 from nlosctl.plotting.views.estimates import thinning_note
 from nlosctl.plotting.views.snapshot_rows import labels_of_rows
 
@@ -26,40 +27,40 @@ _CURVE_POINTS = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class _Detector:
-    """Flags of one method: which rows it called positive, which are, and its score (low: positive), NaN unknown."""
+    """Flags of one method: rows flagged positive, true positives, and scores (low: positive; NaN: unknown)."""
 
     label: str
-    called: BoolArray
+    flagged: BoolArray
     positive: BoolArray
     score: FloatArray
 
     @property
     def point(self) -> tuple[float, float]:
-        """P_fa and P_d of the flags as they are; NaN where there is no such row."""
+        """P_fa and P_d of the flags; NaN without such rows."""
         with ignoring_invalid():
             return tuple(  # type: ignore[return-value]
-                float(np.divide(np.count_nonzero(self.called & part), np.count_nonzero(part)))
-                for part in (~self.positive, self.positive)
+                float(np.divide(np.count_nonzero(self.flagged & rows), np.count_nonzero(rows)))
+                for rows in (~self.positive, self.positive)
             )
 
     @property
     def curve(self) -> RocCurve:
-        """The curve over all thresholds, empty where there are no scores."""
+        """The ROC curve over all thresholds, empty without scores."""
         if np.isnan(self.score).all():
             return RocCurve(np.empty(0), np.empty(0))
         return roc_curve(self.score, self.positive)
 
 
 @figure_style()
-def draw_detection_view(request: Request) -> Picture:
+def draw_detection_view(request: PlotRequest) -> Picture:
     """Draw ROC and calibration of indirect-path flags (ip, p_value) or line-of-sight flags (los, los_probability)."""
     detectors, notes = [], []
     files = request.of("flags")
     of_paths = all({"ip", "truth_ip"} <= set(file.names) for file in files)
     for file in files:
-        found, thinned = _detectors(file, of_paths, file.name if len(files) > 1 else "", request.max_rows)
-        detectors += found
-        notes += thinned
+        own, own_notes = _detectors(file, of_paths, file.name if len(files) > 1 else "", request.max_rows)
+        detectors += own
+        notes += own_notes
     with_scores = any(detector.curve.p_fa.size for detector in detectors)
     figure, panels = request.figure(1, 2 if with_scores else 1, size_in=(9.4 if with_scores else 5.2, 4.4))
     _draw_curves(panels[0], detectors, of_paths)
@@ -67,7 +68,7 @@ def draw_detection_view(request: Request) -> Picture:
         draw = _draw_p_values if of_paths else _draw_reliability
         draw(panels[1], [detector for detector in detectors if detector.curve.p_fa.size])
     else:
-        notes.append(f"the flags have no {'p_value' if of_paths else 'los_probability'}: no curve, no calibration")
+        notes.append(f"no ROC curve, no calibration: the flags have no {'p_value' if of_paths else 'los_probability'}")
     return Picture(figure=figure, notes=notes)
 
 
@@ -81,29 +82,44 @@ def _detectors(file: DrawnFile, of_paths: bool, prefix: str, limit: int) -> tupl
     columns = {name: values[judged] for name, values in columns.items()}
     scores = columns.get(score, np.full(judged.size, np.nan))
     labels = np.array(labels_of_rows(columns, judged.size, prefix))
-    found = [
+    detectors = [
         _Detector(
             label=str(label),
-            called=columns[flag][mine] == 1,
-            positive=columns[truth][mine] == 1,
-            score=scores[mine] if of_paths else 1.0 - scores[mine],
+            flagged=columns[flag][own] == 1,
+            positive=columns[truth][own] == 1,
+            score=scores[own] if of_paths else 1.0 - scores[own],
         )
         for label in dict.fromkeys(labels.tolist())
-        for mine in [labels == label]
+        for own in [labels == label]
     ]
-    return found, thinning_note(file, rows)
+    return detectors, thinning_note(file, rows)
+
+
+def _unit_square(axes: Axes, x_label: str, y_label: str) -> None:
+    """Draw the diagonal, and set limits and labels of axes from 0 to 1."""
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel(axis_label(x_label, ""))
+    axes.set_ylabel(axis_label(y_label, ""))
 
 
 def _draw_curves(axes: Axes, detectors: list[_Detector], of_paths: bool) -> None:
-    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
-    for place, detector in enumerate(detectors):
-        look = series_style(place)
+    negatives, positives = (
+        ("direct paths called indirect", "indirect paths called so")
+        if of_paths
+        else ("other rows called line of sight", "line-of-sight rows called so")
+    )
+    _unit_square(axes, f"$P_{{fa}}$: {negatives}", f"$P_d$: {positives}")
+    for index, detector in enumerate(detectors):
+        look = series_style(index)
         curve = detector.curve
         area = f"AUC {curve.area:.3f}" if curve.p_fa.size else ""
         label = ": ".join(filter(None, (detector.label, area)))
         if curve.p_fa.size:
-            kept = np.unique(np.linspace(0, curve.p_fa.size - 1, _CURVE_POINTS).astype(np.int64))
-            axes.plot(curve.p_fa[kept], curve.p_d[kept], color=look.color, linestyle=look.line, label=label)
+            shown = np.unique(np.linspace(0, curve.p_fa.size - 1, _CURVE_POINTS).astype(np.int64))
+            axes.plot(curve.p_fa[shown], curve.p_d[shown], color=look.color, linestyle=look.line, label=label)
         axes.plot(
             *detector.point,
             linestyle="none",
@@ -114,59 +130,36 @@ def _draw_curves(axes: Axes, detectors: list[_Detector], of_paths: bool) -> None
             label=f"{detector.label} as flagged".strip() if curve.p_fa.size else f"{label or 'as'} flagged",
             zorder=3.0,
         )
-    axes.set_aspect("equal")
-    axes.set_xlim(-0.02, 1.02)
-    axes.set_ylim(-0.02, 1.02)
-    what = (
-        ("direct paths called indirect", "indirect paths called so")
-        if of_paths
-        else ("other rows called line of sight", "line-of-sight rows called so")
-    )
-    axes.set_xlabel(axis_label(f"$P_{{fa}}$: {what[0]}", ""))
-    axes.set_ylabel(axis_label(f"$P_d$: {what[1]}", ""))
     axes.legend(loc="lower right")
 
 
 def _draw_p_values(axes: Axes, detectors: list[_Detector]) -> None:
-    """Draw the distribution of the direct paths' p-values; on the diagonal where they are what they say."""
-    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
-    for place, detector in enumerate(detectors):
+    """Draw the distribution of the direct paths' p-values, which is the diagonal if they are calibrated."""
+    _unit_square(axes, "p-value", "share of the direct paths below")
+    for index, detector in enumerate(detectors):
         values = np.sort(detector.score[~detector.positive & ~np.isnan(detector.score)])
         if not values.size:
             continue
         distance, chance = kolmogorov_smirnov(values)
-        kept = np.unique(np.linspace(0, values.size - 1, min(values.size, _CURVE_POINTS)).astype(np.int64))
-        look = series_style(place)
+        shown = np.unique(np.linspace(0, values.size - 1, min(values.size, _CURVE_POINTS)).astype(np.int64))
+        look = series_style(index)
         label = ": ".join(filter(None, (detector.label, f"KS {distance:.3f}, by chance {chance:.2g}")))
         axes.plot(
-            values[kept],
-            (kept + 1) / values.size,
+            values[shown],
+            (shown + 1) / values.size,
             drawstyle="steps-post",
             color=look.color,
             linestyle=look.line,
             label=label,
         )
-    axes.set_aspect("equal")
-    axes.set_xlim(-0.02, 1.02)
-    axes.set_ylim(-0.02, 1.02)
-    axes.set_xlabel(axis_label("p-value", ""))
-    axes.set_ylabel(axis_label("share of the direct paths below", ""))
     axes.legend(loc="lower right")
 
 
 def _draw_reliability(axes: Axes, detectors: list[_Detector]) -> None:
-    """Draw how often rows are in line of sight, by the probability that was stated."""
-    axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8, linestyle=":")
-    told = [(detector.label, reliability(1.0 - detector.score, detector.positive)) for detector in detectors]
-    draw_series(
-        axes,
-        [Series(label=label or "flags", x=one.stated, y=one.share, error=one.std_error) for label, one in told],
-        legend=False,
-    )
-    axes.set_aspect("equal")
-    axes.set_xlim(-0.02, 1.02)
-    axes.set_ylim(-0.02, 1.02)
-    axes.set_xlabel(axis_label("stated probability of line of sight", ""))
-    axes.set_ylabel(axis_label("share in line of sight", ""))
-    if len(told) > 1:
-        place_legend(axes)
+    """Draw the share of rows in line of sight over their stated probability."""
+    _unit_square(axes, "stated probability of line of sight", "share in line of sight")
+    series = []
+    for detector in detectors:
+        bins = reliability(1.0 - detector.score, detector.positive)
+        series.append(Series(label=detector.label or "flags", x=bins.stated, y=bins.share, error=bins.std_error))
+    draw_series(axes, series)

@@ -1,4 +1,4 @@
-"""Ranges of one snapshot as circles about their sensors, by the target that ``identify-los`` gave them to."""
+"""Ranges of one snapshot as circles about their sensors, styled by the target that ``identify-los`` assigned."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from nlosctl.io.results.plot_inputs import DrawnSnapshot
 from nlosctl.plotting.figures import figure_style, series_style
 from nlosctl.plotting.library import Axes
-from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
+from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
 from nlosctl.plotting.views.scene import draw_range_circle, first_measurements, sensor_positions
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
@@ -19,34 +19,34 @@ _MOST_TARGETS = 7
 
 
 @figure_style()
-def draw_echo_view(request: Request) -> Picture:
-    """Draw the circles, the targets with their ellipses if estimates are there, and the truth."""
+def draw_echo_view(request: PlotRequest) -> Picture:
+    """Draw the circles, the estimated targets with their ellipses, if any, and the truth."""
     measured = first_measurements(request)
-    assert measured is not None  # noqa: S101 - the view is chosen by such a file
-    _, found = estimate_rows_of(request.of("estimates"), measured.id)
+    assert measured is not None  # noqa: S101 - only such files have this view
+    _, estimates = estimate_rows_of(request.of("estimates"), measured.id)
     names, sensors = sensor_positions(measured)
 
     def draw(axes: Axes) -> tuple[Extent, Extent, list[str]]:
         extent = Extent()
         extent.include(sensors)
         draw_truth(axes, measured.file_columns, extent)
-        notes = draw_estimates_of_snapshot(axes, found, extent)
+        notes = draw_estimates_of_snapshot(axes, estimates, extent)
         draw_reflectors(axes, measured.scene.reflectors)
         draw_sensors(axes, names, sensors)
-        notes += _draw_circles(axes, measured, extent, whole=not found)
+        notes += _draw_circles(axes, measured, extent, whole=not estimates)
         return extent, Extent(), notes
 
     return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
 
 
 def _draw_circles(axes: Axes, measured: DrawnSnapshot, extent: Extent, *, whole: bool) -> list[str]:
-    """Draw each echo, direct ones in the style of their target; with ``whole`` those are put into view."""
+    """Draw each echo, direct ones in the style of their target; ``whole`` includes direct circles in the extent."""
     columns = measured.columns
     sensor = np.stack([columns["sensor_x_m"], columns["sensor_y_m"]], axis=1)
     target = measured.file_columns.get("target", np.full(sensor.shape[0], np.nan))
     direct = (measured.file_columns.get("los", np.zeros(sensor.shape[0])) == 1) & ~np.isnan(target)
     order = np.lexsort((np.where(direct, target, 0.0), direct))
-    told: set[str] = set()
+    labels: set[str] = set()
     for row in order[np.isfinite(columns["range_m"][order])]:
         radius = float(columns["range_m"][row])
         if direct[row]:
@@ -56,8 +56,7 @@ def _draw_circles(axes: Axes, measured: DrawnSnapshot, extent: Extent, *, whole:
         else:
             label = "other echo"
             style = {"edgecolor": "#b8b8b8", "linestyle": (0, (1.0, 2.0)), "linewidth": 0.8, "zorder": 1.5}
-        draw_range_circle(axes, sensor[row], radius, label="_nolegend_" if label in told else label, **style)
-        told.add(label)
+        draw_range_circle(axes, sensor[row], radius, label=legend_once(labels, label), **style)
         if whole and direct[row]:
             extent.include(sensor[row][None], radius)
-    return [] if direct.any() else ["no echo is given to a target"]
+    return [] if direct.any() else ["no echo is assigned to a target"]

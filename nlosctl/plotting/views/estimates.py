@@ -1,4 +1,4 @@
-"""All estimates of a file over its scene, a panel for each method; their density where they are many."""
+"""All estimates of a file over its scene, one panel per method; a density map if there are many."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.errors import DataError
 from nlosctl.io.results.plot_inputs import DrawnFile, SampledRows, read_sampled
-from nlosctl.plotting.figures import axis_label, figure_style, series_style
+from nlosctl.plotting.figures import SeriesStyle, axis_label, figure_style, series_style
 from nlosctl.plotting.library import Axes, LogNorm
 from nlosctl.plotting.plane import Extent, draw_ellipses, draw_reflectors, draw_sensors, finish_map, scene_sensors
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.series import place_legend
 from nlosctl.plotting.views.close_ups import map_size_in
 from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
@@ -28,8 +28,8 @@ _FAR_QUANTILES = (0.005, 0.995)
 
 
 @figure_style()
-def draw_estimates_view(request: Request) -> Picture:
-    """Draw the best alternatives of every estimate with a position."""
+def draw_estimates_view(request: PlotRequest) -> Picture:
+    """Draw the best alternative of every estimate with a position."""
     files = request.of("estimates")
     clouds: dict[str, tuple[FloatArray, FloatArray]] = {}
     truths, notes = [], []
@@ -45,40 +45,40 @@ def draw_estimates_view(request: Request) -> Picture:
         raise DataError(f"{', '.join(file.name for file in files)}: no estimate has a position")
     labels = list(clouds)[:_MOST_PANELS]
     if len(clouds) > len(labels):
-        notes.append(f"{len(labels)} of {len(clouds)} groups are drawn")
+        notes.append(f"only {len(labels)} of {len(clouds)} groups are shown")
     truth = np.concatenate(truths) if truths else np.empty((0, 2))
     extent, far = _extent(files[0], [clouds[label][0] for label in labels], truth)
     columns = min(len(labels), 3)
     lines = -(-len(labels) // columns)
     figure, panels = request.figure(lines, columns, size_in=map_size_in(extent, columns, lines))
-    for place, (axes, label) in enumerate(zip(panels, labels, strict=False)):
-        _draw_cloud(axes, files[0], place, label, *clouds[label], truth, extent)
+    for index, (axes, label) in enumerate(zip(panels, labels, strict=False)):
+        _draw_cloud(axes, files[0], series_style(index + 1), label, *clouds[label], truth, extent)
     for axes in panels[len(labels) :]:
         axes.set_visible(False)
     place_legend(panels[columns - 1], beside=True)
     if far:
-        notes.append(f"{far} estimates lie outside the picture")
+        notes.append(f"{far} estimates are outside the picture")
     return Picture(figure=figure, notes=notes)
 
 
 def thinning_note(file: DrawnFile, rows: SampledRows) -> list[str]:
-    """Return a note where only some snapshots are drawn."""
+    """Return a note if only some snapshots are drawn."""
     if rows.step == 1:
         return []
     return [f"{file.name}: 1 of {rows.step} snapshots is drawn, {rows.count} of {rows.total} rows (--max-rows)"]
 
 
 def _groups(rows: SampledRows, prefix: str) -> dict[str, IntArray]:
-    """Return the rows of each label that are best alternatives with a position."""
+    """Return the row indices of each label: best alternatives with a position."""
     position = positions_of(rows.columns, "x_m", "y_m")
     good = np.isfinite(position).all(axis=1) & (rows.columns["alternative"] == 0.0)
-    places = np.flatnonzero(good)
-    labels = np.array(labels_of_rows({name: rows.columns[name][places] for name in rows.columns}, places.size, prefix))
-    return {str(label): places[labels == label] for label in dict.fromkeys(labels.tolist())}
+    index = np.flatnonzero(good)
+    labels = np.array(labels_of_rows({name: rows.columns[name][index] for name in rows.columns}, index.size, prefix))
+    return {str(label): index[labels == label] for label in dict.fromkeys(labels.tolist())}
 
 
 def _extent(file: DrawnFile, clouds: list[FloatArray], truth: FloatArray) -> tuple[Extent, int]:
-    """Return what is in view: all but the farthest points of large clouds, and how many these are."""
+    """Return the extent, without the farthest points of large clouds, and the number of points outside it."""
     extent = Extent()
     extent.include(scene_sensors(file.scene)[1])
     extent.include(truth)
@@ -94,14 +94,13 @@ def _extent(file: DrawnFile, clouds: list[FloatArray], truth: FloatArray) -> tup
 def _draw_cloud(
     axes: Axes,
     file: DrawnFile,
-    place: int,
+    look: SeriesStyle,
     label: str,
     position: FloatArray,
     covariance: FloatArray,
     truth: FloatArray,
     extent: Extent,
 ) -> None:
-    look = series_style(place + 1)
     axes.set_title(f"{label or 'estimates'} ({position.shape[0]})")
     if position.shape[0] > _DENSE_FROM:
         _draw_density(axes, position, extent)
@@ -139,7 +138,7 @@ def _draw_cloud(
 
 
 def _draw_density(axes: Axes, position: FloatArray, extent: Extent) -> None:
-    """Draw how many estimates fall into each square of a grid over the view, on a logarithmic scale."""
+    """Draw the number of estimates in each cell of a square grid, on a logarithmic colour scale."""
     low, high = extent.framed()
     side = float(np.max(high - low)) / _CELLS
     edges = [np.arange(low[axis], high[axis] + side, side) for axis in (0, 1)]

@@ -1,4 +1,4 @@
-"""Which view suits some files, and the picture of it."""
+"""Choice of the view for some files, and its picture."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from textwrap import fill
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.io.results.plot_inputs import DrawnFile
 from nlosctl.plotting.catalogue import VIEWS
-from nlosctl.plotting.fitting_views import fitting_views
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plot_request import Picture, PlotRequest
+from nlosctl.plotting.suitable_views import suitable_views
 from nlosctl.plotting.views.bound import draw_bound_map
 from nlosctl.plotting.views.detection import draw_detection_view
 from nlosctl.plotting.views.echoes import draw_echo_view
@@ -20,9 +20,9 @@ from nlosctl.plotting.views.triplets import draw_triplet_view
 
 __all__ = ["choose_view", "draw_picture"]
 
-_LETTERS_PER_IN = 15
+_CHARACTERS_PER_IN = 15
 
-_DRAW: dict[str, Callable[[Request], Picture]] = {
+_DRAW: dict[str, Callable[[PlotRequest], Picture]] = {
     "scene": draw_scene_view,
     "estimates": draw_estimates_view,
     "cdf": draw_error_cdf,
@@ -35,26 +35,26 @@ _DRAW: dict[str, Callable[[Request], Picture]] = {
 
 
 def choose_view(files: Sequence[DrawnFile], wanted: str | None, *, one_snapshot: bool = False) -> str:
-    """Return the ``wanted`` view, or the first that suits the files; UsageError where there is none such."""
-    fitting = fitting_views(files, one_snapshot=one_snapshot)
+    """Return the ``wanted`` view, or the first that suits the files; raise UsageError if it does not suit them."""
+    suitable = suitable_views(files, one_snapshot=one_snapshot)
     if wanted is None:
-        if not fitting:
-            held = ", ".join(f"{file.name} ({file.content})" for file in files)
-            raise UsageError(f"no view suits {held} together; 'nlosctl plot --views' lists what each takes")
-        return fitting[0]
+        if not suitable:
+            contents = ", ".join(f"{file.name} ({file.content})" for file in files)
+            raise UsageError(f"no view suits {contents} together; 'nlosctl plot --views' lists what each view takes")
+        return suitable[0]
     if wanted not in VIEWS:
         raise UsageError(f"no view {wanted!r}{did_you_mean(wanted, VIEWS)}; there are: {', '.join(VIEWS)}")
-    if wanted not in fitting:
-        held = ", ".join(f"{file.name} has {file.content}" for file in files)
-        suits = f"; these suit: {', '.join(fitting)}" if fitting else ""
-        raise UsageError(f"--view {wanted} takes {VIEWS[wanted].takes}; {held}{suits}")
+    if wanted not in suitable:
+        contents = ", ".join(f"{file.name} has {file.content}" for file in files)
+        cure = f"; suitable views: {', '.join(suitable)}" if suitable else ""
+        raise UsageError(f"--view {wanted} takes {VIEWS[wanted].takes}; {contents}{cure}")
     return wanted
 
 
-def draw_picture(request: Request, view: str) -> Picture:
-    """Return the picture of a view, its notes under it; raises DataError for faults of the files."""
+def draw_picture(request: PlotRequest, view: str) -> Picture:
+    """Return the picture of a view with its notes below; raise DataError for faults of the files."""
     picture = _DRAW[view](request)
     if picture.notes:
-        width = int(_LETTERS_PER_IN * picture.figure.get_figwidth())
+        width = int(_CHARACTERS_PER_IN * picture.figure.get_figwidth())
         picture.figure.supxlabel("\n".join(fill(note, width) for note in picture.notes), fontsize=7, color="#505050")
     return picture

@@ -1,4 +1,4 @@
-"""The estimates and truth that belong to one snapshot, drawn over its measurements."""
+"""Estimates and truth of one snapshot, drawn over its measurements; labels and positions of result rows."""
 
 from __future__ import annotations
 
@@ -14,50 +14,51 @@ from nlosctl.plotting.figures import series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_ellipses
 
-__all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "labels_of_rows"]
+__all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "labels_of_rows", "positions_of"]
 
 Columns = Mapping[str, npt.NDArray[np.generic]]
 
 
 def estimate_rows_of(files: Sequence[DrawnFile], snapshot: str | None) -> tuple[str | None, list[tuple[str, Columns]]]:
-    """Return the snapshot's id, and its rows in each file of estimates, under its name where there are several."""
-    found: list[tuple[str, Columns]] = []
+    """Return the snapshot's id, and for each file of estimates its name (if there are several) and its rows."""
+    estimates: list[tuple[str, Columns]] = []
     for file in files:
         snapshot, columns = read_rows_of_snapshot(file, snapshot)
-        found.append((file.name if len(files) > 1 else "", columns))
-    return snapshot, found
+        estimates.append((file.name if len(files) > 1 else "", columns))
+    return snapshot, estimates
 
 
 def labels_of_rows(columns: Columns, count: int, prefix: str = "") -> list[str]:
-    """Return for each row (N,) whose it is, in words: file, source, method, swept values."""
+    """Return a label for each row (N,): file, source, method, swept values."""
     parts = [[prefix] * count] if prefix else []
     parts += [[str(word) for word in columns[name]] for name in ("source", "method") if name in columns]
     for name, values in columns.items():
         if name.startswith("sweep_"):
             key = name.removeprefix("sweep_")
-            parts.append([f"{key}={_told(value)}" if _is_told(value) else "" for value in values])
+            parts.append([f"{key}={_as_text(value)}" if _is_known(value) else "" for value in values])
     return [" ".join(filter(None, words)) for words in zip(*parts, strict=True)] if parts else [""] * count
 
 
-def draw_estimates_of_snapshot(axes: Axes, found: Sequence[tuple[str, Columns]], extent: Extent) -> list[str]:
-    """Draw the estimates with their 95 % ellipses, a style for each method; return what could not be drawn."""
+def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Columns]], extent: Extent) -> list[str]:
+    """Draw the estimates with their 95 % ellipses, a style per method; return notes on what could not be drawn."""
     notes = []
     style = 0
-    for prefix, columns in found:
+    for prefix, columns in estimates:
         position = positions_of(columns, "x_m", "y_m")
         covariance = np.stack([_numbers(columns, name) for name in ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")], axis=1)
         labels = np.array(labels_of_rows(columns, position.shape[0], prefix), dtype=object)
         best = _numbers(columns, "alternative") == 0.0
         for label in dict.fromkeys(labels.tolist()):
-            mine = labels == label
-            has = np.isfinite(position).all(axis=1)
-            if not (mine & has).any():
-                words = ", ".join(dict.fromkeys(str(word) for word in columns["status"][mine]))
+            own = labels == label
+            fixed = own & np.isfinite(position).all(axis=1)
+            if not fixed.any():
+                words = ", ".join(dict.fromkeys(str(word) for word in columns["status"][own]))
                 notes.append(f"{label or 'the estimates'}: no position ({words})")
                 continue
             look = series_style(style + 1)
             style += 1
-            for rows, size, told in ((mine & has & best, 7.0, label or "estimate"), (mine & has & ~best, 4.0, None)):
+            name = label or "estimate"
+            for rows, size, shown in ((fixed & best, 7.0, name), (fixed & ~best, 4.0, f"{name}, alternatives")):
                 if not rows.any():
                     continue
                 axes.plot(
@@ -68,18 +69,18 @@ def draw_estimates_of_snapshot(axes: Axes, found: Sequence[tuple[str, Columns]],
                     color=look.color,
                     markerfacecolor=look.color if look.filled else "white",
                     markeredgewidth=1.2,
-                    label=told or f"{label or 'estimate'}, alternatives",
+                    label=shown,
                     zorder=3.5,
                 )
                 extent.include(position[rows])
-            drawn = draw_ellipses(axes, position[mine], covariance[mine], look, extent)
-            if drawn < int((mine & has).sum()):
-                notes.append(f"{label or 'estimate'}: no covariance, so no ellipse")
+            ellipses = draw_ellipses(axes, position[own], covariance[own], look, extent)
+            if ellipses < int(fixed.sum()):
+                notes.append(f"{name}: no covariance, so no ellipse")
     return notes
 
 
 def draw_truth(axes: Axes, columns: Columns, extent: Extent) -> None:
-    """Draw the true positions that the rows tell, each once."""
+    """Draw the true positions in the rows, each once."""
     if not {"truth_x_m", "truth_y_m"} <= columns.keys():
         return
     truth = np.unique(positions_of(columns, "truth_x_m", "truth_y_m"), axis=0)
@@ -99,7 +100,7 @@ def draw_truth(axes: Axes, columns: Columns, extent: Extent) -> None:
 
 
 def positions_of(columns: Columns, x: str, y: str) -> FloatArray:
-    """Return two columns as points (N, 2); raises DataError where they are no numbers."""
+    """Return two columns as points (N, 2); raise DataError if they are not numeric."""
     return np.stack([_numbers(columns, x), _numbers(columns, y)], axis=1)
 
 
@@ -112,9 +113,9 @@ def _numbers(columns: Columns, name: str) -> FloatArray:
     return values.astype(np.float64)
 
 
-def _is_told(value: object) -> bool:
+def _is_known(value: object) -> bool:
     return value != "" and not (isinstance(value, float) and np.isnan(value))
 
 
-def _told(value: object) -> str:
+def _as_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Triplets of one snapshot: both rays, the ellipse of equal path length, and the three points where they meet."""
+"""Triplets of one snapshot: both rays, the ellipse of equal path length, and their three intersections."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlosctl.io.results.plot_inputs import DrawnSnapshot
 from nlosctl.plotting.figures import SeriesStyle, figure_style, series_style
 from nlosctl.plotting.library import Axes, Ellipse
 from nlosctl.plotting.plane import Extent
-from nlosctl.plotting.requests import Picture, Request
+from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
 from nlosctl.plotting.views.scene import first_measurements
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
@@ -26,40 +26,43 @@ Columns = Mapping[str, npt.NDArray[Any]]
 
 _MOST_PATHS = 4
 _POINT_MARKERS = ("o", "v", "<")
-_POINT_WORDS = ("1: the rays cross", "2: departing ray on the ellipse", "3: arriving ray on the ellipse")
+_POINT_LABELS = ("1: the rays cross", "2: departing ray on the ellipse", "3: arriving ray on the ellipse")
 _FARTHEST = 4.0
-"""A point this many path lengths away (rays nearly parallel) is told, not drawn."""
+"""A crossing this many path lengths away (nearly parallel rays) is a note, not drawn."""
 
 
 @figure_style()
-def draw_triplet_view(request: Request) -> Picture:
-    """Draw the first few paths of a snapshot, or those that are named."""
+def draw_triplet_view(request: PlotRequest) -> Picture:
+    """Draw the first few paths of a snapshot, or the named ones."""
     measured = first_measurements(request)
-    assert measured is not None  # noqa: S101 - the view is chosen by such a file
+    assert measured is not None  # noqa: S101 - only such files have this view
     names = _path_names(measured)
     rows, notes = _chosen(names, request.paths)
-    _, found = estimate_rows_of(request.of("estimates"), measured.id)
-    found = _of_paths(found, [names[row] for row in rows])
+    _, estimates = estimate_rows_of(request.of("estimates"), measured.id)
+    estimates = _of_paths(estimates, [names[row] for row in rows])
 
     def draw(axes: Axes) -> tuple[Extent, Extent, list[str]]:
-        extent, focus, told = Extent(), Extent(), list(notes)
+        extent, focus, all_notes = Extent(), Extent(), list(notes)
         draw_truth(axes, {name: values[rows] for name, values in measured.file_columns.items()}, focus)
-        told += draw_estimates_of_snapshot(axes, found, focus)
+        all_notes += draw_estimates_of_snapshot(axes, estimates, focus)
         for node, label, marker in (("tx", "transmitter", "D"), ("rx", "receiver", "^")):
             _draw_node(axes, measured, rows, node, label, marker, extent)
-        for place, row in enumerate(rows):
-            told += _draw_path(axes, measured, row, names[row], series_style(place + 2), (extent, focus))
-        extent.include_all(focus)
-        for marker, words in zip(_POINT_MARKERS, _POINT_WORDS, strict=True):
-            axes.plot([], [], linestyle="none", marker=marker, color="black", markerfacecolor="white", label=words)
-        return extent, focus, told
+        for index, row in enumerate(rows):
+            all_notes += _draw_path(axes, measured, row, names[row], series_style(index + 2), (extent, focus))
+        extent.include_extent(focus)
+        for marker, label in zip(_POINT_MARKERS, _POINT_LABELS, strict=True):
+            axes.plot([], [], linestyle="none", marker=marker, color="black", markerfacecolor="white", label=label)
+        return extent, focus, all_notes
 
     return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
 
 
 def _path_names(measured: DrawnSnapshot) -> list[str]:
-    names = measured.file_columns.get("path", np.arange(measured.left_out.size, dtype=np.float64))
-    return [f"{name:g}" if isinstance(name, float) else str(name) for name in names]
+    return _as_names(measured.file_columns.get("path", np.arange(measured.left_out.size, dtype=np.float64)))
+
+
+def _as_names(paths: npt.NDArray[Any]) -> list[str]:
+    return [f"{path:g}" if isinstance(path, float) else str(path) for path in paths]
 
 
 def _chosen(names: Sequence[str], wanted: Sequence[str]) -> tuple[list[int], list[str]]:
@@ -69,29 +72,27 @@ def _chosen(names: Sequence[str], wanted: Sequence[str]) -> tuple[list[int], lis
     rows = [row for row, name in enumerate(names) if not wanted or name in wanted]
     if wanted or len(rows) <= _MOST_PATHS:
         return rows, []
-    return rows[:_MOST_PATHS], [f"the first {_MOST_PATHS} of {len(rows)} paths are drawn; --path names others"]
+    return rows[:_MOST_PATHS], [f"only the first {_MOST_PATHS} of {len(rows)} paths are shown; --path selects others"]
 
 
-def _of_paths(found: Sequence[tuple[str, Columns]], names: Sequence[str]) -> list[tuple[str, Columns]]:
-    """Return the estimates of the drawn paths, where they are solved path by path."""
-    kept = []
-    for prefix, columns in found:
+def _of_paths(estimates: Sequence[tuple[str, Columns]], names: Sequence[str]) -> list[tuple[str, Columns]]:
+    """Return the estimates of the named paths, and those of no single path."""
+    selected = []
+    for prefix, columns in estimates:
         if "path" in columns:
-            told = [f"{name:g}" if isinstance(name, float) else str(name) for name in columns["path"]]
-            mine = np.array([name in names or name == "nan" for name in told])
-            columns = {name: values[mine] for name, values in columns.items()}
+            own = np.array([name in names or name == "nan" for name in _as_names(columns["path"])])
+            columns = {name: values[own] for name, values in columns.items()}
         if next(iter(columns.values())).size:
-            kept.append((prefix, columns))
-    return kept
+            selected.append((prefix, columns))
+    return selected
 
 
 def _draw_node(
     axes: Axes, measured: DrawnSnapshot, rows: Sequence[int], node: str, label: str, marker: str, extent: Extent
 ) -> None:
-    places = np.stack([measured.columns[f"{node}_{axis}_m"][rows] for axis in AXES], axis=1)
-    places = np.unique(places, axis=0)
-    axes.plot(*places.T, linestyle="none", marker=marker, markersize=7, color="black", label=label, zorder=4.0)
-    extent.include(places)
+    xy = np.unique(np.stack([measured.columns[f"{node}_{axis}_m"][rows] for axis in AXES], axis=1), axis=0)
+    axes.plot(*xy.T, linestyle="none", marker=marker, markersize=7, color="black", label=label, zorder=4.0)
+    extent.include(xy)
 
 
 def _draw_path(
@@ -106,12 +107,12 @@ def _draw_path(
     in_frame = [[rays.coordinate(number, axis).value_m for axis in AXES] for number in (1, 2, 3)]
     points = [np.array(frame.to_global(*point)).ravel() for point in in_frame]
     has_ellipse = bool(rays.has_ellipse[0])
-    drawn = [bool(np.isfinite(point).all()) and (number == 0 or has_ellipse) for number, point in enumerate(points)]
-    drawn[0] = drawn[0] and float(np.hypot(*(points[0] - tx))) < _FARTHEST * length
+    shown = [bool(np.isfinite(point).all()) and (number == 0 or has_ellipse) for number, point in enumerate(points)]
+    shown[0] = shown[0] and float(np.hypot(*(points[0] - tx))) < _FARTHEST * length
     label = f"path {name}{_verdict(measured, row)}"
-    for start, angle, reached in ((tx, "dod_rad", (0, 1)), (rx, "doa_rad", (0, 2))):
+    for start, angle, on_ray in ((tx, "dod_rad", (0, 1)), (rx, "doa_rad", (0, 2))):
         along = np.array([np.cos(columns[angle][0]), np.sin(columns[angle][0])])
-        reach = [float((points[number] - start) @ along) for number in reached if drawn[number]]
+        reach = [float((points[number] - start) @ along) for number in on_ray if shown[number]]
         end = start + along * 1.06 * max([*reach, 0.5 * length])
         behind = start + along * 1.06 * min([*reach, 0.0])
         axes.plot(
@@ -123,7 +124,7 @@ def _draw_path(
     if has_ellipse:
         _draw_path_ellipse(axes, 0.5 * (tx + rx), rx - tx, length, look, extent)
     for number, point in enumerate(points):
-        if drawn[number]:
+        if shown[number]:
             axes.plot(
                 *point,
                 marker=_POINT_MARKERS[number],
@@ -135,8 +136,8 @@ def _draw_path(
                 zorder=3.4,
             )
             focus.include(point[None])
-    notes = [] if drawn[0] else [f"path {name}: the rays cross nowhere near (nearly parallel)"]
-    return notes if has_ellipse else [*notes, f"path {name}: no ellipse, it is not longer than the baseline"]
+    notes = [] if shown[0] else [f"path {name}: the rays are nearly parallel and cross far away, if at all"]
+    return notes if has_ellipse else [*notes, f"path {name}: no ellipse, because it is not longer than the baseline"]
 
 
 def _verdict(measured: DrawnSnapshot, row: int) -> str:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.evaluation.targets import CASES
-from nlosctl.plotting.panels import BarsPanel, Line, Panel, PointsPanel
+from nlosctl.plotting.panels import BarsPanel, Panel, PointsPanel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets
 from nlosctl.reproduce.liang.paper import CHUNK_TRIALS, PAPER, candidates, echo_trials
@@ -130,8 +130,8 @@ def _example(given: Simulated, found: Sequence[CandidateSets], case: int) -> Pan
         equal_aspect=True,
         legend=case == len(CASES) - 1,
         points=(
-            Line(label="crossing of the set", x=points[:, 0], y=points[:, 1], style=2),
-            Line(label="target", x=near[:, 0], y=near[:, 1], style=7),
+            Series(label="crossing of the set", x=points[:, 0], y=points[:, 1], style=2),
+            Series(label="target", x=near[:, 0], y=near[:, 1], style=7),
         ),
         outlines=tuple(
             _arcs(label, columns, [row for row in some.row[place] if columns["truth_los"][row] == direct], center, half)
@@ -143,7 +143,7 @@ def _example(given: Simulated, found: Sequence[CandidateSets], case: int) -> Pan
 
 def _arcs(
     label: str, columns: Mapping[str, npt.NDArray[Any]], rows: Sequence[int], center: FloatArray, half: float
-) -> Line:
+) -> Series:
     """Return the circles of some rows as far as they are within the window, solid for direct ones, else dashed."""
     parts = [np.full((1, 2), np.nan)]
     for row in rows:
@@ -154,7 +154,7 @@ def _arcs(
         points[~inside] = np.nan
         parts += [points[inside | np.roll(inside, 1)], np.full((1, 2), np.nan)]
     x, y = np.concatenate(parts).T
-    return Line(label=label, x=x, y=y, style=0 if label.startswith("direct") else 1, marker=False)
+    return Series(label=label, x=x, y=y, style=0 if label.startswith("direct") else 1, marker=False)
 
 
 EXPERIMENT = Experiment(

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.liang.paper import CHUNK_TRIALS, NOISES_DB, PAPER, TARGETS, candidates, echo_trials, identified
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, measure, share
@@ -67,7 +67,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         alone = Drawn(conditions=[condition], samples=[samples], random=drawn.random)
         ours = [measure(partial(_first_mean_spread, place=place), alone) for place in range(1, _SHOWN + 1)]
         lines.append(
-            Line(
+            Series(
                 label=f"{condition['noise_db']:g} dB",
                 x=np.arange(1.0, _SHOWN + 1.0),
                 y=np.array([one.value for one in ours]),

@@ -17,7 +17,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import parse_field
 from nlosctl.evaluation.targets import EchoRows, TargetScores
 from nlosctl.pipeline.solve.dense_blocks import Block
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Erratum, Experiment, Paper
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets, candidate_sets
 from nlosctl.reproduce.panels import curve
@@ -222,7 +222,7 @@ def _table_panels(drawn: Drawn, counts: Mapping[int, tuple[int, ...]]) -> Sequen
             x_label="noise, 10 log10(std / 1 m) [dB]",
             y_label="trials exactly right of 1000 [-]",
             lines=(
-                Line(label="paper", x=np.array(NOISES_DB), y=np.array(counts[sensors], dtype=float), line=False),
+                Series(label="paper", x=np.array(NOISES_DB), y=np.array(counts[sensors], dtype=float), line=False),
                 *(
                     curve(drawn, "noise_db", label, partial(_thousandths, method=method), sensors=sensors)
                     for method, label in _METHODS.items()

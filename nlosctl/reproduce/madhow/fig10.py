@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from nlosctl.contract.scene import SegmentReflector
-from nlosctl.plotting.panels import Line, Panel, PointsPanel
+from nlosctl.plotting.panels import Panel, PointsPanel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.madhow.paper import PAPER
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, median_of, rms, rms_of, share
@@ -47,11 +47,11 @@ def _share_ambiguous(drawn: Drawn, source: str) -> float:
     return share(drawn.of(source=source)["mixture_ambiguous"])
 
 
-def outlines(figure: str) -> tuple[Line, ...]:
+def outlines(figure: str) -> tuple[Series, ...]:
     """Return walls and receivers of one of the paper's two worlds."""
     world = madhow_walls.scene(madhow_walls.MadhowWallsOptions(figure=figure))  # type: ignore[arg-type]
     walls = tuple(
-        Line(
+        Series(
             label=f"{wall.name} wall" if wall.name != "wall" else "wall",
             x=np.array([wall.start[0], wall.end[0]]),
             y=np.array([wall.start[1], wall.end[1]]),
@@ -62,7 +62,7 @@ def outlines(figure: str) -> tuple[Line, ...]:
         if isinstance(wall, SegmentReflector)
     )
     receivers = np.array([sensor.position for sensor in world.sensors])
-    return (*walls, Line(label="receivers", x=receivers[:, 0], y=receivers[:, 1], line=False, style=1))
+    return (*walls, Series(label="receivers", x=receivers[:, 0], y=receivers[:, 1], line=False, style=1))
 
 
 def _panels(drawn: Drawn) -> Sequence[Panel]:
@@ -71,7 +71,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         points = []
         for style, (condition, samples) in enumerate(drawn.where()):
             points.append(
-                Line(
+                Series(
                     label=f"estimates, source {condition['source']}",
                     x=samples["x_m"][:_SHOWN],
                     y=samples["y_m"][:_SHOWN],
@@ -80,9 +80,9 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             )
         truths = [(samples["truth_x_m"][0], samples["truth_y_m"][0]) for _, samples in drawn.where()]
         x, y = np.array(truths).T
-        points.append(Line(label="sources", x=x, y=y, style=0))
+        points.append(Series(label="sources", x=x, y=y, style=0))
         if not wide:
-            points = [points[0], Line(label="sources", x=x[:1], y=y[:1], style=0)]
+            points = [points[0], Series(label="sources", x=x[:1], y=y[:1], style=0)]
         panels.append(
             PointsPanel(
                 x_label="x [m]",

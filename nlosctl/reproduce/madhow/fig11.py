@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.api import localize
 from nlosctl.arrays import FloatArray
-from nlosctl.plotting.panels import Line, Panel, PointsPanel
+from nlosctl.plotting.panels import Panel, PointsPanel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.madhow.fig10 import outlines
 from nlosctl.reproduce.madhow.paper import PAPER
@@ -91,7 +91,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         samples = drawn.of(band=band)
         truth_x, truth_y = samples["truth_x_m"][:1], samples["truth_y_m"][:1]
         second = [
-            Line(
+            Series(
                 label="second estimates",
                 x=samples["second_x_m"][:_SHOWN],
                 y=samples["second_y_m"][:_SHOWN],
@@ -107,10 +107,10 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 x_range=(-60.0, 560.0),
                 y_range=(-220.0, 500.0),
                 points=(
-                    Line(label="best estimates", x=samples["x_m"][:_SHOWN], y=samples["y_m"][:_SHOWN], style=2),
+                    Series(label="best estimates", x=samples["x_m"][:_SHOWN], y=samples["y_m"][:_SHOWN], style=2),
                     *(second if band == "wide" else []),
-                    Line(label="source", x=truth_x, y=truth_y, style=0),
-                    Line(label="its image", x=truth_x, y=-truth_y, style=4),
+                    Series(label="source", x=truth_x, y=truth_y, style=0),
+                    Series(label="its image", x=truth_x, y=-truth_y, style=4),
                 ),
                 outlines=outlines("11"),
             )

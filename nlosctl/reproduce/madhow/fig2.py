@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.evaluation.bounds import bounds_of
 from nlosctl.models.information import INFORMATION
-from nlosctl.plotting.panels import Line, MapPanel, Panel
+from nlosctl.plotting.panels import MapPanel, Panel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
 from nlosctl.reproduce.lattices import lattice_points, on_lattice
 from nlosctl.reproduce.madhow.paper import PAPER, RECEIVERS, ring
@@ -63,7 +63,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         x, y, rms = on_lattice(samples["x_m"], samples["y_m"], samples["rms_m"])
         world = madhow_ring.scene(madhow_ring.MadhowRingOptions(radius_m=_RADIUS_M))
         receivers = np.array([sensor.position for sensor in world.sensors]) + _CENTER_M
-        points = (Line(label="receivers", x=receivers[:, 0], y=receivers[:, 1], style=1),) if area == "disc" else ()
+        points = (Series(label="receivers", x=receivers[:, 0], y=receivers[:, 1], style=1),) if area == "disc" else ()
         panels.append(
             MapPanel(
                 x_label="x [m]",

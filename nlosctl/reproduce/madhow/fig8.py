@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.madhow.paper import PAPER, RECEIVERS, ring, solve
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, measure, rms
@@ -59,7 +59,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
     counts = np.array(_BOOTSTRAPS, dtype=np.float64)
     for blocked in _BLOCKED:
         expected = np.array([_expected(blocked, count) for count in _BOOTSTRAPS])
-        lines = [Line(label="expected, (27)", x=counts, y=np.where(expected > 1e-5, expected, np.nan), style=0)]
+        lines = [Series(label="expected, (27)", x=counts, y=np.where(expected > 1e-5, expected, np.nan), style=0)]
         for style, std_deg in enumerate(_STDS_DEG, 1):
             found = [
                 measure(
@@ -69,7 +69,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 for count in _BOOTSTRAPS
             ]
             lines.append(
-                Line(
+                Series(
                     label=f"observed, {std_deg:g} deg",
                     x=counts,
                     y=np.array([one.value for one in found]),

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division
-from nlosctl.plotting.panels import Line, Panel, RegionsPanel
+from nlosctl.plotting.panels import Panel, RegionsPanel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
 from nlosctl.reproduce.shen.detection_theory import (
@@ -143,10 +143,10 @@ def _map(drawn: Drawn, rule: str) -> Panel:
     )
 
 
-def _outline(spots: Sequence[Spot], label: str, style: int) -> Line:
+def _outline(spots: Sequence[Spot], label: str, style: int) -> Series:
     gap = np.full((1, 2), np.nan)
     points = np.concatenate([gap, *(np.concatenate([spot.points(np.array([0.0, 1.0])), gap]) for spot in spots)])
-    return Line(label=label, x=points[:, 0], y=points[:, 1], style=style, marker=False)
+    return Series(label=label, x=points[:, 0], y=points[:, 1], style=style, marker=False)
 
 
 EXPERIMENT = Experiment(

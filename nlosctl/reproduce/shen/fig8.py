@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Claim, Experiment
 from nlosctl.reproduce.panels import curve
 from nlosctl.reproduce.samples import Drawn, conditions
@@ -19,7 +19,7 @@ __all__ = ["EXPERIMENT"]
 _WHERE = "Section VI-D, Fig. 8"
 _LEVEL = 0.05
 _POWERS_DBM = (-10.0, -5.0, 0.0, 5.0, 10.0, 20.0, 30.0)
-_EXPECTED = Line(
+_EXPECTED = Series(
     label="expected", x=np.array([_POWERS_DBM[0], _POWERS_DBM[-1]]), y=np.full(2, _LEVEL), marker=False, style=7
 )
 _RULES = ("lambda5", "fusion0", "fusion1", "chi2")

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Claim, Experiment
 from nlosctl.reproduce.samples import Drawn, conditions
 from nlosctl.reproduce.shen.paper import (
@@ -125,7 +125,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         for rule in _SHOWN:
             p_f, p_d = _curve(drawn, rule, reading)
             shown = p_f <= _LARGEST_SHOWN
-            lines.append(Line(label=RULES[rule][0], x=p_f[shown], y=p_d[shown]))
+            lines.append(Series(label=RULES[rule][0], x=p_f[shown], y=p_d[shown]))
         panels.append(
             LinesPanel(
                 title=told,

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Claim, Experiment
 from nlosctl.reproduce.samples import Drawn
 from nlosctl.reproduce.shen.detection_theory import DetectionScene, scene_detection_probability
@@ -84,10 +84,10 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         shown = {kind: np.array(values, dtype=float) for kind, values in table.items()}
         levels = np.array(_LEVELS)
         lines = (
-            Line(label="paper, simulated", x=shown["P_f"], y=shown["P_d"], line=False),
-            Line(label="paper, (33)", x=levels, y=shown["theory"], line=False),
-            Line(label=f"lambda {rule}", x=p_f[0], y=p_d[0], style=2),
-            Line(label=RULES["chi2"][0], x=p_f[1], y=p_d[1], style=4),
+            Series(label="paper, simulated", x=shown["P_f"], y=shown["P_d"], line=False),
+            Series(label="paper, (33)", x=levels, y=shown["theory"], line=False),
+            Series(label=f"lambda {rule}", x=p_f[0], y=p_d[0], style=2),
+            Series(label=RULES["chi2"][0], x=p_f[1], y=p_d[1], style=4),
         )
         panels.append(LinesPanel(title=f"lambda {rule}", x_label="P_f [-]", y_label="P_d [-]", lines=lines))
     return panels

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Claim, Experiment
 from nlosctl.reproduce.samples import Drawn, conditions
 from nlosctl.reproduce.shen.paper import (
@@ -65,15 +65,15 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         for number, rule in enumerate(_PRINTED):
             shown = np.array(_PRINTED[rule][kind], dtype=float)
             label = RULES[rule][0]
-            lines.append(Line(label=f"{label}: paper", x=np.array(_LEVELS), y=shown, line=False, style=number))
+            lines.append(Series(label=f"{label}: paper", x=np.array(_LEVELS), y=shown, line=False, style=number))
             for reading, told in READINGS.items():
                 samples = drawn.of(reading=reading)
                 y = np.array([rate(samples, truth=truth, rule=rule, level=level) for level in _LEVELS])
                 style = number if reading == "lines" else number + 3
-                lines.append(Line(label=f"{label}: {told}", x=np.array(_LEVELS), y=y, style=style, marker=False))
+                lines.append(Series(label=f"{label}: {told}", x=np.array(_LEVELS), y=y, style=style, marker=False))
         samples = drawn.of(reading="rays")
         y = np.array([rate(samples, truth=truth, rule="chi2", level=level) for level in _LEVELS])
-        lines.append(Line(label=RULES["chi2"][0], x=np.array(_LEVELS), y=y, style=6))
+        lines.append(Series(label=RULES["chi2"][0], x=np.array(_LEVELS), y=y, style=6))
         panels.append(LinesPanel(x_label="expected P_f [-]", y_label=f"{kind} [-]", lines=tuple(lines)))
     return panels
 

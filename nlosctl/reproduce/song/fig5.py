@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray
 from nlosctl.geometry.circular_reflection import all_points, count_reflections, separatrix
-from nlosctl.plotting.panels import Line, Panel, RegionsPanel
+from nlosctl.plotting.panels import Panel, RegionsPanel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
 from nlosctl.reproduce.lattices import lattice_points, on_lattice
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
@@ -135,10 +135,10 @@ def _panel(c: float, samples: Samples) -> Panel:
         region=np.where(np.isfinite(count), np.where(count == 4.0, 1, 0), -1),
         labels=("2 paths", "4 paths"),
         outlines=(
-            Line(label="circle", x=np.cos(angle), y=np.sin(angle), marker=False, style=0),
-            Line(label="separatrix", x=np.where(beyond, np.nan, curve_x), y=curve_y, marker=False, style=1),
-            Line(label="singular points", x=singular[:, 0], y=singular[:, 1], line=False, style=1),
-            Line(label="sensor", x=np.array([c]), y=np.array([0.0]), line=False, style=2),
+            Series(label="circle", x=np.cos(angle), y=np.sin(angle), marker=False, style=0),
+            Series(label="separatrix", x=np.where(beyond, np.nan, curve_x), y=curve_y, marker=False, style=1),
+            Series(label="singular points", x=singular[:, 0], y=singular[:, 1], line=False, style=1),
+            Series(label="sensor", x=np.array([c]), y=np.array([0.0]), line=False, style=2),
         ),
     )
 

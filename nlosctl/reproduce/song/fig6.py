@@ -16,7 +16,7 @@ from nlosctl.geometry.visibility import (
     sees_by_reflection_from_ground,
     sees_directly,
 )
-from nlosctl.plotting.panels import Line, Panel, RegionsPanel
+from nlosctl.plotting.panels import Panel, RegionsPanel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.lattices import lattice_points, on_lattice
 from nlosctl.reproduce.samples import Condition, Drawn, Samples
@@ -100,9 +100,9 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             region=np.where(np.isfinite(region), region, 0.0).astype(np.int64) - 1,
             labels=("A1: neither", "A2: by reflection", "A3: directly too"),
             outlines=(
-                Line(label="reach, Lemma 2", x=_GROUND_M * edge / 1e3, y=edge_height / 1e3, marker=False, style=1),
-                Line(label="horizon", x=_GROUND_M * horizon / 1e3, y=edge_height / 1e3, marker=False, style=0),
-                Line(label="sensor", x=np.zeros(1), y=np.zeros(1), line=False, style=2),
+                Series(label="reach, Lemma 2", x=_GROUND_M * edge / 1e3, y=edge_height / 1e3, marker=False, style=1),
+                Series(label="horizon", x=_GROUND_M * horizon / 1e3, y=edge_height / 1e3, marker=False, style=0),
+                Series(label="sensor", x=np.zeros(1), y=np.zeros(1), line=False, style=2),
             ),
         )
     ]

@@ -11,7 +11,7 @@ from nlosctl.contract.scene import CircleReflector
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.short_arc import short_arc_reflection
-from nlosctl.plotting.panels import Line, LinesPanel, Panel
+from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.panels import curve
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, rms, rms_of
@@ -112,14 +112,14 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         for sigmas in (2.0, -2.0):
             x, y = _cone(flat, sigmas)
             label = f"{name}, ±2 sigma" if sigmas > 0.0 else f"_{name}"
-            cones.append(Line(label=label, x=x, y=y, style=style, marker=False))
-    cones.append(Line(label="target", x=np.array([target_km]), y=np.zeros(1), line=False, style=2))
+            cones.append(Series(label=label, x=x, y=y, style=style, marker=False))
+    cones.append(Series(label="target", x=np.array([target_km]), y=np.zeros(1), line=False, style=2))
     lines = tuple(
         curve(drawn, "share_of_leg", label, rms_of(name), style=style)
         for name, label, style in (("flat", "flat", 1), ("circle", "circle", 0))
     )
     scaled = tuple(
-        Line(label=line.label, x=line.x * target_km, y=line.y / 1e3, error=line.error / 1e3, style=line.style)
+        Series(label=line.label, x=line.x * target_km, y=line.y / 1e3, error=line.error / 1e3, style=line.style)
         for line in lines
         if line.error is not None
     )

@@ -1,4 +1,4 @@
-"""What the figures of an evaluation are called on an axis, their unit, and how far chance moves them."""
+"""Axis labels of the figures of an evaluation and of swept parameters, and the figures' standard errors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SHARES_OF: dict[str, tuple[str, ...]] = {
     "exact": ("snapshots",),
     **{f"coverage_{share}": ("nees_rows",) for share in (50, 90, 95, 99)},
 }
-"""The counts whose sum a share is of."""
+"""By share: the columns whose sum is its number of rows."""
 
 
 def figure_label(name: str) -> str:
@@ -56,7 +56,7 @@ def parameter_label(column: str) -> str:
 
 
 def std_error_of(group: Mapping[str, Any], name: str) -> float:
-    """Return the standard error of a figure of a group, NaN where it is not known."""
+    """Return the standard error of a figure of a group, NaN if unknown."""
     if f"{name.removesuffix('_m')}_std_error_m" in group:
         return _number(group[f"{name.removesuffix('_m')}_std_error_m"])
     if name in _SHARES_OF and all(count in group for count in _SHARES_OF[name]):

@@ -1,4 +1,4 @@
-"""Which views the columns of some files allow, the one that is chosen unless told first."""
+"""The views that the columns of some files allow, the default view first."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from nlosctl.io.results.plot_inputs import DrawnFile
 
-__all__ = ["fitting_views"]
+__all__ = ["suitable_views"]
 
 _TRUTH = {"truth_x_m", "truth_y_m"}
 
 
-def fitting_views(files: Sequence[DrawnFile], *, one_snapshot: bool = False) -> list[str]:
-    """Return the views that suit the files, best first; with ``one_snapshot`` those of a snapshot come first."""
+def suitable_views(files: Sequence[DrawnFile], *, one_snapshot: bool = False) -> list[str]:
+    """Return the views that suit the files, the default first; with ``one_snapshot``, those of one snapshot first."""
     contents = {file.content for file in files}
     views = _views(files, contents)
     if one_snapshot:
@@ -22,13 +22,15 @@ def fitting_views(files: Sequence[DrawnFile], *, one_snapshot: bool = False) -> 
 
 def _views(files: Sequence[DrawnFile], contents: set[str]) -> list[str]:
     names = [set(file.names) for file in files]
-    swept = any(name.startswith("sweep_") for some in names for name in some)
+    swept = any(name.startswith("sweep_") for columns in names for name in columns)
     if contents <= {"scores", "bound"} and "scores" in contents:
         return ["sweep"]
     if contents == {"bound"}:
         return ["map"] if len(files) == 1 and "snapshot" not in names[0] else []
     if contents <= {"estimates", "bound"} and "estimates" in contents:
-        has_truth = all(some >= _TRUTH for some, file in zip(names, files, strict=True) if file.content == "estimates")
+        has_truth = all(
+            columns >= _TRUTH for columns, file in zip(names, files, strict=True) if file.content == "estimates"
+        )
         by_error = (["sweep"] if swept and has_truth else []) + (["cdf"] if has_truth else [])
         if "bound" in contents:
             return by_error[:1] if swept else []
@@ -41,11 +43,12 @@ def _views(files: Sequence[DrawnFile], contents: set[str]) -> list[str]:
 
 
 def _views_of_flags(files: Sequence[DrawnFile], names: Sequence[set[str]], swept: bool) -> list[str]:
-    """Return the views of flags alone: against their truth if they have it, then as the measurements they are."""
-    by_truth = all(some >= {"ip", "truth_ip"} for some in names) or all(some >= {"los", "truth_los"} for some in names)
-    scored = (["sweep"] if swept else []) + ["roc"] if by_truth else []
-    drawn = _views_of_measurements(files) if len(files) == 1 else []
-    return [*scored, *drawn] if all("ip" in some for some in names) or swept else [*drawn, *scored]
+    """Return the views of flags alone: against their truth, if present, and as measurements."""
+    has_truth = any(all(columns >= {flag, f"truth_{flag}"} for columns in names) for flag in ("ip", "los"))
+    scored = (["sweep"] if swept else []) + ["roc"] if has_truth else []
+    measured = _views_of_measurements(files) if len(files) == 1 else []
+    scores_first = swept or all("ip" in columns for columns in names)
+    return [*scored, *measured] if scores_first else [*measured, *scored]
 
 
 def _views_of_measurements(files: Sequence[DrawnFile]) -> list[str]:

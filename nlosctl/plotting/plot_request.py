@@ -1,4 +1,4 @@
-"""What a picture is asked to show, and what it came to be."""
+"""The request for a picture, and the picture."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from nlosctl.io.results.plot_inputs import DrawnFile
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Axes, Figure
 
-__all__ = ["Picture", "Request"]
+__all__ = ["Picture", "PlotRequest"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
-    """The files, and what is to be seen of them; None: whatever suits.
+class PlotRequest:
+    """The files and what to show of them; None: the default of the view.
 
     ``x`` and ``y`` name a sweep column and a figure, ``paths`` the triplets to draw; at most about ``max_rows`` rows
     are drawn. ``size_in`` is width and height in inches.
@@ -33,7 +33,7 @@ class Request:
     max_rows: int = 1_000_000
 
     def of(self, *contents: str) -> list[DrawnFile]:
-        """Return the files that hold one of ``contents``."""
+        """Return the files with one of these ``contents``."""
         return [file for file in self.files if file.content in contents]
 
     def figure(
@@ -45,15 +45,15 @@ class Request:
         title: str | None = None,
         width_ratios: Sequence[float] | None = None,
     ) -> tuple[Figure, list[Axes]]:
-        """Return a figure of the size and with the title that are asked for, else of ``size_in`` and ``title``."""
+        """Return a figure with the requested size and title; default: ``size_in`` and ``title``."""
         width, height = self.size_in or size_in
-        told = title if self.title is None else self.title
-        return new_figure(rows, columns, width_in=width, height_in=height, title=told, width_ratios=width_ratios)
+        shown_title = title if self.title is None else self.title
+        return new_figure(rows, columns, width_in=width, height_in=height, title=shown_title, width_ratios=width_ratios)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A figure, and what is to be said of it beside it: rows left out, snapshots thinned."""
+    """A figure and notes on it, such as rows left out or snapshots thinned."""
 
     figure: Figure
     notes: Sequence[str] = ()
