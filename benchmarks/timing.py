@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from nlosctl.pipeline.solve.heap import keep_freed_memory
+from nlosctl.pipeline.solve.solve_chunk import keep_freed_memory
 
 keep_freed_memory()  # as the command does before its first block; all that is timed in this process has it
 

@@ -17,11 +17,10 @@ from nlosctl.pipeline.engine.workers import usable_jobs
 from nlosctl.pipeline.evaluate.evaluate import Evaluation, evaluate_inputs
 from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
 from nlosctl.pipeline.simulate.simulation import Simulation
-from nlosctl.pipeline.solve.method_runs import method_runs
+from nlosctl.pipeline.solve.method_runs import MethodRun, method_runs
 from nlosctl.pipeline.solve.report import RunReport
 from nlosctl.pipeline.solve.run import MeasurementRun
 from nlosctl.pipeline.solve.settings import RunSettings
-from nlosctl.pipeline.solve.solve_chunk import MethodRun
 
 __all__ = ["Detection", "Localization", "bound", "detect_ip", "evaluate", "identify_los", "localize", "simulate"]
 
@@ -197,8 +196,8 @@ def detect_ip(
     chunks = list(run.tables())
     estimates = None
     if settings.want_estimates:
-        estimates = gather([chunk.estimates for chunk in chunks], run.estimates_schema)
-    flags = gather([chunk.flags for chunk in chunks], run.flags_schema)
+        estimates = gather([chunk.estimates for chunk in chunks], run.schemas["estimates"])
+    flags = gather([chunk.flags for chunk in chunks], run.schemas["flags"])
     return Detection(flags=flags, estimates=estimates, report=run.report)
 
 
@@ -249,8 +248,8 @@ def _localization(reader: MeasurementReader, runs: Sequence[MethodRun], settings
     run = MeasurementRun(reader, runs, settings)
     chunks = list(run.tables())
     return Localization(
-        estimates=gather([chunk.estimates for chunk in chunks], run.estimates_schema),
-        flags=gather([chunk.flags for chunk in chunks], run.flags_schema),
+        estimates=gather([chunk.estimates for chunk in chunks], run.schemas["estimates"]),
+        flags=gather([chunk.flags for chunk in chunks], run.schemas["flags"]),
         report=run.report,
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
 
-__all__ = ["ellipse_threshold", "nees_interval", "squared_mahalanobis"]
+__all__ = ["nees_interval", "squared_mahalanobis"]
 
 
 def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
@@ -25,14 +25,6 @@ def squared_mahalanobis(error_m: FloatArray, covariance_m2: FloatArray) -> Float
         squared = x * (x / xx) + across * (across / remaining)
         proper = (xx > 0.0) & (remaining > 0.0) & np.isfinite(covariance_m2).all(axis=1) & np.isfinite(squared)
     return np.where(proper, squared, np.nan)
-
-
-def ellipse_threshold(probability: float) -> float:
-    """Return the squared Mahalanobis distance of the ellipse that contains ``probability`` of a plane Gaussian.
-
-    The quantile of chi-square with two degrees of freedom: -2 ln(1 - p).
-    """
-    return -2.0 * math.log1p(-probability)
 
 
 def nees_interval(count: int, probability: float = 0.95) -> tuple[float, float]:

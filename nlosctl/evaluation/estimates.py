@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
-from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
+from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis
 from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_std_error, rows_by_group
 from nlosctl.evaluation.summaries import EstimateSummary
+from nlosctl.geometry.error_ellipses import ellipse_threshold
 
 __all__ = ["EstimateRows", "EstimateScores", "nearest_alternatives"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.geometry.symmetric import Symmetric2x2
 
-__all__ = ["ErrorEllipse", "circular_error_probable", "error_ellipse"]
+__all__ = ["ErrorEllipse", "circular_error_probable", "ellipse_threshold", "error_ellipse"]
 
 
 _NODES = (np.arange(96) + 0.5) * (0.5 * np.pi / 96)
@@ -38,6 +38,14 @@ def error_ellipse(covariance: Symmetric2x2) -> ErrorEllipse:
         np.sqrt(np.where(valid, smaller, np.nan)),
         np.where(valid, orientation, np.nan),
     )
+
+
+def ellipse_threshold(probability: float) -> float:
+    """Return the squared Mahalanobis distance of the ellipse that contains ``probability`` of a plane Gaussian.
+
+    The quantile of chi-square with two degrees of freedom: -2 ln(1 - p).
+    """
+    return float(-2.0 * np.log1p(-probability))
 
 
 def circular_error_probable(semi_major_m: FloatArray, semi_minor_m: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.io.results.simulated_table import measurement_table
-from nlosctl.pipeline.solve.dense_blocks import dense_blocks
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 from nlosctl.reproduce.experiment import Chunk
 from nlosctl.scenarios.catalogue import find_scenario
 
@@ -93,6 +93,5 @@ def batch_of(given: Simulated) -> Any:
     """Return the trials as one dense batch; raises ValueError where they differ in their number of rows."""
     reader = MeasurementReader([input_of_table(given.table)], ReadOptions(kind=given.kind, scene=given.scene))
     (chunk,) = reader.chunks()
-    (block,) = dense_blocks(chunk.offsets, ~chunk.left_out, given.truth_m.shape[0])
-    seed = np.zeros(given.truth_m.shape[0], dtype=np.uint64)
-    return block.batch(given.kind, chunk.columns, given.scene, seed, flags=False)
+    ((_, row),) = dense_blocks(chunk.offsets, ~chunk.left_out, given.truth_m.shape[0])
+    return dense_batch(given.kind, chunk.columns, row, scene=given.scene)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from nlosctl.evaluation.consistency import ellipse_threshold, nees_interval, squared_mahalanobis
+from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis
 from nlosctl.evaluation.error_statistics import error_percentiles
+from nlosctl.geometry.error_ellipses import ellipse_threshold
 
 
 def test_squared_mahalanobis_is_the_quadratic_form():

@@ -15,8 +15,10 @@ from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, UsageError
-from nlosctl.pipeline.solve.dense_blocks import dense_blocks
-from nlosctl.pipeline.solve.solve_chunk import FlatEstimates, MethodRun, Problem, solve_flat
+from nlosctl.io.measurements.reader import Chunk
+from nlosctl.io.results.layouts import ChunkEstimates
+from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, dense_batch, dense_blocks
 
 
 @st.composite
@@ -34,17 +36,17 @@ def offsets_of(counts: list[int]) -> np.ndarray:
 
 @given(ragged(), st.integers(1, 7))
 def test_blocks_hold_each_snapshot_once_with_its_kept_rows(case: tuple[list[int], list[bool]], size: int) -> None:
-    """Every snapshot is in one block, with the places of its kept rows in order; blocks are bounded and uniform."""
+    """Every snapshot is in one block with the indices of its kept rows in order; blocks are bounded and uniform."""
     counts, kept = case
     offsets = offsets_of(counts)
     found: dict[int, list[int]] = {}
-    for block in dense_blocks(offsets, np.array(kept), size):
-        assert 1 <= block.snapshot.shape[0] == block.row.shape[0] <= size
-        for snapshot, rows in zip(block.snapshot.tolist(), block.row.tolist(), strict=True):
+    for snapshots, row in dense_blocks(offsets, np.array(kept), size):
+        assert 1 <= snapshots.shape[0] == row.shape[0] <= size
+        for snapshot, rows in zip(snapshots.tolist(), row.tolist(), strict=True):
             assert snapshot not in found
             found[snapshot] = rows
     expected = {
-        place: [row for row in range(offsets[place], offsets[place + 1]) if kept[row]] for place in range(len(counts))
+        index: [row for row in range(offsets[index], offsets[index + 1]) if kept[row]] for index in range(len(counts))
     }
     assert found == expected
 
@@ -54,29 +56,29 @@ def test_batches_hold_the_columns_of_their_rows(case: tuple[list[int], list[bool
     """A batch has the values of its rows and its snapshots' seeds; arrays are read-only and in Fortran order."""
     counts, kept = case
     columns, seed = columns_of(sum(counts)), np.arange(len(counts), dtype=np.uint64) * 7
-    for block in dense_blocks(offsets_of(counts), np.array(kept), size):
-        batch = block.batch("bearings", columns, Scene(), seed, flags=True)
-        assert batch.seed.tolist() == [7 * place for place in block.snapshot]
+    for snapshot, row in dense_blocks(offsets_of(counts), np.array(kept), size):
+        batch: Any = dense_batch("bearings", columns, row, scene=Scene(), seed=seed[snapshot], flags=True)
+        assert batch.seed.tolist() == [7 * index for index in snapshot]
         for name in ("sensor", "bearing_rad", "bearing_std_rad", "path", "reflector"):
             dense = getattr(batch, name)
-            assert dense.tolist() == [[columns[name][row] for row in rows] for rows in block.row.tolist()]
+            assert dense.tolist() == [[columns[name][r] for r in rows] for rows in row.tolist()]
             assert not dense.flags.writeable
             assert dense.flags.f_contiguous
-        expected = [[[columns["sensor_x_m"][r], columns["sensor_y_m"][r]] for r in rows] for rows in block.row.tolist()]
+        expected = [[[columns["sensor_x_m"][r], columns["sensor_y_m"][r]] for r in rows] for rows in row.tolist()]
         assert batch.sensor_xy_m.tolist() == expected
-        assert batch.sensor_xy_m.shape == (*block.row.shape, 2)
+        assert batch.sensor_xy_m.shape == (*row.shape, 2)
 
 
 def columns_of(total: int) -> dict[str, Any]:
-    """Return flat columns with a different value in every place."""
-    place = np.arange(total)
+    """Return flat columns with a different value in every row."""
+    index = np.arange(total)
     return {
-        "sensor": place % 4,
-        "sensor_x_m": place + 0.5,
-        "sensor_y_m": -place - 0.25,
-        "bearing_rad": np.sin(place),
-        "bearing_std_rad": 0.01 + place,
-        "path": place % 3,
+        "sensor": index % 4,
+        "sensor_x_m": index + 0.5,
+        "sensor_y_m": -index - 0.25,
+        "bearing_rad": np.sin(index),
+        "bearing_std_rad": 0.01 + index,
+        "path": index % 3,
         "reflector": np.full(total, -1),
     }
 
@@ -87,7 +89,7 @@ class NoOptions:
 
 
 def ladder(batch: Any, options: Any) -> Solution:
-    """Give each snapshot K alternatives, told by its own numbers; use every second row, and flag all of them."""
+    """Return K alternatives of each snapshot, computed from its own numbers; use every second row and flag all rows."""
     size, count = batch.bearing_rad.shape
     row = np.repeat(np.arange(size), count)
     alternative = np.tile(np.arange(count), size)
@@ -125,34 +127,36 @@ def method(name: str, solve: Any, minimum: int = 1, flags: tuple[str, ...] = ("r
     return MethodRun(spec=spec, options=NoOptions())
 
 
-def problem(counts: list[int], kept: list[bool]) -> Problem:
-    """Return a problem with a different seed for each snapshot."""
-    return Problem(
-        kind="bearings",
-        scene=Scene(),
-        columns=columns_of(sum(counts)),
+def solve(counts: list[int], kept: list[bool], runs: list[MethodRun], **settings: Any) -> ChunkSolution:
+    """Return the solution of a chunk with a different seed for each snapshot."""
+    chunk = Chunk(
+        table=None,
+        snapshot=None,
         offsets=offsets_of(counts),
-        kept=np.array(kept),
-        seed=np.arange(len(counts), dtype=np.uint64) + 100,
+        columns=columns_of(sum(counts)),
+        left_out=~np.array(kept),
+        source="",
     )
+    solver = ChunkSolver(kind="bearings", scene=Scene(), runs=tuple(runs), **settings)
+    return solver.solve(chunk, np.arange(len(counts), dtype=np.uint64) + 100)
 
 
 def by_loop(counts: list[int], kept: list[bool], minimums: list[int], alternatives: int) -> list[tuple[Any, ...]]:
-    """Return what `ladder` gives, worked out snapshot by snapshot."""
+    """Return the expected result of `ladder`, computed snapshot by snapshot."""
     offsets, columns, rows = offsets_of(counts), columns_of(sum(counts)), []
-    for place in range(len(counts)):
-        mine = [row for row in range(offsets[place], offsets[place + 1]) if kept[row]]
+    for index in range(len(counts)):
+        mine = [row for row in range(offsets[index], offsets[index + 1]) if kept[row]]
         for number, minimum in enumerate(minimums):
             if len(mine) < minimum:
-                rows.append((place, number, 0, None, counts[place], 0, "too_few"))
+                rows.append((index, number, 0, None, counts[index], 0, "too_few"))
                 continue
             for alternative in range(min(alternatives, len(mine))):
                 x = columns["sensor_x_m"][mine[0]] + alternative
-                rows.append((place, number, alternative, x, counts[place], len(mine), "ok"))
+                rows.append((index, number, alternative, x, counts[index], len(mine), "ok"))
     return rows
 
 
-def told(estimates: FlatEstimates) -> list[tuple[Any, ...]]:
+def as_rows(estimates: ChunkEstimates) -> list[tuple[Any, ...]]:
     """Return estimates as rows."""
     x = [None if np.isnan(value) else value for value in estimates.position_m[:, 0].tolist()]
     words = [Status(code).word for code in estimates.status]
@@ -169,39 +173,36 @@ def test_estimates_come_in_order_and_no_more_than_wanted(
     """By snapshot, then method, then alternative, at most N of these; as from a loop over the snapshots."""
     counts, kept = case
     runs = [method("one", ladder, minimum=1), method("two", ladder, minimum=3)]
-    estimates, _, _ = solve_flat(
-        problem(counts, kept), runs, block_size=size, alternatives=alternatives, want_flags=False
-    )
-    assert told(estimates) == by_loop(counts, kept, [1, 3], alternatives)
+    estimates = solve(counts, kept, runs, block_size=size, alternatives=alternatives).estimates
+    assert estimates is not None
+    assert as_rows(estimates) == by_loop(counts, kept, [1, 3], alternatives)
     seeds = [None if np.isnan(cost) else cost for cost in estimates.cost]
-    expected = [None if row[3] is None else 100.0 + row[0] for row in told(estimates)]
+    expected = [None if row[3] is None else 100.0 + row[0] for row in as_rows(estimates)]
     assert seeds == expected
 
 
 @settings(deadline=None)
 @given(ragged(), st.integers(1, 7))
 def test_flags_come_back_to_their_rows(case: tuple[list[int], list[bool]], size: int) -> None:
-    """Each row has what was said of it; rows left out, or of a snapshot not solved, are not used and say nothing."""
+    """Each row has its own flags; rows left out, or of an unsolved snapshot, are not used and have null flags."""
     counts, kept = case
-    _, (flags,), _ = solve_flat(
-        problem(counts, kept), [method("two", ladder, minimum=2)], block_size=size, alternatives=1, want_flags=True
-    )
+    (flags,) = solve(counts, kept, [method("two", ladder, minimum=2)], block_size=size, want_flags=True).flags
     offsets, bearing = offsets_of(counts), columns_of(sum(counts))["bearing_rad"]
     expected: list[tuple[bool, float | None, bool | None]] = [(False, None, None)] * sum(counts)
-    for place in range(len(counts)):
-        mine = [row for row in range(offsets[place], offsets[place + 1]) if kept[row]]
+    for index in range(len(counts)):
+        mine = [row for row in range(offsets[index], offsets[index + 1]) if kept[row]]
         if len(mine) >= 2:
             for number, row in enumerate(mine):
                 expected[row] = (number % 2 == 0, 2.0 * bearing[row], number % 2 == 0)
     assert flags.used.tolist() == [used for used, _, _ in expected]
-    residual = flags.columns.get("residual_rad", np.full(sum(counts), np.nan))
-    los = flags.columns.get("los", np.full(sum(counts), None, dtype=object))
+    residual: Any = flags.columns.get("residual_rad", np.full(sum(counts), np.nan))
+    los: Any = flags.columns.get("los", np.full(sum(counts), None, dtype=object))
     assert [None if np.isnan(value) else value for value in residual] == [value for _, value, _ in expected]
     assert los.tolist() == [value for _, _, value in expected]
 
 
 def test_a_method_that_breaks_its_contract_is_named() -> None:
-    """An exception, or a result that is none, is a MethodError that names the method; our own errors pass."""
+    """An exception or an invalid result becomes a MethodError that names the method; nlosctl's own errors pass."""
 
     def failing(batch: Any, options: Any) -> Solution:
         raise ZeroDivisionError("division by zero")
@@ -209,11 +210,9 @@ def test_a_method_that_breaks_its_contract_is_named() -> None:
     def usage(batch: Any, options: Any) -> Solution:
         raise UsageError("needs a scene")
 
-    given_ = problem([2], [True, True])
-    keywords: dict[str, Any] = {"block_size": 1, "alternatives": 1, "want_flags": False}
     with pytest.raises(MethodError, match="'bad' failed: ZeroDivisionError: division by zero"):
-        solve_flat(given_, [method("bad", failing)], **keywords)
+        solve([2], [True, True], [method("bad", failing)])
     with pytest.raises(MethodError, match="'none' returned a NoneType"):
-        solve_flat(given_, [method("none", lambda batch, options: None)], **keywords)
+        solve([2], [True, True], [method("none", lambda batch, options: None)])
     with pytest.raises(UsageError, match="needs a scene"):
-        solve_flat(given_, [method("usage", usage)], **keywords)
+        solve([2], [True, True], [method("usage", usage)])

@@ -5,13 +5,14 @@ from __future__ import annotations
 from functools import cache
 
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
-from nlosctl.contract.tables.columns import Column, ColumnType, Spelling, Table
-from nlosctl.contract.tables.results import BOUND, ELLIPSE, ESTIMATES, FLAGS, PRECISION, TRACE, TRUTH
+from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table
+from nlosctl.contract.tables.results import ADDED_COLUMNS, BOUND, ELLIPSE, ESTIMATES, FLAGS, TRACE, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import EARTH_PLACES
 from nlosctl.contract.tables.triplets import TRIPLETS
 
 __all__ = [
+    "ADDED_COLUMNS",
     "BEARINGS",
     "BOUND",
     "EARTH_PLACES",
@@ -19,9 +20,9 @@ __all__ = [
     "ESTIMATES",
     "FLAGS",
     "KINDS",
-    "PRECISION",
     "RANGES",
     "SCORES",
+    "SWEEP_PREFIX",
     "TABLES",
     "TRACE",
     "TRIPLETS",

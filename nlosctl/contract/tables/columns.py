@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Column", "ColumnType", "Spelling", "Table"]
+__all__ = ["SWEEP_PREFIX", "Column", "ColumnType", "Spelling", "Table"]
+
+SWEEP_PREFIX = "sweep_"
+"""The name of a column of swept values is this prefix and the name of the parameter."""
 
 ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
 """``identifier`` is text or an integer, whichever the file holds."""
@@ -32,8 +35,8 @@ class Column:
     option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
     the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
     or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
-    flags that are said only in a scene with circles. ``earth_place`` names the place on earth (see `EARTH_PLACES`)
-    whose latitude and longitude can tell it.
+    flags that are only set in a scene with circles. ``earth_place`` names the location (see `EARTH_PLACES`) whose
+    latitude and longitude can replace it. ``add`` is the word of the setting ``add`` that asks for a result column.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Column:
     carried: bool = False
     of_circles: bool = False
     earth_place: str = ""
+    add: str = ""
     spellings: tuple[Spelling, ...] = ()
 
     @property

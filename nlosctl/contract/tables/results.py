@@ -7,7 +7,7 @@ import dataclasses
 from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 
-__all__ = ["BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "PRECISION", "TRACE", "TRUTH"]
+__all__ = ["ADDED_COLUMNS", "BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "TRACE", "TRUTH"]
 
 ELLIPSE = (
     Column(
@@ -27,25 +27,29 @@ ELLIPSE = (
     ),
     Column(name="ellipse_probability", type="number", nullable=True, meaning="what --ellipse asked for"),
 )
-"""The columns that ``--ellipse`` adds to estimates."""
+"""The columns of estimates that the setting ``ellipse`` asks for."""
 
-PRECISION = (
+_ADDED = (
     Column(
         name="cep50_m",
         type="number",
         unit="m",
         nullable=True,
+        add="cep50",
         meaning="radius of the circle about x, y that holds half of Gaussian errors",
     ),
     Column(
         name="gdop",
         type="number",
         nullable=True,
-        meaning="geometric dilution of precision: root of the trace of the covariance if each row used told its line "
+        add="gdop",
+        meaning="geometric dilution of precision: root of the trace of the covariance if each row used had a line "
         "or circle of position with a std of 1 m",
     ),
 )
-"""The columns that ``--add`` may ask for."""
+
+ADDED_COLUMNS = {column.add: column for column in _ADDED}
+"""The columns of estimates that the setting ``add`` asks for, by its words."""
 
 ESTIMATES = Table(
     name="estimates",
@@ -111,7 +115,7 @@ ESTIMATES = Table(
             meaning="how the plane lies on earth: a CRS, or latitude and longitude of the origin, and any rotation",
         ),
         *ELLIPSE,
-        *PRECISION,
+        *_ADDED,
         *TRUTH_POSITION,
     ),
 )

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow.compute as pc
 
 from nlosctl.arrays import IntArray
+from nlosctl.contract.tables import SWEEP_PREFIX
 from nlosctl.errors import DataError
 from nlosctl.io.readers.base import plain
-from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["METHOD", "are_flags_by_method", "refuse_several_methods"]
 

@@ -10,10 +10,9 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.tables import BOUND
+from nlosctl.contract.tables import BOUND, SWEEP_PREFIX
 from nlosctl.errors import DataError
 from nlosctl.io.readers.base import plain_type
-from nlosctl.io.sweep_columns import SWEEP_PREFIX
 
 __all__ = ["bound_schema", "bound_table", "truth_positions"]
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from nlosctl.contract.tables import SCORES
-from nlosctl.io.sweep_columns import SWEEP_PREFIX
+from nlosctl.contract.tables import SCORES, SWEEP_PREFIX
 
 __all__ = ["score_table"]
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.contract.tables import KINDS, Column
-from nlosctl.io.sweep_columns import SweepColumns
+from nlosctl.io.arrow_columns import SweepColumns
 
 __all__ = ["measurement_table"]
 

@@ -19,7 +19,7 @@ from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.bound_table import bound_schema, bound_table, truth_positions
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.models.information import INFORMATION, Information
-from nlosctl.pipeline.solve.dense_blocks import dense_blocks
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 
 __all__ = ["BoundSettings", "MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
 
@@ -116,14 +116,11 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
     for chunk in reader.chunks():
         x, y = truth_positions(chunk.table, chunk.offsets[:-1], chunk.source)
         arrays = _no_bounds(x, y)
-        for block in dense_blocks(chunk.offsets, ~chunk.left_out & _may_be_direct(chunk), _POSITIONS_AT_ONCE):
-            if not block.row.shape[1]:
-                continue
-            seed = np.zeros(x.shape, dtype=np.uint64)
-            batch = block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
-            places = block.snapshot
-            batch = settings.apply(batch)
-            _write_bounds(arrays, places, model.at(batch, x[places], y[places]), settings)
+        kept = ~chunk.left_out & _may_be_direct(chunk)
+        for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
+            if row.shape[1]:
+                batch = settings.apply(dense_batch(reader.kind, chunk.columns, row, scene=reader.scene))
+                _write_bounds(arrays, snapshot, model.at(batch, x[snapshot], y[snapshot]), settings)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 
@@ -161,10 +158,9 @@ def _supported(reader: MeasurementReader) -> str:
 def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> Any:
     kept = ~chunk.left_out
     kept[chunk.offsets[1] :] = False
-    seed = np.zeros(len(chunk.snapshot), dtype=np.uint64)
-    for block in dense_blocks(chunk.offsets[:2], kept[: chunk.offsets[1]], 1):
-        if block.row.shape[1]:
-            return block.batch(reader.kind, chunk.columns, reader.scene, seed, flags=False)
+    for _, row in dense_blocks(chunk.offsets[:2], kept[: chunk.offsets[1]], 1):
+        if row.shape[1]:
+            return dense_batch(reader.kind, chunk.columns, row, scene=reader.scene)
     raise DataError(f"{chunk.source}: the first snapshot has no row that is used; a map takes its sensors from it")
 
 

@@ -18,7 +18,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, parse_frame
 from nlosctl.errors import DataError, MethodError, NlosctlError
 from nlosctl.geometry.earth import EarthPlane
-from nlosctl.geometry.error_ellipses import error_ellipse
+from nlosctl.geometry.error_ellipses import ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.scenes.scene_file import SCENE_KEY, plane_of, scene_from_toml
@@ -127,7 +127,7 @@ class MapWriter:
         x, y, xx, xy, yy = (self._numbers(columns[name], name) for name in _ESTIMATED)
         ellipse = error_ellipse(Symmetric2x2(xx, xy, yy))
         share = float(getattr(self._options, "ellipse", 0.95))
-        scale = float(np.sqrt(-2.0 * np.log1p(-share)))
+        scale = float(np.sqrt(ellipse_threshold(share)))
         major, minor = scale * ellipse.semi_major_m, scale * ellipse.semi_minor_m
         turn = np.linspace(0.0, 2.0 * np.pi, int(getattr(self._options, "vertices", 72)) + 1)
         along, across = major[:, None] * np.cos(turn), minor[:, None] * np.sin(turn)

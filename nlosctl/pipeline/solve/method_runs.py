@@ -1,9 +1,10 @@
-"""Which methods a run uses, with which parameters: from the words of the command line or Python values."""
+"""The methods of a run with their parameters, from text or Python values; a run for each point of a sweep."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,20 +12,34 @@ from nlosctl import registry
 from nlosctl.contract.methods import Job, MethodSpec
 from nlosctl.contract.options import parse_options
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.pipeline.solve.solve_chunk import MethodRun
 from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
 
-__all__ = ["method_runs", "require_estimates"]
+__all__ = ["MethodRun", "method_runs", "require_estimates"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodRun:
+    """A method with the options of this run; ``sweep`` holds the swept options with their values."""
+
+    spec: MethodSpec
+    options: Any
+    sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The name of the method, with the swept values."""
+        values = ", ".join(f"{key}={value}" for key, value in self.sweep.items())
+        return f"{self.spec.name} ({values})" if values else self.spec.name
 
 
 def method_runs(
     names: Sequence[str], kind: str, job: Job, parameters: Mapping[str, Any], sweep: SweepWords | None = None
 ) -> list[MethodRun]:
-    """Return the methods ``names`` for a kind of measurement, with their options: a run for each point of a sweep.
+    """Return the methods ``names`` of a kind of measurement with their options: one run for each point of the sweep.
 
-    A parameter is given, or swept, as ``key`` (for every method that has it) or ``METHOD:key``; a method that has none
-    of the swept ones runs once. Raises UsageError for an unknown method, a method named twice, a parameter that none
-    of them has, or a value that does not fit.
+    Parameters and swept parameters are named ``key`` (for every method that has it) or ``METHOD:key``; a method without
+    a swept parameter runs once. Raises UsageError for an unknown method, a duplicate method, a parameter that no
+    method has, or an invalid value.
     """
     specs = [registry.resolve(name, kind, job) for name in names]
     own = [spec.name for spec in specs]
@@ -33,19 +48,19 @@ def method_runs(
             raise UsageError(f"method {name!r} is given twice")
     given = _by_method(specs, parameters, "--param")
     swept = _by_method(specs, sweep or {}, "--sweep")
-    return [
-        MethodRun(spec=spec, options=options, sweep=values)
-        for spec in specs
-        for values, options in swept_options(
-            swept[spec.name],
-            given[spec.name],
-            partial(parse_options, spec.options, owner=f"method {spec.name!r}"),
-        )
-    ]
+    runs = []
+    for spec in specs:
+        parse = partial(parse_options, spec.options, owner=f"method {spec.name!r}")
+        if swept[spec.name]:
+            points = swept_options(swept[spec.name], given[spec.name], parse)
+            runs += [MethodRun(spec=spec, options=options, sweep=values) for values, options in points]
+        else:
+            runs.append(MethodRun(spec=spec, options=parse(given[spec.name])))
+    return runs
 
 
 def require_estimates(runs: Sequence[MethodRun]) -> None:
-    """Raise UsageError where none of the methods makes estimates."""
+    """Raise UsageError if no method makes estimates."""
     if not any(run.spec.estimates for run in runs):
         names = ", ".join(run.spec.name for run in runs)
         raise UsageError(f"--estimates-out: {names} makes no estimates; chi2 and joint do")

@@ -1,9 +1,9 @@
-"""What a run did: counted while it runs, told as a summary or as JSON."""
+"""The report of a run: its counts, the summary in lines or as JSON, and notes on what the counts mean."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -11,20 +11,27 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc
 
+from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.contract.fields import Field
 from nlosctl.contract.statuses import Status
+from nlosctl.contract.tables import KINDS
+from nlosctl.io.results.layouts import ChunkEstimates
+from nlosctl.pipeline.solve.method_runs import MethodRun
 
-__all__ = ["MethodTally", "RunReport"]
+__all__ = ["MethodTally", "RunReport", "heights_remark", "method_remarks"]
 
 _BAD_FIT_P_VALUE = 1e-3
 _BAD_FIT_SHARE = 0.05
 _UNKNOWNS = 2
 _VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
+_STATUS_WORDS = tuple(status.word for status in Status)
+_ANSWERED = {status.word for status in Status if status.has_position}
 
 
 @dataclass
 class MethodTally:
-    """Statuses of one method, and how often its residuals are larger than their stds explain."""
+    """Counts of one method: statuses, verdicts of its flags, and residuals larger than their stds explain."""
 
     statuses: Counter[str] = field(default_factory=Counter)
     tested: int = 0
@@ -33,17 +40,24 @@ class MethodTally:
     verdicts: Counter[str] = field(default_factory=Counter)
 
     def add_verdicts(self, columns: Mapping[str, Any]) -> None:
-        """Count what a detector's flag columns (N,) say."""
+        """Count the flag columns (N,) of a detector."""
         for name, (false_word, true_word) in _VERDICTS.items():
             if name in columns:
-                said = np.ma.MaskedArray(columns[name]).compressed().astype(bool)
-                true = int(np.count_nonzero(said))
-                self.verdicts.update({false_word: said.size - true, true_word: true})
+                flags = np.ma.MaskedArray(columns[name]).compressed().astype(bool)
+                true = int(np.count_nonzero(flags))
+                self.verdicts.update({false_word: flags.size - true, true_word: true})
+
+    def add_estimates(self, estimates: ChunkEstimates, method: int, *, fit: bool) -> None:
+        """Count the best alternatives of the method with this index; ``fit``: its cost is half a chi-square."""
+        mine = (estimates.alternative == 0) & (estimates.method == method)
+        cost = estimates.cost if fit else np.full(estimates.cost.shape, np.nan)
+        self.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
+        self.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
 
     def add(self, status: npt.NDArray[np.uint8], cost: FloatArray, n_used: IntArray) -> None:
         """Count estimates (E,), best alternatives only; ``cost`` is half a chi-square, or NaN where it is not."""
-        numbers = np.bincount(status, minlength=len(Status))
-        self.statuses.update({Status(code).word: int(count) for code, count in enumerate(numbers) if count})
+        numbers = np.bincount(status, minlength=len(_STATUS_WORDS))
+        self.statuses.update({_STATUS_WORDS[code]: int(count) for code, count in enumerate(numbers) if count})
         testable = np.isfinite(cost) & (n_used > _UNKNOWNS)
         degrees = 0.5 * (n_used[testable] - _UNKNOWNS)
         self.tested += int(testable.sum())
@@ -69,20 +83,20 @@ class MethodTally:
 
     @property
     def answered(self) -> int:
-        """How many snapshots and targets got a position."""
-        return sum(count for word, count in self.statuses.items() if Status[word.upper()].has_position)
+        """The number of snapshots and targets with a position."""
+        return sum(count for word, count in self.statuses.items() if word in _ANSWERED)
 
     @property
     def fits_badly(self) -> bool:
-        """Whether more than one in twenty estimates has residuals that chance explains once in a thousand times."""
+        """Whether more than one in twenty estimates has a chi-square p-value below 0.001."""
         return self.badly_fitted > _BAD_FIT_SHARE * self.tested
 
 
 @dataclass
 class RunReport:
-    """Counts of a run over measurements. ``snapshots_lost`` had bad rows only: they are not among ``snapshots``.
+    """Counts of a run over measurements. Snapshots of bad rows only are in ``snapshots_lost``, not in ``snapshots``.
 
-    ``flat_plane`` is the largest error of a plane on earth, by unit: see `nlosctl.pipeline.solve.flat_plane`.
+    ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`.
     """
 
     kind: str
@@ -105,7 +119,7 @@ class RunReport:
         return {**counted, "methods": methods, "inputs": self.inputs, "flat_plane": self.flat_plane}
 
     def take(self, counts: Mapping[str, Any]) -> None:
-        """Add the counts of another part of the run, which follows those taken before."""
+        """Add the counts of the next part of the run."""
         for name in self._COUNTED:
             setattr(self, name, getattr(self, name) + counts[name])
         for name, tally in self.methods.items():
@@ -120,7 +134,7 @@ class RunReport:
 
     @property
     def unanswered(self) -> int:
-        """How many estimates, over all methods, have no position; snapshots of bad rows alone count too."""
+        """The number of estimates, over all methods, without a position; includes the lost snapshots."""
         return self.snapshots_lost + sum(
             sum(tally.statuses.values()) - tally.answered for tally in self.methods.values()
         )
@@ -137,8 +151,9 @@ class RunReport:
         snapshots = "1 snapshot" if self.snapshots == 1 else f"{self.snapshots} snapshots"
         lines = [f"{names}{more}: {snapshots} of {self.kind}, {rows}"]
         for name, tally in self.methods.items():
-            told = [*tally.verdicts.items(), *sorted(tally.statuses.items(), key=_by_status)]
-            lines.append(f"{name}: {', '.join(f'{count} {word}' for word, count in told) or 'nothing to solve'}")
+            statuses = sorted(tally.statuses.items(), key=lambda item: _STATUS_WORDS.index(item[0]))
+            counts = ", ".join(f"{count} {word}" for word, count in [*tally.verdicts.items(), *statuses])
+            lines.append(f"{name}: {counts or 'nothing to solve'}")
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
     def as_dict(self) -> dict[str, Any]:
@@ -164,5 +179,52 @@ class RunReport:
         }
 
 
-def _by_status(item: tuple[str, int]) -> int:
-    return Status[item[0].upper()]
+def heights_remark(names: Sequence[str], target_z_m: float | None) -> list[str]:
+    """Return a line if the input has sensor heights that are not used."""
+    if "sensor_z_m" not in names or target_z_m is not None:
+        return []
+    return ["the column 'sensor_z_m' is not used without --target-z-m: everything is taken as measured in one plane"]
+
+
+def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str], field: Field) -> list[str]:
+    """Return the notes on the methods after a run, a line each; ``columns`` are those of the input."""
+    return [
+        *_unused_ranges(runs, report, columns),
+        *_edge_remarks(runs, report, field),
+        *_no_positions(runs, report),
+        *_bad_fits(runs, report),
+    ]
+
+
+def _unused_ranges(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str]) -> list[str]:
+    names = dict.fromkeys(run.spec.name for run in runs if "range_m" not in run.spec.reads)
+    if "range_m" not in columns or report.kind == "ranges" or not names:
+        return []
+    return [f"the column 'range_m' is not used by {', '.join(names)}"]
+
+
+def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:
+    tallies = [(run.label, report.methods[run.label]) for run in runs if run.spec.searches]
+    return [
+        f"{name} searched {field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
+        for name, tally in tallies
+    ]
+
+
+def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
+    answered = any(tally.answered for tally in report.methods.values())
+    if answered or not report.snapshots or all(run.spec.job != "localize" for run in runs):
+        return []
+    names = [spelling.name for column in KINDS[report.kind].columns for spelling in column.spellings]
+    return [f"no snapshot got a position; check units and sense of the angles (there are also {', '.join(names)})"]
+
+
+def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
+    known = {entry.name for entry in registry.entries() if entry.kind == report.kind}
+    advice = "; try --method mixture-ml" if "mixture-ml" in known - {run.spec.name for run in runs} else ""
+    return [
+        f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
+        f"their standard deviations explain{advice}"
+        for name, tally in report.methods.items()
+        if tally.fits_badly
+    ]

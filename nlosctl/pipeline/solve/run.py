@@ -1,4 +1,4 @@
-"""A run of methods over measurements: chunks in, tables of estimates and flags out, in order, counted."""
+"""A run of methods over measurements: chunks in, tables of estimates, flags and traces out, in input order."""
 
 from __future__ import annotations
 
@@ -13,98 +13,62 @@ from nlosctl.arrays import SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import UsageError
+from nlosctl.io.arrow_columns import SweepColumns
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.layouts import EstimatesLayout, FlagsLayout, TraceLayout, carried_columns
-from nlosctl.io.sweep_columns import SweepColumns
+from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
+from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
 from nlosctl.pipeline.engine.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables
-from nlosctl.pipeline.solve.flat_plane import FlatPlaneTally
-from nlosctl.pipeline.solve.gdop import gdop, refuse_gdop
-from nlosctl.pipeline.solve.precision_columns import on_earth, precision_columns, precision_of
-from nlosctl.pipeline.solve.remarks import method_remarks
-from nlosctl.pipeline.solve.report import MethodTally, RunReport
-from nlosctl.pipeline.solve.sensor_heights import heights_remark, with_sensor_heights
+from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
+from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
+from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.report import MethodTally, RunReport, heights_remark, method_remarks
 from nlosctl.pipeline.solve.settings import RunSettings
-from nlosctl.pipeline.solve.solve_chunk import FlatEstimates, FlatFlags, MethodRun, Problem, solve_flat
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 
 __all__ = ["MeasurementRun"]
 
+_ON_EARTH = ("lat_deg", "lon_deg", "frame")
+
 
 class MeasurementRun:
-    """Solves everything that a reader gives, with one or several methods.
+    """Solves everything that a reader yields by one or several methods.
 
-    The schemas of the results are known before the first chunk; ``report`` is complete when ``tables`` has ended.
+    ``schemas`` are known before the first chunk; ``report`` is complete when ``tables`` has ended.
     """
 
     def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
-        self._reader, self._runs, self._settings = reader, tuple(runs), settings
-        methods = tuple(run.spec.name for run in self._runs)
-        if "gdop" in settings.add:
-            refuse_gdop(reader.kind, self._runs)
-        refuse_swept_columns([run.sweep for run in self._runs], reader.column_names)
-        sweeps = SweepColumns([run.sweep for run in self._runs])
-        self._estimates_layout = EstimatesLayout(
-            methods=methods,
-            input_schema=reader.schema,
-            carried=carried_columns(reader.column_names, settings.carry),
-            measurement_name=self._measurement_name(),
-            with_covariance_kind=any(run.spec.covariance_kinds for run in self._runs),
-            with_source=reader.has_several_sources,
-            frame=None if reader.scene.frame is None else reader.scene.frame.words,
-            wanted=precision_columns(settings.ellipse, settings.add),
-            sweeps=sweeps,
+        self.reader, self._runs, self._settings = reader, tuple(runs), settings
+        self._optional = self._optional_columns()
+        self._layouts = self._wanted_layouts()
+        self._solver = ChunkSolver(
+            kind=reader.kind,
+            scene=reader.scene,
+            runs=self._runs,
+            field=settings.field,
+            block_size=settings.block_size,
+            alternatives=settings.alternatives,
+            want_flags=settings.want_flags or any(ADDED[word].needs_flags for word in settings.add),
+            want_details=settings.want_details,
+            want_trace=settings.want_trace,
         )
-        self._flags_layout = FlagsLayout(
-            methods=methods,
-            input_schema=reader.schema,
-            said=self._said(),
-            constants=reader.constants,
-            with_source=reader.has_several_sources,
-            sweeps=sweeps,
-        )
-        self._trace_layout = TraceLayout(
-            methods=methods, input_schema=reader.schema, with_source=reader.has_several_sources, sweeps=sweeps
-        )
-        if settings.want_trace and not any(run.spec.traces for run in self._runs):
-            raise UsageError(f"--trace-out: {', '.join(dict.fromkeys(methods))} has no steps to trace; sequential has")
         self.report = self._new_report()
 
     @property
-    def reader(self) -> MeasurementReader:
-        """What the run reads."""
-        return self._reader
-
-    @property
     def schemas(self) -> dict[str, Any]:
-        """The Arrow schema of every table that can be asked for, by its name."""
-        schemas = {"estimates": self.estimates_schema, "flags": self.flags_schema}
-        return {**schemas, "trace": self.trace_schema} if self._settings.want_trace else schemas
+        """The Arrow schema of each wanted table by its name."""
+        return {name: layout.schema for name, layout in self._layouts.items()}
 
     def again(self) -> Callable[[MeasurementReader], MeasurementRun]:
-        """Return what starts an equal run, of one job, over another reader; it can be sent to another process."""
+        """Return a function that starts an equal run of one job over another reader; it can be pickled."""
         return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=1))
 
-    @property
-    def estimates_schema(self) -> Any:
-        """The Arrow schema of the estimates."""
-        return self._estimates_layout.schema
-
-    @property
-    def flags_schema(self) -> Any:
-        """The Arrow schema of the flags."""
-        return self._flags_layout.schema
-
-    @property
-    def trace_schema(self) -> Any:
-        """The Arrow schema of the trace."""
-        return self._trace_layout.schema
-
     def plan(self) -> list[str]:
-        """Return what the run is about to do, a line for the data and one for each method."""
-        scene, settings = self._reader.scene, self._settings
+        """Return what the run will do: a line for the data and one for each method."""
+        scene, settings = self.reader.scene, self._settings
         lines = [
             f"scene: {len(scene.sensors)} sensors, {len(scene.reflectors)} reflectors; seed {settings.seed}, "
             f"jobs {settings.jobs}, blocks of {settings.block_size} snapshots"
@@ -115,12 +79,12 @@ class MeasurementRun:
         return lines
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
-        """Return the metadata of the result files; after ``tables`` has ended they tell the rows of each input."""
-        described = describe_inputs(inputs, self._reader.report.rows_by_file, with_hash=with_hash)
-        return file_metadata(command, {**self.provenance(), "inputs": described}, self._reader.scene)
+        """Return the metadata of the result files; the rows of each input are known after ``tables`` has ended."""
+        described = describe_inputs(inputs, self.reader.report.rows_by_file, with_hash=with_hash)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
 
     def provenance(self) -> dict[str, Any]:
-        """Return the methods, their parameters, and what else of the settings makes the results, as plain values."""
+        """Return the methods, their parameters and the other settings that determine the results, as plain values."""
         settings = self._settings
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
         content = {"methods": methods, "seed": settings.seed, "field": str(settings.field)}
@@ -129,7 +93,7 @@ class MeasurementRun:
         return content
 
     def choices(self) -> dict[str, Any]:
-        """Return what else must be the same for two runs to write the same tables, as plain values."""
+        """Return the other settings that two runs must share to write equal tables, as plain values."""
         settings = self._settings
         return {
             "alternatives": settings.alternatives,
@@ -140,123 +104,136 @@ class MeasurementRun:
         }
 
     def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
-        """Yield the results chunk by chunk, in input order; raises what reading and solving raise.
+        """Yield the results of each chunk in input order, by ``jobs`` processes (default: those of the settings).
 
-        ``jobs`` are those of the settings unless given.
+        Raises what reading and solving raise.
         """
-        chunks = map(self._slimmed, self._reader.chunks())
+        chunks = map(self._without_unused_columns, self.reader.chunks())
         for tables, counts in map_in_processes(self._solve, chunks, jobs or self._settings.jobs):
             self.report.take(counts)
             yield tables
         self._finish()
 
-    def _slimmed(self, chunk: Chunk) -> Chunk:
-        """Return the chunk with those columns of its table alone that results carry: it may be sent far."""
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
+        self.report.notes += [
+            *remarks,
+            *heights_remark(self.reader.column_names, self._settings.target_z_m),
+            *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
+            *method_remarks(self._runs, self.report, self.reader.schema.names, self._settings.field),
+        ]
+
+    def _optional_columns(self) -> frozenset[str]:
+        """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
+        settings = self._settings
+        names: set[str] = set()
+        if settings.ellipse is not None or settings.add:
+            names |= optional_columns(settings.ellipse, settings.add)
+            check_added(settings.add, self.reader, self._runs)
+        if self.reader.scene.frame is not None:
+            names |= set(_ON_EARTH)
+        if any(run.spec.covariance_kinds for run in self._runs):
+            names.add("covariance_kind")
+        return frozenset(names)
+
+    def _wanted_layouts(self) -> dict[str, Any]:
+        reader, settings, sweeps = self.reader, self._settings, None
+        methods = tuple(run.spec.name for run in self._runs)
+        if any(run.sweep for run in self._runs):
+            sweeps = SweepColumns([run.sweep for run in self._runs])
+            refuse_swept_columns(sweeps.points, reader.column_names)
+        shared: dict[str, Any] = {
+            "methods": methods,
+            "input_schema": reader.schema,
+            "with_source": reader.has_several_sources,
+            "sweeps": sweeps,
+        }
+        layouts: dict[str, Any] = {}
+        carried = carried_columns(reader.column_names, settings.carry)
+        if settings.want_estimates:
+            layouts["estimates"] = EstimatesLayout(
+                **shared,
+                carried=carried,
+                optional=self._optional,
+                measurement_name=self._measurement_name(),
+                frame="" if reader.scene.frame is None else reader.scene.frame.words,
+            )
+        if settings.want_flags:
+            layouts["flags"] = FlagsLayout(**shared, names=self._flag_names(), constants=reader.constants)
+        if settings.want_trace:
+            layouts["trace"] = TraceLayout(**shared)
+            if not any(run.spec.traces for run in self._runs):
+                names = ", ".join(dict.fromkeys(methods))
+                raise UsageError(f"--trace-out: {names} has no steps to trace; sequential has")
+        return layouts
+
+    def _flag_names(self) -> tuple[str, ...]:
+        details = self._settings.want_details
+        columns = (
+            run.spec.flag_columns(run.options, self.reader.scene, self.reader.schema.names, details=details)
+            for run in self._runs
+        )
+        return tuple(dict.fromkeys(name for names in columns for name in names))
+
+    def _measurement_name(self) -> str:
+        name = KINDS[self.reader.kind].measurement_name
+        return name if name in self.reader.schema.names else ""
+
+    def _without_unused_columns(self, chunk: Chunk) -> Chunk:
+        """Return the chunk with only those columns of its table that results carry: it may be sent to a process."""
         if self._settings.want_flags or self._settings.want_trace:
             return chunk
-        names = {*self._estimates_layout.carried, self._estimates_layout.measurement_name} - {""}
+        layout = self._layouts["estimates"]
+        names = {*layout.carried, layout.measurement_name} - {""}
         return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
 
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
         """Return the tables of a chunk, and its counts."""
         settings = self._settings
-        problem = Problem(
-            kind=self._reader.kind,
-            scene=self._reader.scene,
-            field=settings.field,
-            columns=with_sensor_heights(chunk.columns, settings.target_z_m),
-            offsets=chunk.offsets,
-            kept=~chunk.left_out,
-            seed=self._seeds(chunk),
-        )
-        estimates, flags, trace = solve_flat(
-            problem,
-            self._runs,
-            block_size=settings.block_size,
-            alternatives=settings.alternatives,
-            want_flags=settings.want_flags or "gdop" in settings.add,
-            want_details=settings.want_details,
-            want_trace=settings.want_trace,
-        )
+        if settings.target_z_m is not None:
+            chunk = with_sensor_heights(chunk, settings.target_z_m)
+        solution = self._solver.solve(chunk, self._seeds(chunk))
         named: dict[str, Any] = {}
-        if settings.want_estimates and estimates is not None:
-            arrays = {field.name: getattr(estimates, field.name) for field in dataclasses.fields(estimates)}
-            arrays |= on_earth(self._reader.scene.frame, estimates.position_m)
-            arrays |= precision_of(estimates, settings.ellipse, settings.add)
-            if "gdop" in settings.add:
-                arrays["gdop"] = gdop(problem, estimates, [flag.used for flag in flags])
-            named["estimates"] = self._estimates_layout.table(
-                arrays, ids=chunk.snapshot, first_row=chunk.offsets[:-1], rows=chunk.table, source=chunk.source
-            )
+        if settings.want_estimates and solution.estimates is not None:
+            estimates = solution.estimates
+            if self._optional - {"covariance_kind"}:
+                columns = further_columns(self._solver, chunk, solution, settings.ellipse, settings.add)
+                estimates = dataclasses.replace(estimates, columns=columns)
+            named["estimates"] = self._layouts["estimates"].table(estimates, chunk)
         if settings.want_flags:
-            counts = np.diff(chunk.offsets)
-            named["flags"] = self._flags_layout.table(
-                [(flag.used, flag.columns) for flag in flags],
-                rows=chunk.table,
-                snapshot_of_row=np.repeat(np.arange(counts.shape[0]), counts),
-                source=chunk.source,
-            )
-        if trace is not None:
-            steps = {field.name: getattr(trace, field.name) for field in dataclasses.fields(trace)}
-            named["trace"] = self._trace_layout.table(steps, ids=chunk.snapshot, rows=chunk.table, source=chunk.source)
-        rows = int(chunk.offsets[-1])
-        return ChunkTables(named=named, rows=rows), self._counted(problem, estimates, flags, rows)
-
-    def _new_report(self) -> RunReport:
-        return RunReport(kind=self._reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
+            named["flags"] = self._layouts["flags"].table(solution.flags, chunk)
+        if solution.trace is not None:
+            named["trace"] = self._layouts["trace"].table(solution.trace, chunk)
+        return ChunkTables(named=named, rows=int(chunk.offsets[-1])), self._counts(chunk, solution)
 
     def _seeds(self, chunk: Chunk) -> SeedArray:
         if not any(run.spec.randomized for run in self._runs):
             return np.zeros(len(chunk.snapshot), dtype=np.uint64)
         return snapshot_seeds(self._settings.seed, chunk.snapshot_ids())
 
-    def _said(self) -> tuple[str, ...]:
-        details = self._settings.want_details
-        columns = (
-            run.spec.flag_columns(run.options, self._reader.scene, self._reader.schema.names, details=details)
-            for run in self._runs
-        )
-        return tuple(dict.fromkeys(name for names in columns for name in names))
+    def _new_report(self) -> RunReport:
+        return RunReport(kind=self.reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
 
-    def _measurement_name(self) -> str:
-        name = KINDS[self._reader.kind].measurement_name
-        return name if name in self._reader.schema.names else ""
-
-    def _counted(
-        self, problem: Problem, estimates: FlatEstimates | None, flags: Sequence[FlatFlags], rows: int
-    ) -> dict[str, Any]:
+    def _counts(self, chunk: Chunk, solution: ChunkSolution) -> dict[str, Any]:
         """Return the counts of a chunk, for the report to take."""
-        report = self._new_report()
-        report.rows = rows
-        if estimates is not None:
-            best = estimates.alternative == 0
-            for number, run in enumerate(self._runs):
-                mine = best & (estimates.method == number)
-                cost = estimates.cost if run.spec.cost_tells_fit else np.full(estimates.cost.shape, np.nan)
-                tally = report.methods[run.label]
-                tally.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
-                tally.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
-        for run, said in zip(self._runs, flags, strict=False):
-            if run.spec.job != "localize":
-                report.methods[run.label].add_verdicts(said.columns)
-        FlatPlaneTally(self._reader.scene.frame, report.flat_plane).add(problem, estimates)
+        report, frame = self._new_report(), self.reader.scene.frame
+        report.rows = int(chunk.offsets[-1])
+        for number, run in enumerate(self._runs):
+            tally = report.methods[run.label]
+            if solution.estimates is not None:
+                tally.add_estimates(solution.estimates, number, fit=run.spec.cost_tells_fit)
+            if solution.flags and run.spec.job != "localize":
+                tally.add_verdicts(solution.flags[number].columns)
+        if frame is not None and solution.estimates is not None:
+            report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
 
     def _finish(self) -> None:
-        read = self._reader.report
+        read = self.reader.report
         self.report.snapshots = read.snapshots
         self.report.rows_left_out = read.left_out_rows
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        if not self._reader.reads_one_part:
+        if not self.reader.reads_one_part:
             self.add_notes(read.remarks)
-
-    def add_notes(self, remarks: Sequence[str]) -> None:
-        """Add to the report what its counts say; ``remarks`` are the reader's."""
-        self.report.notes += [
-            *remarks,
-            *heights_remark(self._reader.column_names, self._settings.target_z_m),
-            *FlatPlaneTally(self._reader.scene.frame, self.report.flat_plane).remarks(),
-            *method_remarks(self._runs, self.report, self._reader.schema.names, self._settings.field),
-        ]

@@ -1,9 +1,10 @@
-"""Solve the snapshots of one chunk with one or several methods: flat arrays in, flat arrays out."""
+"""Solve a chunk: whole snapshots in dense batches of equal K, one method after the other, results in chunk order."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,157 +12,247 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
+from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
-from nlosctl.contract.methods import MethodSpec
-from nlosctl.contract.results import Estimates, Solution, Trace, Words, single_estimates
+from nlosctl.contract.results import Flags, Solution, Trace, Words, single_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.errors import MethodError, NlosctlError, in_one_line
+from nlosctl.errors import MethodError, NlosctlError, UsageError, in_one_line
+from nlosctl.io.measurements.reader import Chunk
+from nlosctl.io.results.layouts import ChunkEstimates
+from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
-from nlosctl.pipeline.solve.dense_blocks import Block, dense_blocks
-from nlosctl.pipeline.solve.flag_columns import FlagColumn
-from nlosctl.pipeline.solve.heap import keep_freed_memory
+from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.solution_check import fault_of
 
-__all__ = ["FlatEstimates", "FlatFlags", "FlatTrace", "MethodRun", "Problem", "solve_flat"]
+__all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory", "with_sensor_heights"]
 
+Columns = Mapping[str, npt.NDArray[Any]]
+Solved = tuple[IntArray, IntArray, Solution]
+"""A solution of a dense batch with the chunk indices of its snapshots (B,) and rows (B, K)."""
 
+_WHOLE_FIELD = SensorsField()
 _EDGE_SHARE = 0.01
-"""A fix this near to the edge of the search field, in units of its larger side, touches it."""
+"""An estimate is on the edge of the search region within this share of the region's larger side."""
+
+_LARGEST_KEPT = (32 << 20) - (64 << 10)
+"""Just below the largest size to which glibc raises its thresholds."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodRun:
-    """A method with the options of this run; ``sweep`` are those that the run sweeps, with their values here."""
+class ChunkSolution:
+    """The estimates of a chunk (None without an estimating method), flags (N,) by method, and the trace if wanted."""
 
-    spec: MethodSpec
-    options: Any
-    sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """The name of the method, with the swept values."""
-        values = ", ".join(f"{key}={value}" for key, value in self.sweep.items())
-        return f"{self.spec.name} ({values})" if values else self.spec.name
+    estimates: ChunkEstimates | None
+    flags: Sequence[Flags] = ()
+    trace: ChunkTrace | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
-    """A chunk as a method run needs it: flat columns (N,), row offsets (S+1,), rows kept (N,), seeds (S,)."""
+class ChunkSolver:
+    """Solves chunks of one kind of measurement by several methods.
+
+    At most ``block_size`` snapshots are in a dense batch, at most ``alternatives`` estimates of a target are kept.
+    """
 
     kind: str
     scene: Scene
-    field: Field = dataclasses.field(default_factory=SensorsField)
-    columns: Mapping[str, npt.NDArray[Any]]
-    offsets: IntArray
-    kept: BoolArray
-    seed: SeedArray
+    runs: tuple[MethodRun, ...]
+    field: Field = _WHOLE_FIELD
+    block_size: int = 8192
+    alternatives: int = 1
+    want_flags: bool = False
+    want_details: bool = False
+    want_trace: bool = False
+
+    def solve(self, chunk: Chunk, seed: SeedArray) -> ChunkSolution:
+        """Return the results of all snapshots by each method; ``seed`` (S,) is the random seed of each snapshot."""
+        keep_freed_memory()
+        estimates: list[ChunkEstimates] = []
+        flags: list[Flags] = []
+        traces: list[tuple[int, IntArray, IntArray, Trace]] = []
+        blocks = list(dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size))
+        for method, run in enumerate(self.runs):
+            solved = [(snapshot, row, self._solve_block(chunk, snapshot, row, seed, run)) for snapshot, row in blocks]
+            if run.spec.estimates:
+                estimates += [self._chunk_estimates(chunk, method, *part) for part in solved]
+            if self.want_flags:
+                flags.append(self._chunk_flags(chunk, run, solved))
+            if self.want_trace:
+                traces += [(method, snapshot, row, part.trace) for snapshot, row, part in solved if part.trace]
+        return ChunkSolution(
+            estimates=_in_order(estimates, self.alternatives) if estimates else None,
+            flags=flags,
+            trace=chunk_trace(traces) if self.want_trace else None,
+        )
+
+    def _solve_block(
+        self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun
+    ) -> Solution:
+        if row.shape[1] < run.spec.minimum_measurements:
+            return _too_few(row.shape[0])
+        batch = dense_batch(
+            self.kind,
+            chunk.columns,
+            row,
+            scene=self.scene,
+            seed=seed[snapshot],
+            field=self.field,
+            flags=self.want_flags,
+            details=self.want_details,
+            trace=self.want_trace and run.spec.traces,
+        )
+        try:
+            solution = run.spec.solve(batch, run.options)
+        except NlosctlError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
+        fault = fault_of(solution, row.shape)
+        if fault:
+            raise MethodError(f"method {run.spec.name!r} {fault}")
+        return solution
+
+    def _chunk_estimates(
+        self, chunk: Chunk, method: int, snapshot: IntArray, row: IntArray, solution: Solution
+    ) -> ChunkEstimates:
+        estimates = solution.estimates
+        size = estimates.row.shape[0]
+        kinds = np.full(size, None, dtype=object)
+        kinds[np.isfinite(estimates.covariance_m2[:, 0])] = estimates.covariance_kind
+        single = estimates.measurement
+        searches = self.runs[method].spec.searches
+        return ChunkEstimates(
+            snapshot=snapshot[estimates.row],
+            measurement=np.full(size, -1, dtype=np.int64) if single is None else row[estimates.row, single],
+            method=np.full(size, method, dtype=np.int64),
+            target=estimates.target,
+            alternative=estimates.alternative,
+            position_m=estimates.position_m,
+            covariance_m2=estimates.covariance_m2,
+            n_measurements=np.diff(chunk.offsets)[snapshot[estimates.row]],
+            n_used=estimates.n_used,
+            cost=estimates.cost,
+            status=estimates.status,
+            covariance_kind=kinds,
+            on_edge=self._on_edge(chunk, row[estimates.row], estimates.position_m)
+            if searches
+            else np.zeros(size, dtype=bool),
+        )
+
+    def _on_edge(self, chunk: Chunk, row: IntArray, position_m: FloatArray) -> BoolArray:
+        """Return which estimates (E,), of snapshots with the rows (E, K), are on the edge of the search region."""
+        if not row.size:
+            return np.zeros(row.shape[0], dtype=bool)
+        sensor_x, sensor_y = chunk.columns["sensor_x_m"][row], chunk.columns["sensor_y_m"][row]
+        center_x, center_y = sensor_x[:, 0], sensor_y[:, 0]
+        region = search_region(self.field, sensor_x, sensor_y, center_x, center_y)
+        xmin, xmax, ymin, ymax = region.bounds_m
+        x, y = position_m[:, 0], position_m[:, 1]
+        return region.on_edge(x - center_x, y - center_y, _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin))
+
+    def _chunk_flags(self, chunk: Chunk, run: MethodRun, solved: Sequence[Solved]) -> Flags:
+        """Return flags (N,): rows that took no part are not used, and null in the other columns."""
+        size = chunk.left_out.shape[0]
+        used = np.zeros(size, dtype=bool)
+        parts: dict[str, list[tuple[IntArray, Any]]] = {}
+        for _, row, solution in solved:
+            if solution.flags is None:
+                continue
+            used[row] = solution.flags.used
+            for name in run.spec.flag_columns(run.options, self.scene, chunk.columns, details=self.want_details):
+                if name in solution.flags.columns:
+                    parts.setdefault(name, []).append((row, solution.flags.columns[name]))
+        return Flags(used=used, columns={name: _scatter(size, column) for name, column in parts.items()})
 
 
-@dataclass(frozen=True, kw_only=True)
-class FlatEstimates:
-    """Estimates (E,) of a chunk, by snapshot, then method, target and alternative.
+def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the indices of snapshots (B,) and rows (B, K) of blocks that cover all snapshots of a chunk.
 
-    ``row`` is the measurement that an estimate is of, where each is solved by itself, else -1; ``on_edge`` tells which
-    touch the edge of the search field, of methods that search.
+    ``offsets`` (S+1,) are row offsets, ``kept`` (N,) the rows that take part; K counts only those and may be 0. B is
+    at most ``block_size``.
     """
-
-    snapshot: IntArray
-    row: IntArray
-    method: IntArray
-    target: IntArray
-    alternative: IntArray
-    position_m: FloatArray
-    covariance_m2: FloatArray
-    n_measurements: IntArray
-    n_used: IntArray
-    cost: FloatArray
-    status: npt.NDArray[np.uint8]
-    covariance_kind: npt.NDArray[np.object_]
-    on_edge: BoolArray
+    kept_rows = np.flatnonzero(kept)
+    kept_before = np.concatenate([[0], np.cumsum(kept)])
+    first = kept_before[offsets[:-1]]
+    counts = kept_before[offsets[1:]] - first
+    for count in np.flatnonzero(np.bincount(counts)):
+        members = np.flatnonzero(counts == count)
+        within = np.arange(count, dtype=np.int64)
+        for start in range(0, members.shape[0], block_size):
+            snapshot = members[start : start + block_size]
+            row = first[snapshot][:, None] + within
+            yield snapshot, kept_rows[row] if count else row
 
 
-@dataclass(frozen=True, kw_only=True)
-class FlatTrace:
-    """The states (T,) that methods went through, by snapshot, method, step; ``measurement`` is a row of the chunk."""
-
-    snapshot: IntArray
-    method: IntArray
-    step: IntArray
-    measurement: IntArray
-    position_m: FloatArray
-    covariance_m2: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlatFlags:
-    """Flags (N,) of a chunk by one method; rows that took no part are not used and say nothing."""
-
-    used: BoolArray
-    columns: Mapping[str, npt.NDArray[Any] | Words]
-
-
-def solve_flat(
-    problem: Problem,
-    runs: Sequence[MethodRun],
+def dense_batch(
+    kind: str,
+    columns: Columns,
+    row: IntArray,
     *,
-    block_size: int,
-    alternatives: int,
-    want_flags: bool,
-    want_details: bool = False,
-    want_trace: bool = False,
-) -> tuple[FlatEstimates | None, list[FlatFlags], FlatTrace | None]:
-    """Solve all snapshots of a chunk by each method; flags come in the order of the methods, none if not wanted.
+    scene: Scene,
+    seed: SeedArray | None = None,
+    field: Field = _WHOLE_FIELD,
+    flags: bool = False,
+    details: bool = False,
+    trace: bool = False,
+) -> Batch:
+    """Return the dense batch of the rows (B, K) of flat ``columns``: read-only arrays in Fortran order.
 
-    The estimates are None where no method makes any, the trace where it is not wanted.
+    ``seed`` (B,) is the random seed of each snapshot, zeros by default; ``flags``, ``details`` and ``trace`` are what
+    the batch asks of a method.
     """
-    keep_freed_memory()
-    parts: list[FlatEstimates] = []
-    traces = [_no_trace()]
-    flags: list[FlatFlags] = []
-    blocks = list(dense_blocks(problem.offsets, problem.kept, block_size))
-    for number, run in enumerate(runs):
-        solutions = [
-            (block, _solve_block(problem, block, run, want_flags, want_details, want_trace)) for block in blocks
-        ]
-        parts += [
-            _flatten(problem, block, solution.estimates, number, run.spec.searches)
-            for block, solution in solutions
-            if run.spec.estimates
-        ]
-        if want_flags:
-            flags.append(_scatter_flags(problem, run, solutions, details=want_details))
-        if want_trace:
-            traces += [_flatten_trace(block, solution.trace, number) for block, solution in solutions if solution.trace]
-    estimates = _in_order(_concatenate(parts), alternatives) if parts else None
-    return estimates, flags, _trace_in_order(traces) if want_trace else None
-
-
-def _solve_block(
-    problem: Problem, block: Block, run: MethodRun, want_flags: bool, want_details: bool, want_trace: bool
-) -> Solution:
-    if block.row.shape[1] < run.spec.minimum_measurements:
-        return _too_few(block.row.shape[0])
-    batch = block.batch(
-        problem.kind,
-        problem.columns,
-        problem.scene,
-        problem.seed,
-        field=problem.field,
-        flags=want_flags,
-        details=want_details,
-        trace=want_trace and run.spec.traces,
+    cls = batch_class(kind)
+    arrays = {}
+    for name, parts in cls.SOURCES.items():
+        if columns.keys() >= set(parts):
+            arrays[name] = _gather(row, [columns[part] for part in parts])
+        elif name in cls.ABSENT:
+            arrays[name] = np.full(row.shape, cls.ABSENT[name], order="F")
+            arrays[name].flags.writeable = False
+    batch: Batch = cls(
+        scene=scene,
+        field=field,
+        seed=np.zeros(row.shape[0], dtype=np.uint64) if seed is None else seed,
+        want_flags=flags,
+        want_details=flags and details,
+        want_trace=trace,
+        **arrays,
     )
-    try:
-        solution = run.spec.solve(batch, run.options)
-    except NlosctlError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
-    fault = fault_of(solution, block.row.shape)
-    if fault:
-        raise MethodError(f"method {run.spec.name!r} {fault}")
-    return solution
+    return batch
+
+
+def with_sensor_heights(chunk: Chunk, target_z_m: float) -> Chunk:
+    """Return the chunk with ``sensor_height_m``: the height of each sensor above the plane of the targets, in metres.
+
+    Raises UsageError without a column ``sensor_z_m``.
+    """
+    if "sensor_z_m" not in chunk.columns:
+        raise UsageError("--target-z-m needs the column 'sensor_z_m', the height of each sensor")
+    height = chunk.columns["sensor_z_m"] - target_z_m
+    return dataclasses.replace(chunk, columns={**chunk.columns, "sensor_height_m": height})
+
+
+@functools.cache
+def keep_freed_memory() -> None:
+    """Make glibc keep freed memory for the next block of snapshots; no effect with other C libraries.
+
+    glibc returns a freed block to the system if it is larger than any block freed before, or if twice that size is free
+    at the end of the heap: each block of snapshots would fault its pages in again, which takes a fifth of the time
+    of the fast methods. Freeing one large array, whose pages are never touched, raises both thresholds for good.
+    """
+    np.empty(_LARGEST_KEPT, dtype=np.uint8)
+
+
+def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    dense = np.empty(row.shape if len(parts) == 1 else (*row.shape, len(parts)), dtype=parts[0].dtype, order="F")
+    if len(parts) == 1:
+        dense[...] = parts[0][row]
+    else:
+        for axis, part in enumerate(parts):
+            dense[..., axis] = part[row]
+    dense.flags.writeable = False
+    return dense
 
 
 def _too_few(size: int) -> Solution:
@@ -177,103 +268,32 @@ def _too_few(size: int) -> Solution:
     )
 
 
-def _flatten(problem: Problem, block: Block, estimates: Estimates, method: int, searches: bool) -> FlatEstimates:
-    snapshot = block.snapshot[estimates.row]
-    size = snapshot.shape[0]
-    single = estimates.measurement
-    return FlatEstimates(
-        snapshot=snapshot,
-        row=np.full(size, -1, dtype=np.int64) if single is None else block.row[estimates.row, single],
-        method=np.full(size, method, dtype=np.int64),
-        target=estimates.target,
-        alternative=estimates.alternative,
-        position_m=estimates.position_m,
-        covariance_m2=estimates.covariance_m2,
-        n_measurements=(problem.offsets[1:] - problem.offsets[:-1])[snapshot],
-        n_used=estimates.n_used,
-        cost=estimates.cost,
-        status=estimates.status,
-        covariance_kind=_covariance_kinds(estimates),
-        on_edge=_on_edge(problem, block, estimates) if searches else np.zeros(size, dtype=bool),
-    )
+def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:
+    names = [field.name for field in dataclasses.fields(ChunkEstimates) if field.name != "columns"]
+    whole = parts[0]
+    if len(parts) > 1:
+        arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        whole = ChunkEstimates(**arrays)
+    if bool((whole.snapshot[1:] > whole.snapshot[:-1]).all()):
+        return whole
+    order = np.lexsort((whole.alternative, whole.target, whole.method, whole.snapshot))
+    order = order[whole.alternative[order] < alternatives]
+    return ChunkEstimates(**{name: getattr(whole, name)[order] for name in names})
 
 
-def _covariance_kinds(estimates: Estimates) -> npt.NDArray[np.object_]:
-    kinds = np.full(estimates.row.shape[0], None, dtype=object)
-    kinds[np.isfinite(estimates.covariance_m2[:, 0])] = estimates.covariance_kind
-    return kinds
-
-
-def _on_edge(problem: Problem, block: Block, estimates: Estimates) -> BoolArray:
-    """Return which estimates (E,) are within a hundredth of the search field's larger side of its edge."""
-    row = block.row[estimates.row]
-    if not row.size:
-        return np.zeros(row.shape[0], dtype=bool)
-    x, y = estimates.position_m[:, 0], estimates.position_m[:, 1]
-    sensor_x, sensor_y = problem.columns["sensor_x_m"][row], problem.columns["sensor_y_m"][row]
-    center_x, center_y = sensor_x[:, 0], sensor_y[:, 0]
-    region = search_region(problem.field, sensor_x, sensor_y, center_x, center_y)
-    xmin, xmax, ymin, ymax = region.bounds_m
-    return region.on_edge(x - center_x, y - center_y, _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin))
-
-
-def _no_trace() -> FlatTrace:
-    nothing = np.empty(0, dtype=np.int64)
-    return FlatTrace(
-        snapshot=nothing,
-        method=nothing,
-        step=nothing,
-        measurement=nothing,
-        position_m=np.empty((0, 2)),
-        covariance_m2=np.empty((0, 3)),
-    )
-
-
-def _flatten_trace(block: Block, trace: Trace, method: int) -> FlatTrace:
-    return FlatTrace(
-        snapshot=block.snapshot[trace.row],
-        method=np.full(trace.row.shape, method, dtype=np.int64),
-        step=trace.step,
-        measurement=block.row[trace.row, trace.measurement],
-        position_m=trace.position_m,
-        covariance_m2=trace.covariance_m2,
-    )
-
-
-def _trace_in_order(parts: list[FlatTrace]) -> FlatTrace:
-    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in FlatTrace.__annotations__}
-    order = np.lexsort((arrays["step"], arrays["method"], arrays["snapshot"]))
-    return FlatTrace(**{name: array[order] for name, array in arrays.items()})
-
-
-def _concatenate(parts: list[FlatEstimates]) -> FlatEstimates:
-    if len(parts) == 1:
-        return parts[0]
-    return FlatEstimates(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in FlatEstimates.__annotations__}
-    )
-
-
-def _in_order(estimates: FlatEstimates, alternatives: int) -> FlatEstimates:
-    if bool((estimates.snapshot[1:] > estimates.snapshot[:-1]).all()):
-        return estimates
-    order = np.lexsort((estimates.alternative, estimates.target, estimates.method, estimates.snapshot))
-    order = order[estimates.alternative[order] < alternatives]
-    return FlatEstimates(**{name: getattr(estimates, name)[order] for name in FlatEstimates.__annotations__})
-
-
-def _scatter_flags(
-    problem: Problem, run: MethodRun, solutions: list[tuple[Block, Solution]], *, details: bool
-) -> FlatFlags:
-    rows = problem.kept.shape[0]
-    used = np.zeros(rows, dtype=bool)
-    columns: dict[str, FlagColumn] = {}
-    for block, solution in solutions:
-        flags = solution.flags
-        if flags is None:
-            continue
-        used[block.row] = flags.used
-        for name in run.spec.flag_columns(run.options, problem.scene, problem.columns, details=details):
-            if name in flags.columns:
-                columns.setdefault(name, FlagColumn(rows)).set(block.row, flags.columns[name])
-    return FlatFlags(used=used, columns={name: column.values() for name, column in columns.items()})
+def _scatter(size: int, parts: Sequence[tuple[IntArray, npt.NDArray[Any] | Words]]) -> npt.NDArray[Any] | Words:
+    """Return a flag column (N,) from its values at rows (B, K): null (NaN, None or masked) in all other rows."""
+    first = parts[0][1]
+    if isinstance(first, Words):
+        words = tuple(dict.fromkeys([None, *(word for _, part in parts for word in part.words)]))  # type: ignore[union-attr]
+        code = np.zeros(size, dtype=np.uint8)
+        for row, part in parts:
+            code[row] = np.array([words.index(word) for word in part.words], dtype=np.uint8)[part.code]  # type: ignore[union-attr]
+        return Words(code=code, words=words)
+    null, dtype = {"f": (np.nan, np.dtype(float)), "O": (None, first.dtype)}.get(first.dtype.kind, (0, first.dtype))
+    values = np.full(size, null, dtype=dtype)
+    unset = np.ones(size, dtype=bool)
+    for row, part in parts:
+        values[row] = part
+        unset[row] = False
+    return values if first.dtype.kind in "fO" else np.ma.MaskedArray(values, mask=unset)

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, TypeVar
 
+from nlosctl.contract.tables import SWEEP_PREFIX
 from nlosctl.errors import UsageError
 
-__all__ = ["SweepWords", "refuse_swept_columns", "sweep_column", "sweep_points", "swept_options"]
+__all__ = ["SweepWords", "refuse_swept_columns", "sweep_points", "swept_options"]
 
 SweepWords = Mapping[str, str | Sequence[Any]]
 """The values of each swept parameter: in words with commas between them, or a sequence of Python values."""
@@ -17,11 +18,6 @@ OptionsT = TypeVar("OptionsT")
 
 _MOST_POINTS = 10_000
 _PLAIN = (bool, int, float, str)
-
-
-def sweep_column(key: str) -> str:
-    """Return the name of the column that tells the value of parameter ``key``."""
-    return f"sweep_{key}"
 
 
 def sweep_points(sweep: SweepWords) -> list[dict[str, Any]]:
@@ -61,10 +57,9 @@ def swept_options(
 def refuse_swept_columns(points: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
     """Raise UsageError where an input with ``columns`` has the column of a swept parameter already."""
     for key in dict.fromkeys(key for point in points for key in point):
-        if sweep_column(key) in columns:
-            raise UsageError(
-                f"--sweep {key}: the input has a column {sweep_column(key)!r} of an earlier sweep; rename that one"
-            )
+        name = f"{SWEEP_PREFIX}{key}"
+        if name in columns:
+            raise UsageError(f"--sweep {key}: the input has a column {name!r} of an earlier sweep; rename that one")
 
 
 def _values(key: str, given: str | Sequence[Any]) -> list[Any]:

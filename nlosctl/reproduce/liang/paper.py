@@ -16,7 +16,7 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import parse_field
 from nlosctl.evaluation.targets import EchoRows, TargetScores
-from nlosctl.pipeline.solve.dense_blocks import Block
+from nlosctl.pipeline.solve.solve_chunk import dense_batch
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Erratum, Experiment, Paper
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets, candidate_sets
@@ -114,10 +114,7 @@ def echo_batch(given: Simulated, size: int) -> RangeBatch:
     sensor = np.unique(given.columns["sensor"].astype(str), return_inverse=True)[1]
     columns = {**given.columns, "sensor": sensor, "path": np.full(sensor.shape, -1)}
     rows = np.arange(sensor.shape[0]).reshape(size, -1)
-    block = Block(snapshot=np.arange(size), row=rows)
-    seed = np.zeros(size, dtype=np.uint64)
-    batch = block.batch(given.kind, columns, given.scene, seed, field=parse_field(FIELD), flags=False)
-    return cast(RangeBatch, batch)
+    return cast(RangeBatch, dense_batch(given.kind, columns, rows, scene=given.scene, field=parse_field(FIELD)))
 
 
 def candidates(given: Simulated, size: int) -> list[CandidateSets]:

@@ -1,0 +1,152 @@
+"""Further columns of estimates: coordinates on earth, the error ellipse, and the columns that ``add`` asks for.
+
+A column that ``add`` asks for is declared in `nlosctl.contract.tables` and computed by its entry in `ADDED`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
+from nlosctl.contract.scene import EarthFrame
+from nlosctl.contract.tables import ADDED_COLUMNS, ELLIPSE
+from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.geometry.error_ellipses import circular_error_probable, ellipse_threshold, error_ellipse
+from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+from nlosctl.io.results.layouts import ChunkEstimates
+from nlosctl.io.scenes.scene_file import plane_of
+from nlosctl.models.information import UNIT_INFORMATION
+from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, dense_batch, dense_blocks
+
+__all__ = ["ADDED", "AddedColumn", "check_added", "further_columns", "optional_columns"]
+
+_BLOCK_SIZE = 4096
+_CONDITION_LIMIT = 1e12
+
+Runs = Sequence[MethodRun]
+
+
+@dataclass(frozen=True)
+class AddedColumn:
+    """How a column of ``add`` is computed.
+
+    ``compute(solver, chunk, solution)`` returns the values (E,) of the solution's estimates, NaN where there is no
+    value. ``fault(reader, runs)`` returns why the column can't be computed for this run, empty if it can.
+    """
+
+    compute: Callable[[ChunkSolver, Chunk, ChunkSolution], FloatArray]
+    fault: Callable[[MeasurementReader, Runs], str] = lambda reader, runs: ""
+    needs_flags: bool = False
+
+
+def optional_columns(ellipse: float | None, add: Sequence[str]) -> frozenset[str]:
+    """Return the names of the columns that ``ellipse`` and ``add`` ask for; raises UsageError for an unknown word."""
+    for word in add:
+        if word not in ADDED_COLUMNS:
+            near = did_you_mean(word, ADDED_COLUMNS)
+            raise UsageError(f"--add {word}: no such column{near}; there are: {', '.join(ADDED_COLUMNS)}")
+    names = {ADDED_COLUMNS[word].name for word in add}
+    return frozenset(names if ellipse is None else names | {column.name for column in ELLIPSE})
+
+
+def check_added(add: Sequence[str], reader: MeasurementReader, runs: Runs) -> None:
+    """Raise UsageError if a column of ``add`` can't be computed for this input or these methods."""
+    for word in add:
+        fault = ADDED[word].fault(reader, runs)
+        if fault:
+            raise UsageError(f"--add {word}: {fault}")
+
+
+def further_columns(
+    solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution, ellipse: float | None, add: Sequence[str]
+) -> Mapping[str, FloatArray]:
+    """Return the columns (E,) of a chunk's estimates that the frame of the scene, ``ellipse`` and ``add`` ask for."""
+    estimates = solution.estimates
+    if estimates is None:
+        return {}
+    columns: dict[str, FloatArray] = {}
+    if solver.scene.frame is not None:
+        columns |= _on_earth(solver.scene.frame, estimates)
+    if ellipse is not None:
+        columns |= _ellipse(estimates, ellipse)
+    return columns | {ADDED_COLUMNS[word].name: ADDED[word].compute(solver, chunk, solution) for word in add}
+
+
+def _on_earth(frame: EarthFrame, estimates: ChunkEstimates) -> dict[str, FloatArray]:
+    lat, lon = plane_of(frame).to_earth(estimates.position_m[:, 0], estimates.position_m[:, 1])
+    return {"lat_deg": lat, "lon_deg": lon}
+
+
+def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatArray]:
+    one_sigma = error_ellipse(Symmetric2x2(*estimates.covariance_m2.T))
+    scale = float(np.sqrt(ellipse_threshold(probability)))
+    return {
+        "semi_major_m": scale * one_sigma.semi_major_m,
+        "semi_minor_m": scale * one_sigma.semi_minor_m,
+        "orientation_rad": one_sigma.orientation_rad,
+        "ellipse_probability": np.where(np.isnan(one_sigma.semi_major_m), np.nan, probability),
+    }
+
+
+def _cep50(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
+    assert solution.estimates is not None  # noqa: S101 - columns are of estimates
+    one_sigma = error_ellipse(Symmetric2x2(*solution.estimates.covariance_m2.T))
+    return circular_error_probable(one_sigma.semi_major_m, one_sigma.semi_minor_m)
+
+
+def _gdop(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
+    """Return sqrt(trace(G^-1)), where G sums u u^T over the rows that an estimate rests on.
+
+    u is the unit vector across a row's line of position, or along its range (times cos(elevation) for slant ranges):
+    the root of the trace of the covariance for errors of 1 m in each row, for ranges the usual definition. NaN without
+    a position, or if the rows leave a direction undetermined.
+    """
+    estimates = solution.estimates
+    assert estimates is not None  # noqa: S101 - columns are of estimates
+    values = np.full(estimates.snapshot.shape, np.nan)
+    for number, flags in enumerate(solution.flags):
+        mine = np.flatnonzero((estimates.method == number) & np.isfinite(estimates.position_m[:, 0]))
+        for rank in np.unique(estimates.alternative[mine]).tolist():
+            chosen = mine[estimates.alternative[mine] == rank]
+            _write_gdop(solver, chunk, estimates, chosen, flags.used, values)
+    return values
+
+
+def _write_gdop(
+    solver: ChunkSolver, chunk: Chunk, estimates: ChunkEstimates, chosen: IntArray, used: BoolArray, values: FloatArray
+) -> None:
+    """Write the GDOP of the ``chosen`` estimates, at most one of each snapshot, to ``values`` (E,)."""
+    estimate_of = np.full(chunk.offsets.shape[0] - 1, -1, dtype=np.int64)
+    estimate_of[estimates.snapshot[chosen]] = chosen
+    for snapshot, row in dense_blocks(chunk.offsets, used & ~chunk.left_out, _BLOCK_SIZE):
+        index = estimate_of[snapshot]
+        exists = index >= 0
+        if not row.shape[1] or not exists.any():
+            continue
+        batch: Any = dense_batch(solver.kind, chunk.columns, row, scene=solver.scene)
+        position = np.where(exists[:, None], estimates.position_m[index], np.nan)
+        geometry = UNIT_INFORMATION[solver.kind](batch, position[:, 0], position[:, 1])
+        with ignoring_division():
+            smaller, larger = geometry.eigenvalues()
+            regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
+            dilution = np.where(regular, np.sqrt(geometry.trace / geometry.determinant), np.nan)
+        values[index[exists]] = dilution[exists]
+
+
+def _gdop_fault(reader: MeasurementReader, runs: Runs) -> str:
+    if reader.kind in UNIT_INFORMATION and all(run.spec.job == "localize" for run in runs):
+        return ""
+    return f"there for 'localize' of {' and '.join(UNIT_INFORMATION)}, where a snapshot is of one source"
+
+
+ADDED = {
+    "cep50": AddedColumn(_cep50),
+    "gdop": AddedColumn(_gdop, _gdop_fault, needs_flags=True),
+}
+"""The columns that ``add`` can ask for, by its words."""
