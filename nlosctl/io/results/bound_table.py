@@ -1,20 +1,18 @@
-"""Tables of bounds, and the truth that they are for."""
+"""Tables of bounds."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.arrays import IntArray
 from nlosctl.contract.tables import BOUND, SWEEP_PREFIX
-from nlosctl.errors import DataError
 from nlosctl.io.readers.base import plain_type
 
-__all__ = ["bound_schema", "bound_table", "truth_positions"]
+__all__ = ["bound_schema", "bound_table"]
 
 
 def bound_schema(input_schema: Any | None) -> Any:
@@ -53,17 +51,3 @@ def bound_table(
             values = arrays[field.name]
             columns.append(pa.array(values, field.type, from_pandas=values.dtype.kind == "f"))
     return pa.table(columns, schema=schema)
-
-
-def truth_positions(rows: Any, first_row: IntArray, source: str) -> tuple[FloatArray, FloatArray]:
-    """Return the true x and y (S,) of snapshots by their first row in the input's table; NaN where it is empty.
-
-    Raises DataError where the input has no truth columns.
-    """
-    found = []
-    for name in ("truth_x_m", "truth_y_m"):
-        if name not in rows.column_names:
-            raise DataError(f"{source}: no column {name!r}; a bound needs the truth, or --map for a grid of positions")
-        cells = rows.column(name).take(pa.array(first_row)).cast(pa.float64())
-        found.append(np.asarray(cells.to_numpy(), dtype=np.float64))
-    return found[0], found[1]

@@ -21,6 +21,7 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.readers.base import plain_type
 
 __all__ = [
+    "TRUTH_NAMES",
     "ChunkEstimates",
     "EstimatesLayout",
     "carried_columns",
@@ -30,8 +31,10 @@ __all__ = [
     "plain_schema",
     "repeated",
     "snapshot_field",
+    "truth_positions",
 ]
 
+TRUTH_NAMES = ("truth_x_m", "truth_y_m")
 _TRUTH = tuple(column.name for column in ESTIMATES.columns if column.carried)
 _OWN = {column.name for column in ESTIMATES.columns if not column.carried} | {"source"}
 _STATUS_WORDS = pa.array([status.word for status in Status])
@@ -61,6 +64,10 @@ class ChunkEstimates:
     on_edge: BoolArray
     columns: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
+    def truth_m(self, chunk: Chunk) -> FloatArray:
+        """Return the true position (E, 2) of estimates from the chunk's truth columns, NaN where they are null."""
+        return truth_positions(chunk.table, self.first_rows(chunk))
+
     def first_rows(self, chunk: Chunk) -> IntArray:
         """Return the row (E,) of the chunk whose truth and carried columns an estimate has."""
         return np.where(self.measurement >= 0, self.measurement, chunk.offsets[:-1][self.snapshot])
@@ -85,6 +92,12 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
     truth = () if "truth_target" in input_names else _TRUTH
     chosen = {"scene", *truth, *wanted}
     return tuple(name for name in input_names if (name in chosen or name.startswith(SWEEP_PREFIX)) and name not in _OWN)
+
+
+def truth_positions(table: Any, rows: IntArray) -> FloatArray:
+    """Return the true positions (N, 2) in rows (N,) of a table that has the truth columns; NaN where they are null."""
+    columns = [table.column(name).take(pa.array(rows)).cast(pa.float64()) for name in TRUTH_NAMES]
+    return np.stack([np.asarray(column.to_numpy(), dtype=np.float64) for column in columns], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,9 @@ from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
-from nlosctl.io.results.bound_table import bound_schema, bound_table, truth_positions
+from nlosctl.io.results.bound_table import bound_schema, bound_table
 from nlosctl.io.results.evaluation_arrays import boolean_codes
+from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 
@@ -114,7 +115,7 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
     schema = result_schema(reader, None)
     model = INFORMATION[_supported(reader)]
     for chunk in reader.chunks():
-        x, y = truth_positions(chunk.table, chunk.offsets[:-1], chunk.source)
+        x, y = _truth(chunk).T
         arrays = _no_bounds(x, y)
         kept = ~chunk.left_out & _may_be_direct(chunk)
         for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
@@ -122,6 +123,15 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
                 batch = settings.apply(dense_batch(reader.kind, chunk.columns, row, scene=reader.scene))
                 _write_bounds(arrays, snapshot, model.at(batch, x[snapshot], y[snapshot]), settings)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
+
+
+def _truth(chunk: Chunk) -> FloatArray:
+    for name in TRUTH_NAMES:
+        if name not in chunk.table.column_names:
+            raise DataError(
+                f"{chunk.source}: no column {name!r}; a bound needs the truth, or --map for a grid of positions"
+            )
+    return truth_positions(chunk.table, chunk.offsets[:-1])
 
 
 def _may_be_direct(chunk: Chunk) -> BoolArray:
