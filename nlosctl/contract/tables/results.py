@@ -46,6 +46,14 @@ _ADDED = (
         meaning="geometric dilution of precision: root of the trace of the covariance if each row used had a line "
         "or circle of position with a std of 1 m",
     ),
+    Column(
+        name="nees",
+        type="number",
+        nullable=True,
+        add="nees",
+        meaning="normalized estimation error squared e' C^-1 e, from the error e of x, y (the input needs truth_x_m "
+        "and truth_y_m) and the covariance C; mean 2 if covariances are correct; null without a truth or a covariance",
+    ),
 )
 
 ADDED_COLUMNS = {column.add: column for column in _ADDED}

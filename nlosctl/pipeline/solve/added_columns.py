@@ -15,10 +15,11 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.contract.tables import ADDED_COLUMNS, ELLIPSE
 from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.evaluation.consistency import squared_mahalanobis
 from nlosctl.geometry.error_ellipses import circular_error_probable, ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
-from nlosctl.io.results.layouts import ChunkEstimates
+from nlosctl.io.results.layouts import TRUTH_NAMES, ChunkEstimates
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.models.information import UNIT_INFORMATION
 from nlosctl.pipeline.solve.method_runs import MethodRun
@@ -145,8 +146,22 @@ def _gdop_fault(reader: MeasurementReader, runs: Runs) -> str:
     return f"there for 'localize' of {' and '.join(UNIT_INFORMATION)}, where a snapshot is of one source"
 
 
+def _nees(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
+    assert solution.estimates is not None  # noqa: S101 - columns are of estimates
+    estimates = solution.estimates
+    return squared_mahalanobis(estimates.position_m - estimates.truth_m(chunk), estimates.covariance_m2)
+
+
+def _nees_fault(reader: MeasurementReader, runs: Runs) -> str:
+    if "truth_target" in reader.column_names:
+        return "needs one true position per snapshot, but the rows are of several targets (truth_target)"
+    missing = [name for name in TRUTH_NAMES if name not in reader.column_names]
+    return f"needs the true position, but the input has no column {missing[0]!r}" if missing else ""
+
+
 ADDED = {
     "cep50": AddedColumn(_cep50),
     "gdop": AddedColumn(_gdop, _gdop_fault, needs_flags=True),
+    "nees": AddedColumn(_nees, _nees_fault),
 }
 """The columns that ``add`` can ask for, by its words."""
