@@ -15,7 +15,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.results.in_memory import input_of_table
-from nlosctl.io.results.simulated_table import measurement_table
+from nlosctl.io.results.tables import measurement_table
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 from nlosctl.reproduce.experiment import Chunk
 from nlosctl.scenarios.catalogue import find_scenario

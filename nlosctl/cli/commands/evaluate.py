@@ -122,7 +122,7 @@ def _write(
     inputs: Sequence[Location],
     outputs: OutputSet,
 ) -> None:
-    from nlosctl.io.results.score_table import score_table
+    from nlosctl.io.results.tables import score_table
 
     if format == _TEXT and output != "-":
         raise UsageError("--format text goes to standard output; leave out -o")

@@ -10,11 +10,10 @@ import pyarrow as pa
 from nlosctl.contract.formats import BadLine, Row
 from nlosctl.contract.tables import ColumnType, Table
 from nlosctl.errors import DataError, MethodError
+from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
 
 __all__ = ["imported_table"]
-
-_TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
 
 
 def imported_table(
@@ -58,6 +57,6 @@ def _array(name: str, cells: list[Any], kind: ColumnType) -> Any:
         whole = all(isinstance(cell, int) for cell in cells)
         return pa.array(cells if whole else [None if cell is None else str(cell) for cell in cells])
     try:
-        return pa.array(cells, _TYPES[kind])
+        return pa.array(cells, ARROW_TYPES[kind])
     except (pa.ArrowInvalid, pa.ArrowTypeError, TypeError) as error:
         raise MethodError(f"the importer's column {name!r} holds values that are no {kind}: {error}") from error

@@ -16,9 +16,9 @@ from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
-from nlosctl.io.results.bound_table import bound_schema, bound_table
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
+from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 

@@ -13,7 +13,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.arrow_columns import SweepColumns
-from nlosctl.io.results.simulated_table import measurement_table
+from nlosctl.io.results.tables import measurement_table
 from nlosctl.pipeline.engine.provenance import file_metadata
 from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
 from nlosctl.scenarios.catalogue import find_scenario

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Scene
-from nlosctl.io.results.simulated_table import measurement_table
+from nlosctl.io.results.tables import measurement_table
 from nlosctl.models.triplets import PathRows
 from nlosctl.plotting.panels import BarsPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment

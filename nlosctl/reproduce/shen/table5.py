@@ -10,7 +10,7 @@ import numpy as np
 
 from nlosctl.api import detect_ip
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
-from nlosctl.io.results.simulated_table import measurement_table
+from nlosctl.io.results.tables import measurement_table
 from nlosctl.plotting.panels import BarsPanel, Panel
 from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, measure, rms, share

@@ -1,0 +1,101 @@
+"""Tables of simulated measurements, of bounds and of scores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from nlosctl.arrays import IntArray
+from nlosctl.contract.tables import BOUND, KINDS, SCORES, SWEEP_PREFIX
+from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
+from nlosctl.io.readers.base import plain_type
+from nlosctl.io.results.layouts import snapshot_field
+
+__all__ = ["bound_schema", "bound_table", "measurement_table", "score_table"]
+
+
+def measurement_table(
+    kind: str, columns: Mapping[str, npt.NDArray[Any]], sweeps: SweepColumns | None = None, point: int = 0
+) -> Any:
+    """Return flat columns (N,) of a kind of measurement as a table in the order of the contract; NaN becomes null.
+
+    The columns of ``sweeps`` follow, with the values of the sweep's point of this index.
+    """
+    arrays: dict[str, Any] = {}
+    for column in KINDS[kind].columns:
+        if column.name in columns:
+            values = columns[column.name]
+            arrow_type = pa.string() if values.dtype.kind not in "iu" else pa.int64()
+            missing = np.isnan(values) if values.dtype.kind == "f" else None
+            arrays[column.name] = pa.array(values, ARROW_TYPES.get(column.type, arrow_type), mask=missing)
+    if sweeps is not None:
+        points = np.full(len(arrays["snapshot"]), point)
+        arrays |= {name: sweeps.take(name, points) for name in sweeps.names}
+    return pa.table(arrays)
+
+
+def bound_schema(input_schema: Any | None) -> Any:
+    """Return the Arrow schema of bounds; without an input (a map) there is no ``snapshot``."""
+    fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in BOUND.columns[1:]]
+    if input_schema is None:
+        return pa.schema(fields)
+    swept = [field for field in input_schema if field.name.startswith(SWEEP_PREFIX)]
+    fields += [pa.field(field.name, plain_type(field.type)) for field in swept]
+    return pa.schema([pa.field("snapshot", snapshot_field(input_schema).type), *fields])
+
+
+def bound_table(
+    arrays: Mapping[str, npt.NDArray[Any]],
+    schema: Any,
+    snapshot: Any = None,
+    rows: Any = None,
+    first_row: IntArray | None = None,
+) -> Any:
+    """Return a table of bounds from arrays (B,) by column name; NaN becomes null. ``snapshot`` (B,) is an Arrow array.
+
+    ``first_row`` (B,) is the first row of each snapshot in the input's table ``rows``, the source of ``sweep_*``.
+    """
+    columns = []
+    for field in schema:
+        if field.name == "snapshot":
+            columns.append(snapshot.cast(field.type))
+        elif field.name.startswith(SWEEP_PREFIX):
+            columns.append(rows.column(field.name).take(pa.array(first_row)).cast(field.type))
+        else:
+            values = arrays[field.name]
+            columns.append(pa.array(values, field.type, from_pandas=values.dtype.kind == "f"))
+    return pa.table(columns, schema=schema)
+
+
+def score_table(of: str, groups: Sequence[Mapping[str, Any]]) -> Any:
+    """Return the metrics of ``groups``, a row each, in the columns of the contract; NaN and infinity become null.
+
+    Counts by status become columns ``status_WORD``; curves are left out.
+    """
+    words = dict.fromkeys(word for group in groups for word in group.get("statuses", {}))
+    rows = [_score_row(of, group, words) for group in groups]
+    known = set().union(*rows)
+    fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in SCORES.columns if column.name in known]
+    labels = [field for field in fields if field.type == pa.string()]
+    numbers = [field for field in fields if field.type != pa.string()]
+    swept = [
+        pa.field(name, pa.array([row.get(name) for row in rows]).type)
+        for name in rows[0]
+        if name.startswith(SWEEP_PREFIX)
+    ]
+    return pa.Table.from_pylist(rows, schema=pa.schema([*labels, *swept, *numbers]))
+
+
+def _score_row(of: str, group: Mapping[str, Any], words: Iterable[str]) -> dict[str, Any]:
+    row: dict[str, Any] = {"of": of}
+    for name, value in group.items():
+        if name == "statuses":
+            row |= {f"status_{word}": value.get(word, 0) for word in words}
+        elif not isinstance(value, Mapping):
+            row[name] = None if isinstance(value, float) and not math.isfinite(value) else value
+    return row
