@@ -1,4 +1,4 @@
-"""Frictionless Table Schemas of the tables, generated from their one definition."""
+"""Frictionless Table Schemas of the tables, generated from their declarations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlosctl.contract.tables import TABLES, Column, Table
 __all__ = ["schema_text", "table_schema", "write_schemas"]
 
 _LEAST_SPELLED = 5e-324
-"""For other units: the smallest number above 0, ``exclusiveMinimum: 0`` in the vocabulary that validators read."""
+"""The smallest number above 0, for other units: validators do not read ``exclusiveMinimum``."""
 
 _TYPES = {
     "number": "number",
@@ -26,10 +26,10 @@ _TYPES = {
 def table_schema(table: Table) -> dict[str, Any]:
     """Return the Table Schema of ``table``.
 
-    ``fieldsMatch: partial`` lets a file lack fields and have others. Each other spelling of a column is a field of
-    its own. A column that may be told in another way (another spelling, a constant, the scene) has no ``required``
-    constraint, but our property ``optional: false``. ``unit``, ``replaces``, ``scale`` and ``offset`` are ours too:
-    ``replaced = value * scale + offset``.
+    ``fieldsMatch: partial`` allows missing and additional fields. Each other spelling of a column is a field. A
+    column that can be replaced (by another spelling, a constant, the scene) has no ``required`` constraint, but our
+    property ``optional: false``. ``unit``, ``add``, ``replaces``, ``scale`` and ``offset`` are ours too:
+    ``replaced = value * scale + offset``; ``add`` is the word of ``--add`` that asks for a column.
     """
     return {
         "name": table.name,
@@ -67,6 +67,8 @@ def _field(column: Column) -> dict[str, Any]:
     if column.type == "boolean":
         field["trueValues"] = ["true", "True", "TRUE", "1"]
         field["falseValues"] = ["false", "False", "FALSE", "0"]
+    if column.add:
+        field["add"] = column.add
     field["optional"] = not column.required
     constraints = _constraints(column)
     if constraints:
@@ -80,7 +82,7 @@ def _spelled(column: Column) -> list[dict[str, Any]]:
         {
             "name": spelling.name,
             "type": _TYPES[column.type],
-            "description": f"in place of {column.name}",
+            "description": f"replaces {column.name}",
             "unit": spelling.name.rpartition("_")[2],
             "optional": True,
             "replaces": column.name,

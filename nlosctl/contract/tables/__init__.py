@@ -1,4 +1,4 @@
-"""The columns of every table that nlosctl reads or writes: the one place that defines them. Imports no numpy."""
+"""The columns of every table that nlosctl reads or writes, each declared once. Imports no numpy."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ __all__ = [
 ]
 
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
-"""The kinds of measurement, by name."""
+"""The tables of measurements by their kind."""
 
 TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}
-"""Every table, by name: ``schemas/`` holds one file for each."""
+"""Every table by its name; ``schemas/`` has one file for each."""
 
 
 @cache
 def contract_names() -> frozenset[str]:
-    """Return every name that some table of the contract gives a meaning to, other spellings too."""
+    """Return the names of all columns of all tables, including other spellings."""
     return frozenset(name for table in TABLES.values() for column in table.columns for name in column.accepted_names)

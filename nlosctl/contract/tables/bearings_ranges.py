@@ -17,7 +17,7 @@ _TRUTH = (
         type="boolean",
         nullable=True,
         carried=True,
-        meaning="whether the row really follows its stated path (direct, or by its reflector)",
+        meaning="true flag: the wave followed the stated path (direct, or by the reflector)",
     ),
 )
 
@@ -66,21 +66,21 @@ _RANGE = (
 )
 
 _PRIOR = (
-    Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
-    Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="where the source was expected before"),
+    Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="prior position of the source"),
+    Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="prior position of the source"),
     Column(
         name="prior_std_m",
         type="number",
         unit="m",
         nullable=True,
         positive=True,
-        meaning="standard deviation of the prior position in x and in y",
+        meaning="standard deviation of the prior position, the same in x and y",
     ),
 )
 
 BEARINGS = Table(
     name="bearings",
-    title="Bearings: directions from sensors to where a wave comes from",
+    title="Bearings: directions of arrival at sensors",
     row_key=("sensor", "sensor_x_m", "sensor_y_m", "path", "reflector"),
     together=(tuple(column.name for column in _PRIOR),),
     columns=(
@@ -92,8 +92,8 @@ BEARINGS = Table(
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,
-            too_large_means="plainly degrees: name the column bearing_deg (or azimuth_deg for compass bearings)",
-            meaning="direction from the sensor to where the wave comes from, counter-clockwise from +x",
+            too_large_means="these are degrees: name the column bearing_deg (or azimuth_deg for compass bearings)",
+            meaning="direction from the sensor towards the incoming wave, counter-clockwise from +x",
             spellings=(
                 Spelling(name="bearing_deg", scale=DEGREE),
                 Spelling(name="azimuth_deg", scale=-DEGREE, offset=0.5 * math.pi, from_north=True),
@@ -114,18 +114,18 @@ BEARINGS = Table(
             name="path",
             type="integer",
             nullable=True,
-            meaning="numbers several measurements of one sensor in one snapshot (resolved multipath)",
+            meaning="number of the path, for several measurements of one sensor in one snapshot (resolved multipath)",
         ),
         Column(
             name="reflector",
             type="text",
             nullable=True,
             names_reflector=True,
-            meaning="reflector of the scene by which the wave came; empty or absent: the direct path",
+            meaning="reflector of the scene on the path; empty or absent for the direct path",
         ),
         *_RANGE,
         *_PRIOR,
-        *on_earth("prior", "where the source was expected before"),
+        *on_earth("prior", "prior position of the source"),
         *_TRUTH,
         *EARLIER_FLAGS,
     ),
@@ -133,7 +133,7 @@ BEARINGS = Table(
 
 RANGES = Table(
     name="ranges",
-    title="Ranges: path lengths from targets to sensors, any number for a sensor",
+    title="Ranges: path lengths from targets to sensors, any number per sensor",
     columns=(
         SNAPSHOT,
         *_SENSOR,
@@ -142,13 +142,13 @@ RANGES = Table(
             name="sensor_z_m",
             type="number",
             unit="m",
-            meaning="sensor height; with --target-z-m the ranges are slant and are reduced to the targets' plane",
+            meaning="sensor height; with --target-z-m slant ranges are reduced to the plane of the targets",
         ),
         Column(
             name="path",
             type="integer",
             nullable=True,
-            meaning="numbers several measurements of one sensor in one snapshot (resolved multipath)",
+            meaning="number of the path, for several measurements of one sensor in one snapshot (resolved multipath)",
         ),
         *_TRUTH,
         Column(
@@ -156,7 +156,7 @@ RANGES = Table(
             type="integer",
             nullable=True,
             carried=True,
-            meaning="number of the target that the echo is of, from 0; null for a false echo",
+            meaning="true target of the echo, numbered from 0; null for a false echo",
         ),
         *EARLIER_FLAGS,
     ),

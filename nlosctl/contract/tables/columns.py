@@ -1,4 +1,4 @@
-"""What a column and a table are."""
+"""Declarations of columns and tables."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ SWEEP_PREFIX = "sweep_"
 """The name of a column of swept values is this prefix and the name of the parameter."""
 
 ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
-"""``identifier`` is text or an integer, whichever the file holds."""
+"""``identifier`` is text or an integer, as in the file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spelling:
     """Another name for a column, in another unit: ``canonical = value * scale + offset``.
 
-    With ``from_north`` it is a direction from true north, wherever the plane lies on the earth.
+    With ``from_north`` it is a direction from true north, for any plane on the earth.
     """
 
     name: str
@@ -31,10 +31,10 @@ class Spelling:
 class Column:
     """One column: its name, type, unit and what a value must satisfy.
 
-    ``too_large_means`` says what values beyond ``largest_magnitude`` plainly are. ``constant_option`` is the
-    option that gives a constant for the missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor fill
-    the column. ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth
-    or flags of an earlier step: checked for their type, carried through, and seen by no method. ``of_circles`` marks
+    ``too_large_means`` explains values beyond ``largest_magnitude``. ``constant_option`` is the option that sets a
+    constant for a missing column. ``scene_axis`` (0: x, 1: y) allows the scene's sensor position to fill the column.
+    ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth or flags of an
+    earlier step: checked for their type and copied, never passed to a method. ``of_circles`` marks
     flags that are only set in a scene with circles. ``earth_place`` names the location (see `EARTH_PLACES`) whose
     latitude and longitude can replace it. ``add`` is the word of the setting ``add`` that asks for a result column.
     """
@@ -60,7 +60,7 @@ class Column:
 
     @property
     def accepted_names(self) -> tuple[str, ...]:
-        """The name, and the other spellings that a file may have for it."""
+        """The name and its other spellings."""
         return (self.name, *(spelling.name for spelling in self.spellings))
 
 
@@ -68,9 +68,9 @@ class Column:
 class Table:
     """A table: its name, title and columns in order.
 
-    ``row_key`` names the columns that, besides ``snapshot``, no two measurements may have all equal.
-    ``measurement_name`` names the column that estimates of single measurements carry. ``together`` names groups of
-    optional columns that say something only together: a file has all of a group or none, and so has every row.
+    ``row_key`` names the columns that, with ``snapshot``, identify a measurement. ``measurement_name`` names the column
+    that estimates of single measurements carry. ``together`` names groups of optional columns that are only valid
+    together: a file, and every row, has all columns of a group or none.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Table:
     together: tuple[tuple[str, ...], ...] = ()
 
     def column(self, name: str) -> Column:
-        """Return the column called ``name``; raise KeyError where there is none."""
+        """Return the column called ``name``; raise KeyError if it does not exist."""
         for column in self.columns:
             if column.name == name:
                 return column
@@ -94,5 +94,5 @@ class Table:
 
     @property
     def required(self) -> tuple[Column, ...]:
-        """The columns that a file must have (``snapshot`` apart, see docs/conventions.md)."""
+        """The columns that a file must have; for ``snapshot`` see docs/conventions.md."""
         return tuple(column for column in self.columns if column.required)

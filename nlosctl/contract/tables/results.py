@@ -1,4 +1,4 @@
-"""The columns of the tables that commands write, and of a table of true positions."""
+"""The columns of result tables and of a table of true positions."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ ELLIPSE = (
         type="number",
         unit="m",
         nullable=True,
-        meaning="semi-axis of the ellipse that holds ellipse_probability of Gaussian errors",
+        meaning="major semi-axis of the ellipse that contains ellipse_probability of Gaussian errors",
     ),
-    Column(name="semi_minor_m", type="number", unit="m", nullable=True, meaning="its other semi-axis"),
+    Column(name="semi_minor_m", type="number", unit="m", nullable=True, meaning="minor semi-axis of the ellipse"),
     Column(
         name="orientation_rad",
         type="number",
         unit="rad",
         nullable=True,
-        meaning="direction of its major axis, counter-clockwise from +x",
+        meaning="direction of the major axis, counter-clockwise from +x",
     ),
-    Column(name="ellipse_probability", type="number", nullable=True, meaning="what --ellipse asked for"),
+    Column(
+        name="ellipse_probability", type="number", nullable=True, meaning="probability of the ellipse, from --ellipse"
+    ),
 )
 """The columns of estimates that the setting ``ellipse`` asks for."""
 
@@ -36,15 +38,15 @@ _ADDED = (
         unit="m",
         nullable=True,
         add="cep50",
-        meaning="radius of the circle about x, y that holds half of Gaussian errors",
+        meaning="circular error probable: radius of the circle about x, y that contains half of Gaussian errors",
     ),
     Column(
         name="gdop",
         type="number",
         nullable=True,
         add="gdop",
-        meaning="geometric dilution of precision: root of the trace of the covariance if each row used had a line "
-        "or circle of position with a std of 1 m",
+        meaning="geometric dilution of precision: root of the trace of the covariance if every used row had a line or "
+        "circle of position with a standard deviation of 1 m",
     ),
     Column(
         name="nees",
@@ -99,20 +101,20 @@ ESTIMATES = Table(
             meaning="covariance of the position error",
         ),
         Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
-        Column(name="n_used", type="integer", required=True, meaning="rows that the estimate rests on"),
+        Column(name="n_used", type="integer", required=True, meaning="rows that the estimate uses"),
         Column(
             name="cost",
             type="number",
             required=True,
             nullable=True,
-            meaning="the method's own: half the chi-square, or the negative log-likelihood in nats (methods show)",
+            meaning="the method's cost: half the chi-square, or the negative log-likelihood in nats (see methods show)",
         ),
-        Column(name="status", type="text", required=True, meaning="how it ended: one of the status words"),
+        Column(name="status", type="text", required=True, meaning="outcome, one of the status words"),
         Column(
             name="covariance_kind",
             type="text",
             nullable=True,
-            meaning="what the covariance accounts for: inliers or posterior (robust methods)",
+            meaning="what the covariance accounts for, inliers or posterior (robust methods)",
         ),
         Column(name="lat_deg", type="number", unit="deg", nullable=True, meaning="latitude of x, y (WGS 84)"),
         Column(name="lon_deg", type="number", unit="deg", nullable=True, meaning="longitude of x, y (WGS 84)"),
@@ -120,7 +122,7 @@ ESTIMATES = Table(
             name="frame",
             type="text",
             nullable=True,
-            meaning="how the plane lies on earth: a CRS, or latitude and longitude of the origin, and any rotation",
+            meaning="local plane on earth: a CRS, or latitude and longitude of the origin, and the rotation if any",
         ),
         *ELLIPSE,
         *_ADDED,
@@ -130,11 +132,11 @@ ESTIMATES = Table(
 
 FLAGS = Table(
     name="flags",
-    title="Flags: a row per measurement in input order; the input's columns are carried through",
+    title="Flags: a row per measurement in input order, with the columns of the input",
     columns=(
         Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
-        Column(name="method", type="text", nullable=True, meaning="name of the method, where several ran"),
-        Column(name="used", type="boolean", required=True, meaning="whether the estimate rests on the row"),
+        Column(name="method", type="text", nullable=True, meaning="name of the method, if several ran"),
+        Column(name="used", type="boolean", required=True, meaning="whether the estimate uses the row"),
         Column(
             name="residual_rad",
             type="number",
@@ -153,14 +155,14 @@ FLAGS = Table(
             name="target",
             type="integer",
             nullable=True,
-            meaning="number of the target that the row is given to, from 0",
+            meaning="target that the row is assigned to, numbered from 0",
         ),
         Column(
             name="under_horizon",
             type="boolean",
             nullable=True,
             of_circles=True,
-            meaning="whether the bearing points under the sensor's horizon, from where no wave comes by its circle",
+            meaning="whether the bearing points below the sensor's horizon, where the circle reflects no wave",
         ),
         Column(
             name="los",
@@ -180,9 +182,19 @@ FLAGS = Table(
             nullable=True,
             meaning="whether the path is indirect (triplets)",
         ),
-        Column(name="p_value", type="number", nullable=True, meaning="how often a direct path looks so indirect"),
-        Column(name="reason", type="text", nullable=True, meaning="why it is flagged, or what could not be judged"),
-        Column(name="blind", type="boolean", nullable=True, meaning="whether the rule is blind or degenerate here"),
+        Column(
+            name="p_value",
+            type="number",
+            nullable=True,
+            meaning="p-value: probability that a direct path has at least this test statistic",
+        ),
+        Column(name="reason", type="text", nullable=True, meaning="reason of the flag, or why there is no flag"),
+        Column(
+            name="blind",
+            type="boolean",
+            nullable=True,
+            meaning="whether the rule cannot detect an indirect path in this geometry",
+        ),
         Column(
             name="outside_safe_region",
             type="boolean",
@@ -211,7 +223,7 @@ FLAGS = Table(
                 type="number",
                 unit="m",
                 nullable=True,
-                meaning=f"where {points.replace('_', ' and ').upper().replace('AND', 'and')} meet",
+                meaning=f"intersection of {points.replace('_', ' and ').upper().replace('AND', 'and')}",
             )
             for points in ("dod_doa", "dod_toa", "doa_toa")
             for axis in ("x", "y")
@@ -232,17 +244,35 @@ FLAGS = Table(
 
 TRACE = Table(
     name="trace",
-    title="Trace: a row per snapshot and step of a sequential method, what one sensor hands to the next",
+    title="Trace: a row per snapshot and step of a sequential method, the state after each sensor",
     columns=(
         Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
         Column(name="method", type="text", required=True, meaning="name of the method"),
         Column(name="step", type="integer", required=True, meaning="number of measurements used so far"),
         Column(name="sensor", type="identifier", required=True, meaning="sensor of the measurement just used"),
-        Column(name="x_m", type="number", unit="m", required=True, meaning="position so far"),
-        Column(name="y_m", type="number", unit="m", required=True, meaning="position so far"),
-        Column(name="cov_xx_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
-        Column(name="cov_xy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
-        Column(name="cov_yy_m2", type="number", unit="m2", required=True, meaning="covariance of the position so far"),
+        Column(name="x_m", type="number", unit="m", required=True, meaning="position after this step"),
+        Column(name="y_m", type="number", unit="m", required=True, meaning="position after this step"),
+        Column(
+            name="cov_xx_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            meaning="covariance of the position after this step",
+        ),
+        Column(
+            name="cov_xy_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            meaning="covariance of the position after this step",
+        ),
+        Column(
+            name="cov_yy_m2",
+            type="number",
+            unit="m2",
+            required=True,
+            meaning="covariance of the position after this step",
+        ),
     ),
 )
 
@@ -251,22 +281,24 @@ BOUND = Table(
     title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
     columns=(
         Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
-        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
-        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position it is for"),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
         *(
             Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
             for name, unit, meaning in (
-                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null where it has no bound"),
+                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null without a bound"),
                 ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
                 ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
-                ("rms_m", "m", "root of the trace: least RMSE"),
+                ("rms_m", "m", "root of the trace: lower bound of the RMSE"),
                 ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
                 ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
                 ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
-                ("cep50_m", "m", "radius of the circle that holds half of the Gaussian errors"),
+                ("cep50_m", "m", "circular error probable: radius of the circle that contains half of Gaussian errors"),
             )
         ),
-        Column(name="n_used", type="integer", required=True, meaning="rows that can see the position as the scene is"),
+        Column(
+            name="n_used", type="integer", required=True, meaning="rows with a free path to the position in this scene"
+        ),
     ),
 )
 

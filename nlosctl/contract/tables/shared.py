@@ -9,32 +9,32 @@ from nlosctl.contract.tables.columns import Column
 __all__ = ["DEGREE", "EARLIER_FLAGS", "EARTH_PLACES", "SNAPSHOT", "TRUTH_POSITION", "on_earth"]
 
 EARTH_PLACES = ("sensor", "truth", "prior", "tx", "rx")
-"""Places whose ``_x_m`` and ``_y_m`` may be told as ``_lat_deg`` and ``_lon_deg`` (WGS 84)."""
+"""Locations whose ``_x_m`` and ``_y_m`` may be replaced by ``_lat_deg`` and ``_lon_deg`` (WGS 84)."""
 
 DEGREE = math.pi / 180.0
-"""In radians."""
+"""One degree in radians."""
 
 SNAPSHOT = Column(
     name="snapshot",
     type="identifier",
-    meaning="rows that share it are solved together; without the column a file is one snapshot",
+    meaning="identifier of the snapshot: its rows are solved together; without the column a file is one snapshot",
 )
-"""What tells which rows belong together."""
+"""The column that groups rows into snapshots."""
 
 
-def on_earth(place: str, meaning: str) -> tuple[Column, Column]:
-    """Return the latitude and longitude of a place, of which ``meaning`` tells what is there."""
+def on_earth(location: str, meaning: str) -> tuple[Column, Column]:
+    """Return the columns of latitude and longitude of a location; ``meaning`` describes it."""
     return (
         Column(
-            name=f"{place}_lat_deg",
+            name=f"{location}_lat_deg",
             type="number",
             unit="deg",
             nullable=True,
             carried=True,
-            meaning=f"{meaning}: latitude (WGS 84), in place of {place}_x_m and {place}_y_m",
+            meaning=f"{meaning}: latitude (WGS 84), in place of {location}_x_m and {location}_y_m",
         ),
         Column(
-            name=f"{place}_lon_deg",
+            name=f"{location}_lon_deg",
             type="number",
             unit="deg",
             nullable=True,
@@ -66,6 +66,8 @@ EARLIER_FLAGS = (
         carried=True,
         meaning="flag of an earlier step: rows with true (indirect path) are left out unless --all-rows",
     ),
-    Column(name="used", type="boolean", nullable=True, carried=True, meaning="flag of an earlier step: used there"),
+    Column(
+        name="used", type="boolean", nullable=True, carried=True, meaning="flag of an earlier step: the row was used"
+    ),
 )
-"""What an earlier step may have said of a row."""
+"""Flags that an earlier step may have added to a row."""

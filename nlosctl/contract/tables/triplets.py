@@ -1,4 +1,4 @@
-"""The columns of files of triplets: departure, arrival and length of paths over a target."""
+"""The columns of files of triplets: departure direction, arrival direction and length of paths via a target."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,
-            too_large_means=f"plainly degrees: name the column {name}_deg",
+            too_large_means=f"these are degrees: name the column {name}_deg",
             meaning=f"{meaning}, counter-clockwise from +x",
             spellings=(Spelling(name=f"{name}_deg", scale=DEGREE),),
         ),
@@ -47,23 +47,23 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
             positive=True,
             constant_allowed=True,
             constant_option=f"--{name}-std-deg",
-            meaning="standard deviation of its error",
+            meaning=f"standard deviation of the {name.upper()} error",
             spellings=(Spelling(name=f"{name}_std_deg", scale=DEGREE),),
         ),
     )
 
 
-_DOD = _direction("dod", "direction of departure: from the transmitter to where the path goes first")
-_DOA = _direction("doa", "direction of arrival: from the receiver to where the wave comes from")
+_DOD = _direction("dod", "direction of departure: from the transmitter along the first segment of the path")
+_DOA = _direction("doa", "direction of arrival: from the receiver towards the incoming wave")
 
 TRIPLETS = Table(
     name="triplets",
-    title="Triplets: direction of departure, direction of arrival and length of paths over a target",
+    title="Triplets: direction of departure, direction of arrival and length of paths via a target",
     row_key=("path",),
     measurement_name="path",
     columns=(
         SNAPSHOT,
-        Column(name="path", type="integer", required=True, meaning="numbers the paths of a snapshot"),
+        Column(name="path", type="integer", required=True, meaning="number of the path in its snapshot"),
         *_node("tx", "transmitter"),
         *_node("rx", "receiver"),
         _DOD[0],
@@ -90,7 +90,7 @@ TRIPLETS = Table(
             positive=True,
             constant_allowed=True,
             constant_option="--path-length-std-m",
-            meaning="standard deviation of its error",
+            meaning="standard deviation of the path length error",
             spellings=(
                 Spelling(name="toa_std_s", scale=_SPEED_OF_LIGHT_M_S),
                 Spelling(name="toa_std_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
@@ -102,7 +102,7 @@ TRIPLETS = Table(
             type="boolean",
             nullable=True,
             carried=True,
-            meaning="whether the path is indirect: over more than the target",
+            meaning="true flag: the path is indirect, with scatterers besides the target",
         ),
         *EARLIER_FLAGS,
     ),
