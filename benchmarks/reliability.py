@@ -99,8 +99,8 @@ def _lines(snapshots: int) -> list[str]:
         "8 sensors, 1-8 deg": (replace(fine, std_deg=(1.0, 8.0)), 10),
         "4 sensors, 1-8 deg": (replace(fine, sensors=4, std_deg=(1.0, 8.0)), 10),
         "3 sensors, .05-1 deg": (replace(fine, sensors=3), 10),
-        "8 sensors, .05-1 deg, 10 % of the rows anywhere": (replace(fine, outliers=0.1), 20),
-        "8 sensors, .05-1 deg, 25 % of the rows anywhere": (replace(fine, outliers=0.25), 20),
+        "8 sensors, .05-1 deg, 10 % of the rows random": (replace(fine, outliers=0.1), 20),
+        "8 sensors, .05-1 deg, 25 % of the rows random": (replace(fine, outliers=0.25), 20),
     }
     full_circle = bearings_mixture_ml.METHOD.options(field_of_view_deg=360.0)
     trusting = [(module, module.METHOD.options(), 10) for module in (bearings_stansfield, bearings_ls)]

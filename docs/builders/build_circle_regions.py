@@ -1,4 +1,4 @@
-"""Draws docs/figures/circle_regions.svg: the regions of a sensor on an opaque circle under a concentric reflector.
+"""Draw docs/figures/circle_regions.svg: the regions of a sensor on an opaque circle under a concentric reflector.
 
 Run it from the root of the repository: ``python docs/builders/build_circle_regions.py``. Heights are exaggerated: the
 reflector has 1.2 times the radius of the ground.
@@ -16,18 +16,18 @@ HALF = math.acos(GROUND / REFLECTOR)
 
 
 def arc(radius: float, start: float, end: float) -> list[complex]:
-    """Return points of an arc; angles from the sensor, which is at the top."""
+    """Points of an arc; angles are measured from the sensor at the top."""
     return [cmath.rect(radius, start + (end - start) * k / 60) for k in range(61)]
 
 
 def path(points: list[complex], close: bool = False) -> str:
-    """Return SVG path data; the real axis points up, angles go to the right."""
-    places = [f"{SIZE[0] / 2 + SCALE * point.imag:.1f},{TOP - SCALE * point.real:.1f}" for point in points]
-    return "M" + " L".join(places) + ("Z" if close else "")
+    """SVG path data; the real axis points up, angles increase to the right."""
+    points_px = [f"{SIZE[0] / 2 + SCALE * point.imag:.1f},{TOP - SCALE * point.real:.1f}" for point in points]
+    return "M" + " L".join(points_px) + ("Z" if close else "")
 
 
 def text(point: complex, words: str, anchor: str = "middle") -> str:
-    """Return a label."""
+    """A label as an SVG element."""
     x, y = SIZE[0] / 2 + SCALE * point.imag, TOP - SCALE * point.real
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
 
@@ -87,7 +87,7 @@ def main() -> None:
     )
     content = "\n".join(["<style>" + style + "</style>", *shapes, *lines, *labels])
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE[0]} {SIZE[1]}">\n{content}\n</svg>\n'
-    (Path(__file__).parent / "circle_regions.svg").write_text(svg, encoding="utf-8")
+    (Path(__file__).parents[1] / "figures" / "circle_regions.svg").write_text(svg, encoding="utf-8")
 
 
 if __name__ == "__main__":

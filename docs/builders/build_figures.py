@@ -1,4 +1,4 @@
-"""Makes the figures of the pages again that show how each was made, by running their commands: ``make figures``."""
+"""Draw the figures of all pages that show how they are made, by running the commands there: ``make figures``."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ FIGURES = ROOT / "docs" / "figures"
 
 
 def pages() -> list[str]:
-    """Return the pages that show figures, by their paths in the repository."""
-    found = sorted((ROOT / "docs").rglob("*.md"))
-    return [path.relative_to(ROOT).as_posix() for path in found if shown_on(path.relative_to(ROOT).as_posix())]
+    """The pages that show figures, as paths in the repository."""
+    paths = sorted((ROOT / "docs").rglob("*.md"))
+    return [path.relative_to(ROOT).as_posix() for path in paths if shown_on(path.relative_to(ROOT).as_posix())]
 
 
 def shown_on(page: str) -> list[str]:
-    """Return the names of the figures that a page shows."""
+    """Names of the figures that a page shows."""
     text = (ROOT / page).read_text(encoding="utf-8")
     return re.findall(r"!\[[^\]]*\]\([^)]*\bfigures/([\w.-]+)\)", text)
 
 
 def made_on(page: str) -> list[str]:
-    """Return those of them that a command on the page writes."""
+    """Names of the figures of a page that a command on it writes."""
     commands = "\n".join(read_page(page).commands)
     return [figure for figure in shown_on(page) if f"-o {figure}" in commands]
 
 
 def main() -> None:
-    """Run every page that makes figures in a folder of its own, and keep them."""
+    """Run every page that makes figures in a temporary folder, and copy the figures to docs/figures."""
     for name in pages():
         if not made_on(name):
             continue

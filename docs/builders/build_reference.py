@@ -1,4 +1,4 @@
-"""Writes docs/commands.md and man/nlosctl.1 from the commands themselves: ``make reference``."""
+"""Write docs/commands.md and man/nlosctl.1 from the commands themselves: ``make reference``."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ROOT = Path(__file__).parents[2]
 _HEAD = """\
 # Commands
 
-Every command with its arguments and options, written from the program itself by `make reference`; `man nlosctl` shows
-the same. What holds for all of them (settings, environment, completion) is in [settings.md](settings.md).
+All commands with their arguments and options, generated from the program by `make reference`; `man nlosctl` shows the
+same. [settings.md](settings.md) explains config file, environment and completion.
 """
 
 
 def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield every command that has something to tell, by its full name: groups without options are left out."""
+    """Yield every command with its full name; groups without options are left out."""
     inner = getattr(command, "commands", {})
     if not inner or command.params:
         yield name, command
@@ -35,17 +35,17 @@ def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def program() -> Any:
-    """Return the program as its parser sees it."""
+    """The program as its parser sees it."""
     return typer.main.get_command(app)
 
 
 def all_commands() -> list[tuple[str, Any]]:
-    """Return the program and its commands."""
+    """The program and its commands, with their full names."""
     return list(commands(program(), "nlosctl"))
 
 
 def paragraphs(text: str | None) -> list[str]:
-    """Return the paragraphs of a help text, each in one line."""
+    """The paragraphs of a help text, each as one line."""
     return [" ".join(part.split()) for part in re.split(r"\n\s*\n", inspect.cleandoc(text or ""))]
 
 
@@ -55,7 +55,7 @@ def is_option(parameter: Any) -> bool:
 
 
 def value_name(parameter: Any, command: Any) -> str:
-    """Return what stands for the value of an option; empty for one that is on or off."""
+    """Name of an option's value, such as ``FILE``; empty for an on/off option."""
     if getattr(parameter, "is_flag", False):
         return ""
     annotation: Any = get_type_hints(command.callback).get(parameter.name)
@@ -69,7 +69,7 @@ def value_name(parameter: Any, command: Any) -> str:
 
 
 def default(parameter: Any) -> str:
-    """Return the default in words; empty where there is none to tell."""
+    """The default as text; empty without a default."""
     value = parameter.default
     if isinstance(value, list | tuple):
         value = " ".join(map(str, value))
@@ -77,25 +77,25 @@ def default(parameter: Any) -> str:
 
 
 def usage(name: str, command: Any) -> str:
-    """Return the usage line of a command."""
+    """The usage line of a command."""
     arguments = [argument_name(parameter) for parameter in command.params if not is_option(parameter)]
     return " ".join([name, "[OPTIONS]", *(["COMMAND ..."] if name == "nlosctl" else arguments)])
 
 
 def argument_name(parameter: Any) -> str:
-    """Return how an argument stands in the usage line."""
+    """Name of an argument in the usage line."""
     name = str(parameter.metavar or parameter.name.upper())
     name = name if parameter.required or name.startswith("[") else f"[{name}]"
     return f"{name}..." if parameter.nargs == -1 and "..." not in name else name
 
 
 def option_words(parameter: Any) -> list[str]:
-    """Return the spellings of an option, the short one first."""
+    """The spellings of an option, short ones first."""
     return sorted([*parameter.opts, *parameter.secondary_opts], key=lambda word: (word.startswith("--"), word))
 
 
 def markdown() -> str:
-    """Return the reference as Markdown."""
+    """The reference as Markdown."""
     blocks = [_HEAD]
     for name, command in all_commands():
         blocks.append(f"## {name}\n\n    {usage(name, command)}\n\n" + "\n\n".join(paragraphs(command.help)) + "\n")
@@ -103,8 +103,8 @@ def markdown() -> str:
         for parameter in command.params:
             words = option_words(parameter) if is_option(parameter) else [argument_name(parameter)]
             value = value_name(parameter, command) if is_option(parameter) else ""
-            told = ", ".join(f"`{word}`" for word in words) + (f" `{value}`" if value else "")
-            rows.append(f"| {cell(told)} | {cell(paragraphs(parameter.help)[0])} | {cell(default(parameter))} |")
+            usage_text = ", ".join(f"`{word}`" for word in words) + (f" `{value}`" if value else "")
+            rows.append(f"| {cell(usage_text)} | {cell(paragraphs(parameter.help)[0])} | {cell(default(parameter))} |")
         blocks.append("| argument or option | what it does | default |\n|---|---|---|\n" + "\n".join(rows) + "\n")
         if isinstance(command, SettingsCommand):
             example = variable_name(name.split()[-1], long_name(next(filter(is_option, command.params))))
@@ -113,12 +113,12 @@ def markdown() -> str:
 
 
 def cell(text: str) -> str:
-    """Return text for a cell of a Markdown table."""
+    """Text escaped for a cell of a Markdown table."""
     return text.replace("|", "\\|")
 
 
 def manual() -> str:
-    """Return the reference as a manual page, in the man macros of troff."""
+    """The reference as a manual page, in the man macros of troff."""
     whole = program()
     lines = [
         f'.TH NLOSCTL 1 "" "nlosctl {__version__}" "User Commands"',
@@ -130,7 +130,7 @@ def manual() -> str:
             for name, command in all_commands()
         ),
         ".SH DESCRIPTION",
-        troff("Files of measurements go in, files of estimates and flags come out. 'COMMAND --help' tells the same."),
+        troff("Files of measurements in, files of estimates and flags out. 'COMMAND --help' prints the same text."),
         ".SH COMMANDS",
     ]
     for name, command in all_commands():
@@ -140,26 +140,27 @@ def manual() -> str:
         for parameter in command.params:
             words = option_words(parameter) if is_option(parameter) else [argument_name(parameter)]
             value = value_name(parameter, command) if is_option(parameter) else ""
-            told = ", ".join(f"\\fB{troff(word)}\\fR" for word in words) + (f" \\fI{troff(value)}\\fR" if value else "")
+            bold = ", ".join(f"\\fB{troff(word)}\\fR" for word in words)
+            value = f" \\fI{troff(value)}\\fR" if value else ""
             ending = f" [default: {default(parameter)}]" if default(parameter) else ""
-            lines += [".TP", told, troff(paragraphs(parameter.help)[0] + ending)]
+            lines += [".TP", bold + value, troff(paragraphs(parameter.help)[0] + ending)]
     lines += [".SH EXIT STATUS", troff(paragraphs(whole.epilog)[0]), ".SH ENVIRONMENT"]
     for variable, meaning in (
         (
             "NLOSCTL_<COMMAND>_<OPTION>",
-            "An option of a command; words of one that may be repeated as a shell parts them.",
+            "An option of a command; several words, split as by a shell, for a repeatable one.",
         ),
         ("NLOSCTL_CONFIG", "The config file, as --config."),
-        ("NLOSCTL_NO_PLUGINS", "1: built-in methods alone."),
-        ("NLOSCTL_DEBUG", "1: a traceback with an error."),
-        ("NO_COLOR", "Anything: no colours."),
+        ("NLOSCTL_NO_PLUGINS", "1: only built-in methods."),
+        ("NLOSCTL_DEBUG", "1: print a traceback with an error."),
+        ("NO_COLOR", "Any value: no colours."),
     ):
         lines += [".TP", f"\\fB{troff(variable)}\\fR", troff(meaning)]
     return "\n".join(lines) + "\n"
 
 
 def troff(text: str) -> str:
-    """Return text in which troff finds no commands."""
+    """Text escaped for troff."""
     text = (
         text.replace("\\", "\\e").replace("-", "\\-").replace("'", "\\(aq").replace("`", "\\(ga").replace("^", "\\(ha")
     )
@@ -170,7 +171,7 @@ REFERENCES = {ROOT / "docs" / "commands.md": markdown, ROOT / "man" / "nlosctl.1
 
 
 def main() -> None:
-    """Write both."""
+    """Write both files."""
     for path, text in REFERENCES.items():
         path.parent.mkdir(exist_ok=True)
         path.write_text(text(), encoding="utf-8")

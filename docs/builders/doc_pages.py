@@ -1,4 +1,4 @@
-"""Pages of the documentation as what they ask a reader to do: files to write, and commands to run."""
+"""Pages of the documentation as files to write and commands to run."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _NAME = re.compile(r"`([\w./-]+)`[^`\n]*:\s*\Z")
 
 @dataclass(frozen=True)
 class Page:
-    """The blocks of a page: ``files`` are those whose paragraph ends in a file's name and a colon, by that name.
+    """The blocks of a page: ``files`` by name, ``commands`` (the ``sh`` blocks) in order.
 
-    ``commands`` are the ``sh`` blocks, in order, each with the number of files that stand before it.
+    A block is a file if the text before it ends in a file name as code and a colon.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Page:
 
 
 def read_page(path: str) -> Page:
-    """Return a page of the repository."""
+    """The blocks of a page, by its path in the repository."""
     text = (ROOT / path).read_text(encoding="utf-8")
     files: dict[str, str] = {}
     commands: list[str] = []
@@ -52,9 +52,9 @@ def read_page(path: str) -> Page:
 def run_shell(
     script: str, folder: Path, *, timeout: float = 600.0, **environment: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run lines of shell in a folder as a reader would, stopping at the first that fails."""
-    ours = ("NLOSCTL", "MAKE", "MFLAGS")  # a make around us would have a page's make tell folders and take our flags
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
+    """Run lines of shell in a folder as a reader would; stop at the first that fails."""
+    removed = ("NLOSCTL", "MAKE", "MFLAGS")  # within a make, the make of a page would print folders and inherit flags
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(removed)}
     path = f"{Path(sys.executable).parent}{os.pathsep}{plain['PATH']}"
     return subprocess.run(
         ["bash", "-e", "-o", "pipefail", "-c", script],

@@ -1,23 +1,19 @@
-"""The commands of docs/formats.md, run as they stand on the fixtures; each kind of file gets onto a map in two."""
+"""docs/formats.md: its commands run on the fixtures, and each kind of log becomes a map in two commands."""
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pyproj
 import pytest
+from doc_pages import ROOT, read_page, run_shell
 
 from nlosctl import registry
 
-ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"(?:^    nlosctl .*\n)+", PAGE, re.MULTILINE)
+PAGE = read_page("docs/formats.md")
 SOURCE, HALL = (47.36, 8.58), (47.3765, 8.5485)
 MAPS = {
     "kraken.geojson": (SOURCE, 20.0),
@@ -31,45 +27,36 @@ MAPS = {
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the fixtures after all commands of the page, in order."""
     folder = tmp_path_factory.mktemp("formats") / "files"
     shutil.copytree(ROOT / "fixtures" / "formats", folder)
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for block in BLOCKS:
-        for line in block.splitlines():
-            done = subprocess.run(
-                ["bash", "-c", f"set -o pipefail; {line}"],
-                cwd=folder,
-                capture_output=True,
-                text=True,
-                check=False,
-                env={**os.environ, "PATH": path},
-            )
-            assert done.returncode == 0, f"{line}\n{done.stderr}"
+    done = run_shell("\n".join(PAGE.commands), folder)
+    assert done.returncode == 0, done.stderr
     return folder
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_each_kind_of_file_gets_onto_a_map(ran: Path, name: str) -> None:
-    """Two commands lead from the fixture to points where the source is."""
-    place, within_m = MAPS[name]
-    features = json.loads((ran / name).read_text(encoding="utf-8"))["features"]
+def test_each_kind_of_log_becomes_a_map(folder: Path, name: str) -> None:
+    """Two commands lead from the log to points near the source, within the distance in metres of ``MAPS``."""
+    source, within_m = MAPS[name]
+    features = json.loads((folder / name).read_text(encoding="utf-8"))["features"]
     fixes = [feature for feature in features if feature["properties"]["feature"] == "estimate"]
     points = [feature["geometry"]["coordinates"] for feature in fixes]
     assert points
     for lon, lat in points:
-        assert pyproj.Geod(ellps="WGS84").inv(lon, lat, place[1], place[0])[2] < within_m
+        assert pyproj.Geod(ellps="WGS84").inv(lon, lat, source[1], source[0])[2] < within_m
 
 
 def test_two_commands_are_enough() -> None:
-    """No block that ends in a map has more than two commands."""
-    to_maps = [block for block in BLOCKS if re.search(r"-o \w+\.geojson", block)]
+    """Every block that ends in a map has two commands."""
+    to_maps = [block for block in PAGE.commands if re.search(r"-o \w+\.geojson", block)]
     assert len(to_maps) == len(MAPS)
     assert {len(block.splitlines()) for block in to_maps} == {2}
 
 
 def test_the_page_has_every_format() -> None:
-    """Every built-in importer and exporter is on the page."""
+    """The page names every built-in importer and exporter."""
+    text = (ROOT / PAGE.name).read_text(encoding="utf-8")
     names = [entry.name for entry in registry.format_entries() if entry.distribution == "nlosctl"]
-    assert [name for name in names if f"`{name}`" not in PAGE] == []
+    assert [name for name in names if f"`{name}`" not in text] == []

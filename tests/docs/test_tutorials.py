@@ -1,4 +1,4 @@
-"""The tutorials: every command runs as it stands, the figures told hold, and the pictures shown are made by them."""
+"""Pages whose commands run from an empty folder: figures stated on them are right, pictures shown are made by them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,39 @@ from pathlib import Path
 
 import pytest
 from build_figures import FIGURES, made_on, pages, shown_on
-from doc_pages import ROOT, read_page, run_shell
+from doc_pages import ROOT, Page, read_page, run_shell
 
 TUTORIALS = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
+EXAMPLES = ["conventions", "earth", "echoes", "outliers", "over-the-horizon", "plotting", "settings"]
+
+
+def run_page(name: str, folder: Path) -> Page:
+    """Write the files of a page and run its commands; they must succeed."""
+    page = read_page(name)
+    page.write(folder)
+    done = run_shell("\n".join(page.commands), folder)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return page
 
 
 @pytest.mark.parametrize("name", [*TUTORIALS, "docs/choosing-a-method.md"])
-def test_a_tutorial_does_what_it_says(tmp_path: Path, name: str) -> None:
-    """From an empty folder: the page's files, then its commands, of which ``--fail-if`` holds the figures it tells."""
-    page = read_page(name)
-    page.write(tmp_path)
-    done = run_shell("\n".join(page.commands), tmp_path)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+def test_a_tutorial_keeps_its_figures(tmp_path: Path, name: str) -> None:
+    """A tutorial runs; ``--fail-if`` checks the figures that its text states, and its pictures are made."""
+    page = run_page(name, tmp_path)
     assert any("--fail-if" in command for command in page.commands)
     for figure in made_on(name):
         assert (tmp_path / figure).stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_of_a_page_run(tmp_path: Path, name: str) -> None:
+    """The commands of a page run in order, each as it stands."""
+    assert run_page(f"docs/{name}.md", tmp_path).commands
+
+
 @pytest.mark.parametrize("name", pages())
-def test_every_figure_is_there(name: str) -> None:
-    """What a page shows is in the repository; a tutorial's is made by a command on that page."""
+def test_every_figure_exists(name: str) -> None:
+    """The figures of a page are in the repository; a command of a tutorial makes each of its own."""
     for figure in shown_on(name):
         assert (FIGURES / figure).is_file(), "run 'make figures'"
     if name in TUTORIALS:
@@ -33,12 +46,12 @@ def test_every_figure_is_there(name: str) -> None:
 
 
 def test_every_figure_is_shown() -> None:
-    """No figure is left over."""
+    """Each figure in the repository is shown on a page."""
     assert {path.name for path in FIGURES.iterdir()} == {figure for name in pages() for figure in shown_on(name)}
 
 
-def test_there_are_the_four_tutorials() -> None:
-    """Direction finding, indoor UWB, over the horizon, channel sounder: each with a picture."""
+def test_there_are_four_tutorials() -> None:
+    """Direction finding, indoor UWB, over the horizon and channel sounder, each with a picture."""
     assert [Path(name).stem for name in TUTORIALS] == [
         "channel-sounder", "direction-finding", "indoor-uwb", "over-the-horizon"
     ]  # fmt: skip

@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[2]
 GENERATED = ("docs/papers.md", "docs/commands.md")
 CLEAN = (
     "README.md",
-    "tests/docs/test_readme.py",
+    "docs",
+    *(f"tests/docs/test_{name}.py" for name in ("docs", "formats_page", "readme", "tutorials")),
 )
 # Pattern (any case, except within (?-i:...)): what to write instead.
 HABITS = {
