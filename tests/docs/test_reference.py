@@ -1,4 +1,4 @@
-"""The command reference and the man page are those of the program as it is."""
+"""The command reference and the man page agree with the program."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ MANUAL = ROOT / "man" / "nlosctl.1"
 
 @pytest.mark.parametrize("path", [MARKDOWN, MANUAL], ids=lambda path: path.name)
 def test_the_reference_is_fresh(path: Path) -> None:
-    """What ``make reference`` would write is what is there."""
+    """The file equals the output of ``make reference``."""
     assert path.read_text(encoding="utf-8") == REFERENCES[path](), "run 'make reference'"
 
 
 def leaves(command: Any = None, name: str = "nlosctl") -> dict[str, Any]:
-    """Return every command that can be called, by its full name."""
+    """Every command that can be run, by its full name."""
     command = typer.main.get_command(app) if command is None else command
-    found = {} if hasattr(command, "commands") and not command.params else {name: command}
+    runnable = {} if hasattr(command, "commands") and not command.params else {name: command}
     for word, inner in getattr(command, "commands", {}).items():
-        found.update(leaves(inner, f"{name} {word}"))
-    return found
+        runnable.update(leaves(inner, f"{name} {word}"))
+    return runnable
 
 
 @pytest.mark.parametrize("name", leaves())
 def test_every_option_is_in_the_reference(name: str) -> None:
-    """A command's section has every spelling of every option, and its help, in Markdown and in the man page."""
+    """The section of a command has every spelling and the help of every option, in Markdown and in the man page."""
     page = re.search(rf"^## {name}\n(.*?)(?=^## |\Z)", MARKDOWN.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     plain = re.sub(r"\\f[BIR]|\\&", "", MANUAL.read_text(encoding="utf-8"))
     plain = plain.replace("\\-", "-").replace("\\(aq", "'").replace("\\(ga", "`").replace("\\e", "\\")
@@ -50,8 +50,8 @@ def test_every_option_is_in_the_reference(name: str) -> None:
         assert " ".join(option.help.split()) in page[1].replace("\\|", "|")
 
 
-def test_troff_has_nothing_to_complain_of() -> None:
-    """The man page is read without a warning."""
+def test_troff_has_no_warning() -> None:
+    """groff formats the man page without a warning."""
     if shutil.which("groff") is None:
         pytest.skip("no groff on this machine")
     done = subprocess.run(["groff", "-man", "-ww", "-z", str(MANUAL)], capture_output=True, text=True, check=False)
@@ -59,5 +59,5 @@ def test_troff_has_nothing_to_complain_of() -> None:
 
 
 def test_the_man_page_is_installed() -> None:
-    """The wheel puts the man page where ``man`` looks for it."""
+    """The wheel installs the man page where ``man`` searches."""
     assert '"man/nlosctl.1" = "share/man/man1/nlosctl.1"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
 """Habits of language that stay out of the pages and of the package, each with what to write in its place.
 
-The figures and tables of the papers (docs/papers.md) are generated from the claims of the papers and are left out.
-``CLEAN`` lists the paths that have none of the habits; add a path as soon as it has none.
+``CLEAN`` lists the paths without these habits; add a path as soon as it has none. ``LEFT_OUT``: pages generated
+from the package, and this file.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-GENERATED = ("docs/papers.md", "docs/commands.md")
+LEFT_OUT = ("docs/papers.md", "docs/commands.md", "tests/docs/test_words.py")
 CLEAN = (
     "README.md",
     "docs",
-    *(f"tests/docs/test_{name}.py" for name in ("docs", "formats_page", "readme", "tutorials")),
+    "CONTRIBUTING.md",
+    "tests/docs",
 )
 # Pattern (any case, except within (?-i:...)): what to write instead.
 HABITS = {
@@ -49,7 +50,7 @@ def scanned(entry: str) -> list[Path]:
     """The text files of an entry of ``CLEAN``: itself, or those in its folder."""
     path = ROOT / entry
     files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in (".py", ".md"))
-    return [file for file in files if file.relative_to(ROOT).as_posix() not in GENERATED]
+    return [file for file in files if file.relative_to(ROOT).as_posix() not in LEFT_OUT]
 
 
 @pytest.mark.parametrize("entry", CLEAN)
