@@ -10,14 +10,17 @@ from pathlib import Path
 __all__ = ["make_environment"]
 
 _SCRIPTS = {
-    "pip": '#!/bin/sh\nexec "{python}" -m pip -q "$@" --no-index --no-deps --no-build-isolation\n',
+    "pip": '#!/bin/bash\nexec "{python}" -m pip "${{@/#-e/--no-compile}}" --no-index --no-deps --no-build-isolation\n',
     "nlosctl": '#!/bin/sh\nexec "{python}" -W error -m nlosctl.cli "$@"\n',
     "pytest": '#!/bin/sh\nexec "{python}" -m pytest -p no:cacheprovider -W error "$@"\n',
 }
 
 
 def make_environment(folder: Path) -> None:
-    """Make a fresh environment in ``folder``: pip installs nothing from the network, only local folders."""
+    """Make a fresh environment in ``folder``: pip installs local folders, nothing from the network.
+
+    An editable install becomes a copy, because it needs a package that pip fetches for the build.
+    """
     venv.create(folder, with_pip=False, symlinks=True)
     packages = next((folder / "lib").glob("python*")) / "site-packages"
     installed = [path for path in sys.path if path.endswith("-packages")] + site.getsitepackages()

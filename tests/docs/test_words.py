@@ -1,7 +1,7 @@
 """Habits of language that stay out of the pages and of the package, each with what to write in its place.
 
-``CLEAN`` lists the paths without these habits; add a path as soon as it has none. ``LEFT_OUT``: pages generated
-from the package, and this file.
+``CLEAN`` lists the paths without these habits; add a path as soon as it has none. ``LEFT_OUT`` are pages generated from
+the package, and this file.
 """
 
 from __future__ import annotations
