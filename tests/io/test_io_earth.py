@@ -139,6 +139,7 @@ def test_the_scene_carries_the_frame(tmp_path: Path) -> None:
         ("[frame]\norigin_lat_deg = 47.0", "either crs, or origin_lat_deg and origin_lon_deg"),
         ("[frame]\norigin_lat_deg = 97.0\norigin_lon_deg = 8.0", "frame.origin_lat_deg: got 97.0, expected -90 to 90"),
         ('[frame]\ncrs = "+proj=utm +zone=32"', "frame.crs: got '\\+proj=utm \\+zone=32', expected the code"),
+        ("[frame]\ncrs = 32632", "frame.crs: got 32632, expected text"),
         ("[[frame]]\nrotation_deg = 3.0", "expected a table headed"),
         ("[frame]\norigin = [47.0, 8.0]", "frame.origin: unknown key"),
     ],

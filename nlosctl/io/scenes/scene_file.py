@@ -1,4 +1,4 @@
-"""Scene files: TOML decoded into a scene and encoded from one, and the scene that belongs to an input."""
+"""Scene files: a scene from TOML and to TOML, and the scene that belongs to an input."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ _IN_METADATA = "the scene in the table's metadata"
 
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Point = tuple[Number, Number]
-
 
 _TOML_NAMES = {"start": "from", "end": "to"}
 """Keys of a scene file that differ from the names of the scene's fields."""
@@ -167,7 +166,7 @@ def scene_from_toml(text: str, name: str) -> Scene:
 
 
 def _fault(tree: Mapping[str, Any], error: msgspec.ValidationError) -> str:
-    """Return the key at which ``tree`` is not a scene, its value and what was expected."""
+    """Return the key of a fault, its value and what was expected; msgspec's message ends with the key's path."""
     reason, _, path = str(error).rpartition(" - at `$.")
     table, index, key = re.findall(r"^(\w+)(?:\[(\d+)\])?(?:\.(\w+))?", path)[0]
     where, entry = (f"{table}[{index}]", tree[table][int(index)]) if index else (table, tree[table])
@@ -203,8 +202,9 @@ def _expected(kind: Any) -> str:
 
 
 def _check_names(file: str, key: str, names: Sequence[str]) -> None:
+    indices: dict[str, int] = {}
     for index, name in enumerate(names):
-        first = names.index(name)
+        first = indices.setdefault(name, index)
         if first < index:
             raise DataError(f"{file}: {key}[{index}].name: {name!r} is taken by {key}[{first}], expected another name")
         if not name:
@@ -213,16 +213,15 @@ def _check_names(file: str, key: str, names: Sequence[str]) -> None:
 
 def scene_to_toml(scene: Scene) -> str:
     """Return the scene as TOML text that reads back to an equal scene."""
-    blocks = [] if scene.frame is None else [_block("[frame]", scene.frame, {})]
-    blocks += [_block("[[sensor]]", sensor, {}) for sensor in scene.sensors]
-    for reflector in scene.reflectors:
-        kind = next(kind for kind, struct in _KINDS.items() if struct.scene_type is type(reflector))
-        blocks.append(_block("[[reflector]]", reflector, {"kind": kind}))
+    kinds = {entry.scene_type: kind for kind, entry in _KINDS.items()}
+    blocks = [] if scene.frame is None else [_block("[frame]", scene.frame)]
+    blocks += [_block("[[sensor]]", sensor) for sensor in scene.sensors]
+    blocks += [_block("[[reflector]]", reflector, kind=kinds[type(reflector)]) for reflector in scene.reflectors]
     return "\n".join(blocks)
 
 
-def _block(head: str, item: Any, keys: dict[str, Any]) -> str:
-    """Return the TOML table of an object of a scene: ``keys`` first, then its fields that are not at their defaults."""
+def _block(head: str, item: Any, **keys: Any) -> str:
+    """Return an object of a scene as a TOML table: ``keys``, then the fields that differ from their defaults."""
     for field in dataclasses.fields(item):
         value = getattr(item, field.name)
         if value != field.default:
@@ -261,7 +260,7 @@ def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: 
 
 
 def _candidates(input_path: Location | None) -> list[Location]:
-    """Return where a scene file may be beside an input, the preferred path first."""
+    """Return the possible paths of a scene file beside an input, in order of preference."""
     if input_path is None:
         return []
     is_folder = input_path.is_dir()
