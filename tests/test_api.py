@@ -1,4 +1,4 @@
-"""Convention 10: ``import nlosctl`` gives the tables of the command line, to the bit."""
+"""Convention 10: ``import nlosctl`` gives the tables of the command line to the bit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def good() -> Any:
 
 
 def by_program(folder: Path, *words: Any, source: Path = GOOD) -> tuple[Any, Any, dict[str, Any]]:
-    """Return estimates, flags and report that the command line writes."""
+    """Return estimates, flags and report of the command line."""
     names = [folder / name for name in ("e.parquet", "f.parquet", "r.json")]
     options = ["-q", "--overwrite", "-o", names[0], "--flags-out", names[1], "--report", names[2]]
     assert run([str(word) for word in ("localize", source, *options, *words)]) == 0
@@ -36,7 +36,7 @@ def by_program(folder: Path, *words: Any, source: Path = GOOD) -> tuple[Any, Any
 
 
 def same_bits(one: Any, other: Any) -> bool:
-    """Return whether two tables hold the same bytes: names, types, values, nulls, signs of zero."""
+    """Return whether two tables have the same names, types, values, nulls and signs of zero."""
 
     def content(table: Any) -> bytes:
         plain = pa.table([column.combine_chunks() for column in table.columns], names=table.column_names)
@@ -60,8 +60,8 @@ CASES: list[tuple[dict[str, Any], list[str]]] = [
 
 
 @pytest.mark.parametrize(("keywords", "words"), CASES, ids=lambda value: str(value))
-def test_the_same_tables_to_the_bit(tmp_path: Path, keywords: dict[str, Any], words: list[str]) -> None:
-    """Estimates, flags and report are those that ``nlosctl localize`` writes."""
+def test_tables_equal_those_of_the_command_line(tmp_path: Path, keywords: dict[str, Any], words: list[str]) -> None:
+    """Estimates, flags and report are those of ``nlosctl localize``."""
     estimates, flags, report = by_program(tmp_path, *words)
     result = nlosctl.localize(good(), scene=SCENE, **keywords)
     assert same_bits(result.estimates, estimates)
@@ -73,7 +73,7 @@ def test_the_same_tables_to_the_bit(tmp_path: Path, keywords: dict[str, Any], wo
 
 
 def test_columns_constants_and_rows_left_out(tmp_path: Path) -> None:
-    """Renamed columns, a constant std and rows flagged before mean what the flags of the command line mean."""
+    """Renamed columns, a constant std and excluded rows work as on the command line."""
     table = good().drop_columns(["bearing_std_rad", "reflector", "path"])
     table = table.filter(pa.compute.is_null(good().column("reflector")))
     table = table.rename_columns(["AZ" if name == "bearing_rad" else name for name in table.column_names])
@@ -91,8 +91,8 @@ def test_columns_constants_and_rows_left_out(tmp_path: Path) -> None:
         assert same_bits(result.flags, flags)
 
 
-def test_a_drawing_is_the_same_and_carries_its_scene(tmp_path: Path) -> None:
-    """``simulate`` gives the table of the command line, with its metadata; ``localize`` finds the scene there."""
+def test_simulate_equals_the_command_line(tmp_path: Path) -> None:
+    """``simulate`` gives the same table and metadata; ``localize`` finds its scene."""
     path = tmp_path / "m.parquet"
     assert run(["simulate", "song-flat", "-n", "70", "--seed", "3", "-q", "-o", str(path)]) == 0
     written = pyarrow.parquet.read_table(path)
@@ -104,8 +104,8 @@ def test_a_drawing_is_the_same_and_carries_its_scene(tmp_path: Path) -> None:
     assert same_bits(nlosctl.localize(drawn).estimates, estimates)
 
 
-def test_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """``evaluate`` gives the figures of ``nlosctl evaluate --json``."""
+def test_evaluate_equals_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``evaluate`` gives the metrics of ``nlosctl evaluate --json``."""
     result = nlosctl.localize(good(), scene=SCENE, method=["ml", "ls"])
     pyarrow.parquet.write_table(result.estimates, tmp_path / "e.parquet")
     assert run(["evaluate", str(tmp_path / "e.parquet"), "--json"]) == 0
@@ -115,7 +115,7 @@ def test_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_a_scene_can_be_an_object_a_path_or_text() -> None:
-    """A Scene, a path and its text name the same scene."""
+    """A Scene, a path and its text are equivalent."""
     scene = scene_from_toml(SCENE.read_text(), "scene")
     results = [nlosctl.localize(good(), scene=given).estimates for given in (scene, SCENE, str(SCENE))]
     assert results[0].equals(results[1])
@@ -123,8 +123,8 @@ def test_a_scene_can_be_an_object_a_path_or_text() -> None:
 
 
 @pytest.mark.parametrize("form", ["sliced", "chunked", "dictionary", "plain", "batch"])
-def test_the_form_of_a_table_changes_nothing(form: str) -> None:
-    """Slices, chunks, dictionary-encoded text, plain Python columns and record batches give the same bits."""
+def test_the_form_of_a_table_does_not_matter(form: str) -> None:
+    """Slices, chunks, dictionaries, plain Python columns and record batches give the same bits."""
     table = good()
     forms = {
         "sliced": pa.concat_tables([table.slice(200), table, table.slice(0, 9)]).slice(40, 240),
@@ -138,15 +138,15 @@ def test_the_form_of_a_table_changes_nothing(form: str) -> None:
     assert same_bits(result.flags.select(["used", "residual_rad"]), expected.flags.select(["used", "residual_rad"]))
 
 
-def test_the_input_is_left_alone() -> None:
+def test_the_input_is_not_modified() -> None:
     """Solving changes no bit of the caller's table."""
     table, before = good(), good()
     nlosctl.localize(table, scene=SCENE)
     assert table.equals(before, check_metadata=True)
 
 
-def test_an_empty_choice_of_rows() -> None:
-    """A table without rows is a fault of the data, in one line."""
+def test_tables_without_rows() -> None:
+    """A table without rows is a data error in one line."""
     with pytest.raises(DataError, match="no rows"):
         nlosctl.localize(good().slice(0, 0), scene=SCENE)
 
@@ -164,8 +164,8 @@ def test_an_empty_choice_of_rows() -> None:
         ({"carry": ["truth"]}, DataError, "truth"),
     ],
 )
-def test_faults_are_told_as_on_the_command_line(keywords: dict[str, Any], error: type, told: str) -> None:
-    """Unknown names, values that don't fit and absent files raise what the command line says."""
+def test_errors_agree_with_the_command_line(keywords: dict[str, Any], error: type, told: str) -> None:
+    """Unknown names, invalid values and missing files raise errors with the same text."""
     with pytest.raises(error, match=told) as caught:
         nlosctl.localize(good(), **{"scene": SCENE, **keywords})
     assert "\n" not in str(caught.value)
@@ -180,8 +180,8 @@ def test_faults_of_the_data_raise_data_error() -> None:
         nlosctl.localize(table, scene=SCENE)
 
 
-def test_all_names_are_there() -> None:
-    """Every public name can be had, and an unknown one is an AttributeError."""
+def test_public_names() -> None:
+    """Every public name exists, and an unknown one is an AttributeError."""
     assert all(getattr(nlosctl, name) is not None for name in nlosctl.__all__)
     with pytest.raises(AttributeError, match="nope"):
         _ = nlosctl.nope

@@ -1,4 +1,4 @@
-"""The comparison with other programs: what it refuses to compare, and what it says where a peer is missing."""
+"""The comparison with other programs: conditions and missing peers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 @pytest.fixture
 def peers(monkeypatch):
-    """Return the driver as its own folder sees it."""
+    """Return the driver, imported from its own folder."""
     monkeypatch.syspath_prepend(str(_BENCHMARKS))
     import peers
 
     return peers
 
 
-def test_one_row_apart_takes_the_ratio(peers):
-    """A single solved row more than 1e-3 m apart, or a tenth unsolved, leaves no ratio; NaN rows alone do not."""
+def test_differing_rows_invalidate_the_ratio(peers):
+    """One row more than 1e-3 m apart, or a tenth unsolved, gives no ratio; NaN rows only are allowed."""
     ours = np.random.default_rng(3).normal(size=(100, 2))
     theirs = ours + 5e-4
     assert peers.disagreement(ours, theirs) is None
@@ -34,16 +34,16 @@ def test_one_row_apart_takes_the_ratio(peers):
     assert "1.0% apart by more than 0.001 m" in peers.disagreement(ours, theirs)
 
 
-def test_what_does_not_install_says_why(peers, tmp_path):
-    """An environment that pip can't make is an error of one line, and is tried again the next time."""
+def test_failed_installations_are_reported(peers, tmp_path):
+    """An environment that pip can't build is an error of one line, and is tried again next time."""
     (tmp_path / "absent.txt").write_text("./no-such-folder\n", encoding="utf-8")
     for _ in range(2):
         with pytest.raises(peers.PeerError, match=r"^not installed: ERROR: .*no-such-folder.*$"):
             peers.environment("absent", tmp_path / "made", tmp_path)
 
 
-def test_a_peer_answers_rounds_and_its_failure_is_told(peers, tmp_path):
-    """A peer's positions come back as it made them; one that ends early is an error with its last words."""
+def test_peers_answer_rounds(peers, tmp_path):
+    """A peer's positions are returned as sent; one that ends early is an error with its last output."""
     start = np.random.default_rng(5).normal(size=(4, 2))
     script = tmp_path / "peer.py"
     head = f"import sys\nsys.path.insert(0, {str(_BENCHMARKS / 'peers')!r})\nfrom rounds import serve\n"
@@ -63,7 +63,7 @@ def test_a_peer_answers_rounds_and_its_failure_is_told(peers, tmp_path):
 
 
 def test_the_page_keeps_its_other_sections(peers):
-    """Writing the peers' sections again replaces them and nothing else, wherever they stand."""
+    """Writing the peers' sections again replaces only them, at any position in the page."""
     page = "# Benchmarks\n\nwords\n\n## Kernels\n\nk\n\n## Peers: old\n\np\n\n## End to end: 5\n\ne\n"
     new = ["## Peers: new", "", "n", ""]
     written = peers.replaced(page, new)

@@ -1,4 +1,4 @@
-"""Imports point one way, and the light modules stay light."""
+"""Directions of imports, and modules without heavy libraries."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MODULES = sorted((ROOT / "nlosctl").rglob("*.py"))
 
 
 def test_the_import_contract_is_kept() -> None:
-    """The contracts of pyproject.toml hold: layers, methods that don't know each other, who may touch pyarrow."""
+    """The contracts of pyproject.toml hold: layers, independent methods, use of pyarrow."""
     program = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run([program, "--no-cache"], capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stdout
@@ -26,7 +26,7 @@ def test_the_import_contract_is_kept() -> None:
     ["errors", "version", "contract.tables", "contract.statuses", "registry", "scenarios.catalogue", "cli.main"],
 )
 def test_light_modules_import_no_arrays(module: str) -> None:
-    """What help, completion and lists need imports neither numpy nor pyarrow nor scipy."""
+    """Modules needed for help, completion and lists import neither numpy nor pyarrow nor scipy."""
     program = f"import sys, nlosctl.{module}; print(*{{name.partition('.')[0] for name in sys.modules}})"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) & {"numpy", "scipy", "pyarrow", "msgspec"} == set()
@@ -49,7 +49,7 @@ def importers(name: str) -> set[str]:
 
 
 def test_each_library_has_its_room() -> None:
-    """pyarrow is for io and formats, typer for the command line, matplotlib for plotting."""
+    """pyarrow is used in io and formats only, typer in the command line, matplotlib in plotting."""
     assert importers("pyarrow") <= {"io", "formats"}
     assert importers("typer") == {"cli"}
     assert importers("rich") <= {"cli"}
@@ -58,8 +58,8 @@ def test_each_library_has_its_room() -> None:
     assert importers("matplotlib") == {"plotting"}
 
 
-def test_the_package_imports_nothing_undeclared() -> None:
-    """Every library that is imported is a dependency of pyproject.toml."""
+def test_imported_libraries_are_declared() -> None:
+    """Every imported library is a dependency in pyproject.toml."""
     import tomllib
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -75,6 +75,6 @@ def test_the_package_imports_nothing_undeclared() -> None:
     assert declared <= used
 
 
-def test_errors_import_nothing() -> None:
-    """The errors are at the bottom: the standard library alone."""
+def test_errors_import_the_standard_library_only() -> None:
+    """The module of errors imports the standard library only."""
     assert imported(ROOT / "nlosctl" / "errors.py") <= set(sys.stdlib_module_names)

@@ -1,4 +1,4 @@
-"""The recipe for Spark in docs/large-data.md: batches of whole groups in, the estimates of a single run out."""
+"""The recipe for Spark in docs/large-data.md."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCENE = ROOT / "fixtures" / "good_bearings.scene.toml"
 
 
 def recipe() -> Callable[[Iterator[Any]], Iterator[Any]]:
-    """Return the function that the document shows, made from its very text."""
+    """Return the function on the page, from its text."""
     text = (ROOT / "docs" / "large-data.md").read_text(encoding="utf-8")
     code = re.search(r"```python\n(.*?def solve.*?)\n\n\n", text, re.DOTALL)
     assert code is not None
@@ -29,7 +29,7 @@ def recipe() -> Callable[[Iterator[Any]], Iterator[Any]]:
 
 
 def test_batches_of_a_partition_give_the_estimates_of_one_run() -> None:
-    """However a partition is cut into Arrow batches, within snapshots too: each snapshot is solved once, and whole."""
+    """For any division of a partition into Arrow batches each snapshot is solved once and whole."""
     table = pyarrow.parquet.read_table(GOOD).replace_schema_metadata(None)
     expected = nlosctl.localize(table, method="ml", scene=SCENE).estimates
     for rows in (7, 100, 1000):
@@ -38,6 +38,6 @@ def test_batches_of_a_partition_give_the_estimates_of_one_run() -> None:
         assert found.num_rows == 40
 
 
-def test_an_empty_partition_gives_nothing() -> None:
-    """Spark hands out empty partitions too."""
+def test_empty_partitions_give_no_rows() -> None:
+    """Empty partitions, which Spark produces, give no rows."""
     assert list(recipe()(iter([]))) == []

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound, against the score's variance and against what estimators reach."""
+"""The Cramer-Rao bound, compared with the variance of the score."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlosctl.testing import CIRCLES
 
 
 def test_bound_is_the_inverse_information():
-    """The covariance is the inverse, the rms the root of its trace, the ellipse that of it."""
+    """The covariance is the inverse information, the rms the square root of its trace, with its ellipse."""
     generator = np.random.default_rng(1)
     factors = generator.normal(size=(50, 2, 2))
     matrices = factors @ factors.transpose(0, 2, 1)
@@ -25,15 +25,15 @@ def test_bound_is_the_inverse_information():
     np.testing.assert_allclose(found.semi_major_m**2 + found.semi_minor_m**2, found.rms_m**2, rtol=1e-8)
 
 
-def test_there_is_no_bound_without_information():
-    """Nothing, one direction alone, or NaN has no bound: NaN, not infinity."""
+def test_singular_information_has_no_bound():
+    """Zero, rank-one or NaN information has a bound of NaN, not infinity."""
     found = bounds_of(Symmetric2x2(np.array([0.0, 1.0, np.nan]), np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])))
     for values in vars(found).values():
         assert np.isnan(values).all()
 
 
 def test_information_is_the_variance_of_the_score():
-    """On mixed rows the information is the mean square of numeric derivatives of the log-likelihood over the noise."""
+    """On mixed rows the information is the mean square of numerical derivatives of the log-likelihood."""
     trial = CIRCLES.trial(np.random.default_rng(2), 1, 6, None)
     batch = trial.batch
     source = batch.scene.reflectors[1].center + 1.06 * (
@@ -62,8 +62,8 @@ def test_information_is_the_variance_of_the_score():
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * np.trace(expected))
 
 
-def test_rows_that_cannot_see_the_position_do_not_count():
-    """In the shadow of the earth a sensor tells nothing: the bound is that of the others."""
+def test_rows_without_line_of_sight_do_not_count():
+    """A sensor in the shadow of the earth has no information: the bound is that of the others."""
     spec = find_scenario("song-circle")
     world = spec.scene(spec.options())
     from nlosctl.contract.batches import BearingBatch

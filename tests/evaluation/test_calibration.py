@@ -1,4 +1,4 @@
-"""Do probabilities come true: against counting by hand, and draws whose probabilities are known."""
+"""Calibration of probabilities, compared with counts by hand and with draws of known probability."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from nlosctl.evaluation.calibration import reliability
 
 
-def test_by_hand() -> None:
-    """Two bins of four rows: means and shares as counted; NaN is left out, 1 belongs to the last bin."""
+def test_calibration_by_hand() -> None:
+    """Two bins of four rows: means and fractions; NaN is left out, 1 belongs to the last bin."""
     told = reliability(np.array([0.1, 0.3, 0.9, 1.0, np.nan]), np.array([False, True, True, True, True]), bins=2)
     np.testing.assert_allclose(told.stated, [0.2, 0.95])
     np.testing.assert_allclose(told.share, [0.5, 1.0])
@@ -16,14 +16,14 @@ def test_by_hand() -> None:
     assert told.count.tolist() == [2, 2]
 
 
-def test_true_probabilities_come_true() -> None:
-    """Of rows drawn with their stated probability, the share is within four standard errors of it in every bin."""
+def test_true_probabilities_are_calibrated() -> None:
+    """Of rows drawn with their stated probability, the fraction is within four standard errors in every bin."""
     generator = np.random.default_rng(3)
     probability = generator.random(20_000)
     told = reliability(probability, generator.random(20_000) < probability)
     assert (np.abs(told.share - told.stated) < 4.0 * told.std_error).all()
 
 
-def test_without_rows() -> None:
-    """No row, no bin."""
+def test_no_rows_give_no_bins() -> None:
+    """Without rows there are no bins."""
     assert reliability(np.array([np.nan]), np.array([True])).share.size == 0

@@ -1,4 +1,4 @@
-"""Cases of structured candidate sets, by worlds whose points are known."""
+"""Cases of structured candidate sets in simulated scenes with known points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCATTERER = np.array([10.0, 60.0])
 
 
 def candidates(scattered: bool, std: float = 0.0) -> tuple[CandidateSets, np.ndarray, np.ndarray]:
-    """Return the candidates of two targets seen by three sensors, with half the way over a scatterer or without."""
+    """Return the candidates of two targets and three sensors, with or without a scatterer."""
     ranges, sensor, target, los = [], [], [], []
     for place, xy in enumerate(SENSORS):
         for number, point in enumerate(TARGETS):
@@ -46,12 +46,12 @@ def candidates(scattered: bool, std: float = 0.0) -> tuple[CandidateSets, np.nda
 
 
 def places(found: CandidateSets, *cases: str) -> np.ndarray:
-    """Return the places of the sets of some cases."""
+    """Return the positions of the sets of some cases."""
     return np.flatnonzero(np.isin(found.case, [CASES.index(case) for case in cases]))
 
 
 def test_the_true_sets_of_exact_ranges_are_points() -> None:
-    """Each target has one set of case (i): its direct circles, spread zero; all are kept and none that has a TIP is."""
+    """Each target has one set of case (i), its direct circles, with zero spread; none with a TIP is selected."""
     found, target, los = candidates(scattered=True)
     true = places(found, "i")
     assert sorted(set(target[found.row[true]].ravel())) == [0, 1]
@@ -63,7 +63,7 @@ def test_the_true_sets_of_exact_ranges_are_points() -> None:
 
 
 def test_a_tip_has_two_direct_circles_of_one_target() -> None:
-    """Sets of case (ii) and (iii) have two direct rows of one target, and a larger spread than the true set."""
+    """Sets of cases (ii) and (iii) have two direct rows of one target, and a larger spread than the true set."""
     found, target, los = candidates(scattered=True, std=0.5)
     some = places(found, "ii", "iii")
     assert some.size
@@ -73,8 +73,8 @@ def test_a_tip_has_two_direct_circles_of_one_target() -> None:
     assert found.spread_m[some].min() > found.spread_m[places(found, "i")].min()
 
 
-def test_which_circles_make_a_case() -> None:
-    """(ii) and (iv) are of direct circles alone, (iii) and (v) of both kinds, (vi) of scattered ones alone."""
+def test_cases_by_the_kind_of_circles() -> None:
+    """(ii) and (iv) have only direct circles, (iii) and (v) both kinds, (vi) only scattered ones."""
     found, _, los = candidates(scattered=True, std=0.5)
     direct = los[found.row]
     assert direct[places(found, "i", "ii", "iv")].all()
@@ -86,7 +86,7 @@ def test_which_circles_make_a_case() -> None:
 
 
 def test_without_scatterers_every_circle_is_direct() -> None:
-    """With direct echoes alone there are no sets of case (iii), (v) or (vi)."""
+    """With direct echoes only there are no sets of case (iii), (v) or (vi)."""
     found, _, _ = candidates(scattered=False, std=0.5)
     assert not places(found, "iii", "v", "vi").size
     assert places(found, "ii", "iv").size
@@ -94,7 +94,7 @@ def test_without_scatterers_every_circle_is_direct() -> None:
 
 
 def test_the_points_lie_on_their_circles() -> None:
-    """The spread is that of the points, and each point lies on two circles of the set where they meet."""
+    """The spread is that of the points, each of which is on two circles of the set."""
     found, _, _ = candidates(scattered=False)
     away = found.point_m - found.point_m.mean(axis=1, keepdims=True)
     assert np.sqrt((away**2).sum(axis=(1, 2))) == pytest.approx(found.spread_m)

@@ -1,4 +1,4 @@
-"""Scores of indirect-path flags, and what theory says of the rules."""
+"""Scores of indirect-path flags."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlosctl.evaluation.detection import DetectionScores, kolmogorov_smirnov, ro
 
 
 def test_area_is_the_mann_whitney_statistic():
-    """The area under the curve is the share of pairs in the right order, ties half, by counting pairs."""
+    """The area under the curve is the fraction of pairs in the right order, ties counted half."""
     generator = np.random.default_rng(1)
     p_value = generator.integers(0, 20, 200) / 20.0
     indirect = generator.random(200) < 0.4
@@ -22,15 +22,15 @@ def test_area_is_the_mann_whitney_statistic():
 
 
 def test_curve_by_hand():
-    """The corner points of a small curve; a path without a p-value is the last to be flagged."""
+    """The corner points of a small curve; a path without a p-value is flagged last."""
     curve = roc_curve(np.array([0.01, 0.2, 0.3, np.nan]), np.array([True, False, True, False]))
     assert curve.p_fa.tolist() == [0.0, 0.0, 0.5, 0.5, 1.0]
     assert curve.p_d.tolist() == [0.0, 0.5, 0.5, 1.0, 1.0]
     assert roc_curve(np.array([0.1]), np.array([True])).p_fa.size == 0
 
 
-def test_kolmogorov_smirnov_is_that_of_scipy():
-    """Distance as scipy's; the probability, asymptotic with a correction, near the exact one."""
+def test_kolmogorov_smirnov_agrees_with_scipy():
+    """The distance is scipy's; the corrected asymptotic probability is close to the exact one."""
     values = np.random.default_rng(2).random(300) ** 1.1
     distance, p_value = kolmogorov_smirnov(values)
     exact = stats.kstest(values, "uniform")
@@ -40,7 +40,7 @@ def test_kolmogorov_smirnov_is_that_of_scipy():
 
 
 def test_confusion_by_hand_in_chunks():
-    """Counts and rates of a small table; unknown flags and truths are told apart; chunks add up."""
+    """Counts and rates of a small table; unknown flags and unknown truths are counted apart; chunks add up."""
     ip = np.array([1, 0, 1, 0, -1, 1], dtype=np.int8)
     truth = np.array([1, 1, 0, 0, 1, -1], dtype=np.int8)
     p_value = np.array([0.01, 0.5, 0.02, 0.8, np.nan, 0.1])
@@ -55,8 +55,8 @@ def test_confusion_by_hand_in_chunks():
     assert scores.overall() == found
 
 
-def test_the_curve_is_told_at_many_false_alarm_rates() -> None:
-    """``roc`` goes from 0 to 1, never falls, agrees with the named points, and its area with the AUC."""
+def test_the_roc_covers_all_false_alarm_rates() -> None:
+    """``roc`` rises from 0 to 1, agrees with the named points, and its area with the AUC."""
     generator = np.random.default_rng(4)
     truth = (generator.random(2000) < 0.4).astype(np.int8)
     p_value = np.where(truth == 1, generator.beta(0.3, 2.0, 2000), generator.random(2000))

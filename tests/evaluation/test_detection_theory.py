@@ -1,4 +1,4 @@
-"""Theory of the difference rules against the paper's Table III and Monte Carlo."""
+"""Theory of the difference rules, compared with Table III of the paper and Monte Carlo."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TABLE_III = {
 
 @pytest.mark.parametrize("rule", TABLE_III)
 def test_table_iii(rule):
-    """P_d by (33) in scenario 1 is what the paper prints, to its last digit."""
+    """P_d by (33) in scenario 1 is that of Table III to its last digit."""
     scene = DetectionScene(target_m=(5.2, 10.0))
     reflector = np.array([[4.8, 9.8]])
     for false_alarm, printed in zip((0.05, 0.1, 0.3, 0.5, 0.9, 0.95), TABLE_III[rule], strict=True):
@@ -39,14 +39,14 @@ def test_table_iii(rule):
 
 
 def test_false_alarms_and_thresholds_are_inverse():
-    """The threshold of (27) is exceeded with P_f by (26), and P_d by (33) at a mean of zero is P_f."""
+    """P_f by (26) at the threshold of (27) is the nominal one, and P_d by (33) at a mean of zero is P_f."""
     std = np.array([0.2, 3.0])
     assert false_alarm_probability(1.959963984540054 * std, std) == pytest.approx([0.05, 0.05])
     assert detection_probability(np.zeros(2), std, 0.05) == pytest.approx([0.05, 0.05])
 
 
 def test_outage_by_monte_carlo():
-    """Both outage probabilities of (36) are those of lambda 5 at drawn triplets, to 0.002."""
+    """Both outage probabilities of (36) agree with lambda 5 at drawn triplets to 0.002."""
     generator = np.random.default_rng(1)
     scene = DetectionScene(target_m=(1.0, 5.0), power_dbm=25.0)
     rows = scene.indirect_rows(reflector_grid((-1.0, 3.0), (3.0, 7.0), 12), "target first")
@@ -72,7 +72,7 @@ def test_outage_by_monte_carlo():
 
 
 def test_mean_over_a_region_converges():
-    """P_d averaged over reflectors is between that of no and of sure detection, and settles with finer grids."""
+    """P_d averaged over reflectors is between no and certain detection, and converges with finer grids."""
     scene = DetectionScene(target_m=(5.2, 10.0))
     found = [
         mean_detection_probability(scene, 5, 0.05, x_m=(-8.0, 8.0), y_m=(0.0, 10.0), points=points)
@@ -85,7 +85,7 @@ def test_mean_over_a_region_converges():
 @pytest.mark.parametrize("rule", TABLE_I)
 @pytest.mark.parametrize("order", ORDERS)
 def test_reflectors_on_the_lines_are_blind_spots(rule, order):
-    """BS1: over a reflector before the target on its own leg, or beyond it on the other's line, lambda is zero."""
+    """BS1: for a reflector in front of the target on its own leg, or beyond it on the other line, lambda is zero."""
     scene = DetectionScene(target_m=(-1.0, 5.0))
     target = np.array(scene.target_m)
     nodes = [np.array(node) for node in (scene.tx_m, scene.rx_m)]
@@ -99,7 +99,7 @@ def test_reflectors_on_the_lines_are_blind_spots(rule, order):
 
 
 def test_blind_spots_of_figure_4():
-    """For the target at (-1, 5) lambda 5 has no zero but on the two lines; lambda 1 also where mu2 = pi / 2."""
+    """For the target at (-1, 5) lambda 5 is zero only on the two lines; lambda 1 also where mu2 = pi / 2."""
     scene = DetectionScene(target_m=(-1.0, 5.0))
     grid = reflector_grid((-8.0, 8.0), (0.0, 10.0), 60)
     for order in ORDERS:

@@ -1,4 +1,4 @@
-"""Standard errors of figures, against the spread of repeated draws."""
+"""Standard errors of metrics, compared with the spread of repeated draws."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlosctl.evaluation.error_statistics import rmse_std_error, share_std_error
 
 @pytest.mark.parametrize("law", ["normal", "laplace"])
 def test_the_error_of_an_rmse_is_its_spread(law: str) -> None:
-    """The mean stated standard error is the standard deviation of the RMSE over many draws."""
+    """The mean of the standard error is the standard deviation of the RMSE over many draws."""
     generator = np.random.default_rng(7)
     draws = getattr(generator, law)(size=(4000, 400))
     square, fourth = (draws**2).mean(axis=1), (draws**4).mean(axis=1)
@@ -20,14 +20,14 @@ def test_the_error_of_an_rmse_is_its_spread(law: str) -> None:
     assert np.mean(told) == pytest.approx(np.sqrt(square).std(), rel=0.06)
 
 
-def test_the_error_of_a_share_is_its_spread() -> None:
-    """The stated standard error is the standard deviation of a binomial share over many draws."""
+def test_the_error_of_a_fraction_is_its_spread() -> None:
+    """The standard error is the standard deviation of a binomial fraction over many draws."""
     shares = np.random.default_rng(7).binomial(50, 0.2, size=200_000) / 50
     assert share_std_error(0.2, 50) == pytest.approx(shares.std(), rel=0.01)
 
 
-def test_where_nothing_can_be_said() -> None:
-    """One value has no standard error, no row has no share; equal values have none to tell."""
+def test_undefined_standard_errors() -> None:
+    """One value has no standard error, no rows no fraction; equal values have an undefined error."""
     assert math.isnan(rmse_std_error(1, 4.0, 16.0))
     assert math.isnan(rmse_std_error(0, math.nan, math.nan))
     assert math.isnan(share_std_error(0.5, 0))

@@ -1,4 +1,4 @@
-"""Scores of estimates, against the same figures by plain loops, and by hand."""
+"""Scores of estimates, compared with plain loops and values by hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_a
 
 
 def some_rows(count, seed=0):
-    """Return rows of every status, with and without a truth, with right covariances."""
+    """Return rows of every status, with and without truth, with calibrated covariances."""
     generator = np.random.default_rng(seed)
     status = generator.choice(len(Status), count, p=[0.6] + [0.4 / 9] * 9).astype(np.uint8)
     root = generator.normal(size=(count, 2, 2)) * 3.0
@@ -46,8 +46,8 @@ def rows_of(positions, statuses, truth=(0.0, 0.0), covariance=(1.0, 0.0, 1.0)):
     )
 
 
-def test_summary_equals_plain_loops():
-    """Every figure, one row at a time in Python, percentiles by numpy, chi-square by scipy."""
+def test_summaries_agree_with_plain_loops():
+    """Every metric, one row at a time in Python, percentiles by numpy, chi-square by scipy."""
     rows = some_rows(3000)
     offsets, squares, errors, statuses = [], [], [], []
     for position, (xx, xy, yy), status, truth in zip(
@@ -81,8 +81,8 @@ def test_summary_equals_plain_loops():
         assert getattr(found, f"coverage_{percent}") == inside / len(squares)
 
 
-def test_right_covariances_are_found_right():
-    """With Gaussian errors of the stated covariance NEES is 2 and the ellipses hold what they promise."""
+def test_calibrated_covariances_have_nominal_scores():
+    """With Gaussian errors of the stated covariance NEES is 2 and the coverage of ellipses nominal."""
     found = scored(some_rows(40_000, seed=3)).overall()
     assert found.nees == pytest.approx(2.0, abs=0.06)
     for percent in (50, 90, 95, 99):
@@ -90,8 +90,8 @@ def test_right_covariances_are_found_right():
 
 
 @pytest.mark.parametrize("cuts", [(1,), (7, 500, 501, 999), tuple(range(0, 2000, 3))])
-def test_cutting_changes_no_bit(cuts):
-    """However the rows are cut into chunks, every figure of every group and of all is the same to the bit."""
+def test_scores_do_not_depend_on_the_chunks(cuts):
+    """Every metric of every group and overall has the same bits for any division into chunks."""
     rows = some_rows(2000, seed=1)
     group = np.random.default_rng(2).integers(0, 3, 2000)
     keys = ("ls", ("ml", 2.0), "never-mind")
@@ -101,8 +101,8 @@ def test_cutting_changes_no_bit(cuts):
     assert repr(whole.overall()) == repr(cut.overall())
 
 
-def test_groups_are_scored_apart_and_together():
-    """A group's summary is that of its rows alone; the overall one is that of all rows."""
+def test_groups_and_overall_scores():
+    """The summary of a group is that of its rows; the overall one is that of all rows."""
     rows = some_rows(900, seed=4)
     group = np.arange(900) % 2
     scores = scored(rows, (), group, ("odd", "even"))
@@ -127,13 +127,13 @@ def test_missing_fixes_count_in_percentiles_and_fix_rate_alone():
 
 
 def test_boundary_rows_have_an_error_and_no_nees():
-    """A constrained fix is in the RMSE; its covariance is not valid and not looked at."""
+    """A constrained fix counts in the RMSE; its covariance is not used."""
     found = scored(rows_of([(1, 0), (2, 0)], [Status.INFEASIBLE, Status.BOUNDARY])).overall()
     assert (found.answered, found.nees_rows, found.nees, found.bad_covariances) == (2, 1, 1.0, 0)
 
 
-def test_bad_covariance_is_counted_not_used():
-    """A covariance that is not positive definite where the status promises one is told."""
+def test_invalid_covariances_are_counted():
+    """A covariance that is not positive definite, although the status promises one, is counted and not used."""
     found = scored(rows_of([(1, 0)], [Status.OK], covariance=(1.0, 1.0, 1.0))).overall()
     assert (found.bad_covariances, found.nees_rows) == (1, 0)
     assert math.isnan(found.nees)
@@ -148,8 +148,8 @@ def test_a_row_without_a_fix_is_infinite_in_percentiles_alone():
     assert found.statuses == {"too_few": 1}
 
 
-def test_nothing_scored():
-    """No row: counts are zero and every figure is undefined."""
+def test_scores_without_rows():
+    """Without rows counts are zero and every metric is undefined."""
     found = EstimateScores().overall()
     assert found.rows == 0
     assert all(
@@ -158,7 +158,7 @@ def test_nothing_scored():
 
 
 def test_nearest_alternative_is_picked_in_any_order():
-    """Of each snapshot and method the row nearest to the truth; equally near: the first; none with a fix: 0."""
+    """Of each snapshot and method the row nearest to the truth; of equal ones the first; without a fix: 0."""
     generator = np.random.default_rng(5)
     snapshot = np.repeat(np.arange(50), 6)
     method = np.tile(np.repeat(np.array(["ml", "ls"], dtype=object), 3), 50)
@@ -176,6 +176,6 @@ def test_nearest_alternative_is_picked_in_any_order():
 
 
 def test_nearest_alternative_without_rows():
-    """No row in, none out."""
+    """An empty table gives an empty table."""
     empty = np.zeros(0)
     assert nearest_alternatives(empty, empty.astype(int), empty).size == 0

@@ -11,12 +11,12 @@ from nlosctl.evaluation.flags import UNKNOWN, FlagScores
 
 
 def flags(*values):
-    """Return flags as they are given to the scores."""
+    """Return flags in the form that the scores take."""
     return np.array(values, dtype=np.int8)
 
 
 def test_confusion_by_hand():
-    """Rows with both known make the table; a flag without truth and a truth without flag are told apart."""
+    """Rows with flag and truth form the table; flags without truth and truth without flags are counted apart."""
     scores = FlagScores()
     los = flags(1, 1, 1, 0, 0, 1, UNKNOWN, 1, UNKNOWN)
     truth = flags(1, 1, 0, 1, 0, 1, 1, UNKNOWN, UNKNOWN)
@@ -29,7 +29,7 @@ def test_confusion_by_hand():
 
 
 def test_groups_and_chunks_add_up():
-    """Random flags in chunks and groups equal the counts by a plain loop."""
+    """Random flags in chunks and groups have the counts of a plain loop."""
     generator = np.random.default_rng(1)
     los, truth = generator.integers(-1, 2, (2, 1000)).astype(np.int8)
     group = generator.integers(0, 3, 1000)
@@ -46,7 +46,7 @@ def test_groups_and_chunks_add_up():
     assert list(scores.result()) == ["abc"[number] for number in dict.fromkeys(group)]
 
 
-def test_nothing_flagged_has_no_rates():
+def test_rates_without_rows():
     """Without rows the rates are undefined."""
     found = FlagScores().overall()
     assert math.isnan(found.precision)

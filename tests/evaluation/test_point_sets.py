@@ -1,4 +1,4 @@
-"""OSPA and GOSPA against brute force over all assignments, and closed forms."""
+"""OSPA and GOSPA, compared with brute force over all assignments and closed forms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlosctl.evaluation.point_sets import set_distance
 
 
 def brute(found: np.ndarray, true: np.ndarray, order: float, cutoff: float) -> tuple[float, float]:
-    """Return OSPA and GOSPA by trying every assignment of the smaller set to the larger."""
+    """Return OSPA and GOSPA by enumeration of all assignments of the smaller set to the larger."""
     small, large = sorted((found, true), key=len)
     if not len(large):
         return 0.0, 0.0
@@ -26,8 +26,8 @@ def brute(found: np.ndarray, true: np.ndarray, order: float, cutoff: float) -> t
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
-def test_the_best_assignment_is_found(order: float) -> None:
-    """Both distances equal those over all assignments; parts add up in the p-th power."""
+def test_distances_agree_with_brute_force(order: float) -> None:
+    """Both distances equal the minimum over all assignments; their parts add up in the p-th power."""
     generator = np.random.default_rng(1)
     for found_count in range(5):
         for true_count in range(5):
@@ -42,7 +42,7 @@ def test_the_best_assignment_is_found(order: float) -> None:
 
 
 def test_one_missed_target() -> None:
-    """A target found exactly and one missed: OSPA c / sqrt 2, all of it the number; GOSPA c / sqrt 2, all missed."""
+    """One exact and one missed target: OSPA is c / sqrt 2, all cardinality; GOSPA is c / sqrt 2, all missed."""
     true = np.array([[0.0, 0.0], [100.0, 0.0]])
     distance = set_distance(true[:1], true, order=2.0, cutoff_m=20.0)
     assert distance.ospa_m == distance.ospa_number_m == pytest.approx(20.0 / np.sqrt(2.0))
@@ -51,7 +51,7 @@ def test_one_missed_target() -> None:
 
 
 def test_a_target_without_a_position_is_false() -> None:
-    """A found target without a position matches nothing."""
+    """An estimated target without a position matches nothing."""
     distance = set_distance(np.array([[np.nan, np.nan]]), np.array([[0.0, 0.0]]), order=2.0, cutoff_m=20.0)
     assert distance.pairs.size == 0
     assert distance.ospa_m == pytest.approx(20.0)

@@ -1,4 +1,4 @@
-"""Scores of found targets: number, exact identification, precision, recall, the paper's cases."""
+"""Scores of estimated targets: number, exact identification, precision, recall, cases of the paper."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ POSITIONS = np.array([[0.0, 0.0], [100.0, 0.0]])
 
 
 def rows(found: list[int], true: list[int], los: list[int]) -> EchoRows:
-    """Return the rows of a snapshot; a row with a found target is flagged direct."""
+    """Return the rows of a snapshot; a row with an estimated target is flagged direct."""
     true_target = np.array(true)
     return EchoRows(
         target=np.array(found),
@@ -34,12 +34,12 @@ def rows(found: list[int], true: list[int], los: list[int]) -> EchoRows:
     ],
 )
 def test_cases_are_those_of_the_paper(true: list[int], los: list[int], case: str) -> None:
-    """Two direct echoes of one target make a TIP; the rest of the case is whether others are direct."""
+    """Two direct echoes of one target are a TIP; the case depends on whether the others are direct."""
     assert case_of(np.array(true), np.array(los, dtype=bool)) == case
 
 
-def test_a_right_answer_counts_whatever_its_numbers() -> None:
-    """Targets under other numbers, with exactly their direct echoes, are exact."""
+def test_target_numbers_do_not_matter() -> None:
+    """Targets with exactly their direct echoes are exact under any numbers."""
     scores = TargetScores()
     scores.add(rows([1, 1, 0, 0, -1], [0, 0, 1, 1, 0], [1, 1, 1, 1, 0]), POSITIONS[::-1])
     summary = scores.overall()
@@ -49,7 +49,7 @@ def test_a_right_answer_counts_whatever_its_numbers() -> None:
 
 
 def test_one_echo_wrong_is_not_exact() -> None:
-    """A scattered echo taken for a direct one: number right, not exact, one of four flags wrong."""
+    """A scattered echo taken for a direct one: right number, not exact, one of four flags wrong."""
     scores = TargetScores()
     scores.add(rows([0, 0, 1, -1, 1], [0, 0, 1, 1, 0], [1, 1, 1, 1, 0]), POSITIONS + np.array([3.0, 4.0]))
     summary = scores.overall()
@@ -60,7 +60,7 @@ def test_one_echo_wrong_is_not_exact() -> None:
 
 
 def test_no_target_found_is_counted() -> None:
-    """Nothing found where there are two: number wrong, GOSPA all missed."""
+    """No estimate of two targets: wrong number, GOSPA all missed."""
     scores = TargetScores()
     scores.add(rows([-1, -1], [0, 1], [1, 1]), np.empty((0, 2)))
     summary = scores.overall()
@@ -68,8 +68,8 @@ def test_no_target_found_is_counted() -> None:
     assert summary.gospa_m == summary.gospa_missed_m == pytest.approx(20.0)
 
 
-def test_groups_are_kept_apart_and_add_up() -> None:
-    """Each key has its own summary; the overall one is of all snapshots; without estimates there is no distance."""
+def test_groups_and_overall_target_scores() -> None:
+    """Each key has its own summary, and the overall one covers all snapshots."""
     scores = TargetScores()
     scores.add(rows([0, 0], [0, 0], [1, 1]), None, "a")
     scores.add(rows([-1, -1], [0, 0], [1, 1]), None, "b")

@@ -1,4 +1,4 @@
-"""Exporters, each read back by a program of others: GDAL, geopandas, czml3."""
+"""Exporters, read back by other programs: GDAL, geopandas, czml3."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NAME = 'a<b> & \u0007 "c"'
 
 
 def estimates(words: str | None = FRAMES["tangent"]) -> Any:
-    """Return a fix with an ellipse, one without covariance, and none at all."""
+    """Return a fix with an ellipse, a fix without covariance, and a row without a fix."""
     x, y = 3000.0, -1000.0
     if words is not None:
         lat, lon = np.array([47.36]), np.array([8.58])
@@ -54,8 +54,8 @@ def export(folder: Path, name: str, table: Any, **parameters: Any) -> Path:
     return path
 
 
-def hold_ellipse(polygon: Any, words: str) -> None:
-    """Hold a 95 % ellipse on earth against the covariance: vertices at the Mahalanobis distance of chi-square 5.99."""
+def assert_ellipse(polygon: Any, words: str) -> None:
+    """Compare a 95 % ellipse on earth with the covariance: the vertices have a squared Mahalanobis distance of 5.99."""
     lon, lat = (np.array(axis) for axis in polygon.exterior.coords.xy)
     plane = plane_of(parse_frame(words, "frame"))
     x, y = plane.to_plane(lat, lon)
@@ -69,20 +69,20 @@ def hold_ellipse(polygon: Any, words: str) -> None:
 
 @pytest.mark.parametrize("words", FRAMES.values())
 def test_geojson_by_gdal(tmp_path: Path, words: str) -> None:
-    """GDAL reads points, ellipses and the fix that is none, with all columns."""
+    """GDAL reads points, ellipses and the row without a fix, with all columns."""
     frame = geopandas.read_file(export(tmp_path, "geojson", estimates(words)))
     assert frame.crs.to_epsg() == 4326
     assert frame["feature"].tolist() == ["estimate", "ellipse", "estimate", "estimate"]
     point = frame.geometry[0]
     assert GEOD.inv(point.x, point.y, 8.58, 47.36)[2] < 1e-3
-    hold_ellipse(frame.geometry[1], words)
+    assert_ellipse(frame.geometry[1], words)
     assert frame.geometry[3] is None
     assert frame["status"].tolist() == ["ok", "ok", "boundary", "too_few"]
     assert frame["snapshot"][0] == NAME
 
 
-def test_geojson_is_json_of_its_rfc(tmp_path: Path) -> None:
-    """Strict JSON: rings are closed, nulls where there is nothing."""
+def test_geojson_is_strict_json(tmp_path: Path) -> None:
+    """Rings are closed, missing values are null."""
     tree = json.loads(export(tmp_path, "geojson", estimates()).read_text(), parse_constant=pytest.fail)
     assert tree["type"] == "FeatureCollection"
     ring = tree["features"][1]["geometry"]["coordinates"][0]
@@ -92,31 +92,31 @@ def test_geojson_is_json_of_its_rfc(tmp_path: Path) -> None:
 
 
 def test_kml_by_gdal(tmp_path: Path) -> None:
-    """GDAL reads a placemark for each estimate; names that are no XML are made harmless."""
+    """GDAL reads a placemark per estimate; names that are not valid XML are escaped."""
     path = export(tmp_path, "kml", estimates())
     frame = geopandas.read_file(path)
     assert frame["Name"].tolist() == ['a<b> & \ufffd "c" ml', "1 ml", "2 ml"]
     assert "status: boundary" in frame["description"][1]
     point, polygon = frame.geometry[0].geoms
     assert GEOD.inv(point.x, point.y, 8.58, 47.36)[2] < 1e-3
-    hold_ellipse(polygon, FRAMES["tangent"])
+    assert_ellipse(polygon, FRAMES["tangent"])
     assert ElementTree.parse(path).getroot().tag == "{http://www.opengis.net/kml/2.2}kml"  # noqa: S314 - our own file
 
 
 def test_geoparquet_by_geopandas(tmp_path: Path) -> None:
-    """geopandas reads both geometries with their CRS, nulls, and the columns in their types."""
+    """geopandas reads both geometries with their CRS, nulls, and columns in their types."""
     frame = geopandas.read_parquet(export(tmp_path, "geoparquet", estimates()))
     assert str(frame.crs) == "OGC:CRS84"
     assert GEOD.inv(frame.geometry[0].x, frame.geometry[0].y, 8.58, 47.36)[2] < 1e-3
-    hold_ellipse(frame["ellipse"][0], FRAMES["tangent"])
+    assert_ellipse(frame["ellipse"][0], FRAMES["tangent"])
     assert frame.geometry[2] is None
     assert frame["x_m"].dtype == np.float64
     assert isinstance(frame.geometry[1], Point)
 
 
 @pytest.mark.parametrize("words", FRAMES.values())
-def test_czml_is_what_czml3_would_write(tmp_path: Path, words: str) -> None:
-    """Positions and ellipses are those of czml3's packets; the rotation is counter-clockwise from true north."""
+def test_czml_agrees_with_czml3(tmp_path: Path, words: str) -> None:
+    """Positions and ellipses are those of czml3's packets; rotation is counter-clockwise from true north."""
     document, first, *others = json.loads(export(tmp_path, "czml", estimates(words)).read_text())
     assert (document["id"], document["version"], len(others)) == ("document", "1.0", 2)
     told = Packet(
@@ -140,8 +140,8 @@ def test_czml_is_what_czml3_would_write(tmp_path: Path, words: str) -> None:
     assert "position" not in others[1]
 
 
-def test_the_scene_or_a_word_tells_the_frame(tmp_path: Path) -> None:
-    """A frame from an option stands before the column; without any there is no map, and no file."""
+def test_the_frame_of_a_map(tmp_path: Path) -> None:
+    """A frame from an option overrides the column; without either there is an error and no file."""
     table = estimates(None)
     path = tmp_path / "fixes.geojson"
     with MapWriter(str(path), "geojson", {}, frame=EarthFrame(origin_lat_deg=47.37, origin_lon_deg=8.54)) as writer:
@@ -156,16 +156,16 @@ def test_the_scene_or_a_word_tells_the_frame(tmp_path: Path) -> None:
     assert list(tmp_path.glob(".*")) == []
 
 
-def test_metres_only_when_asked(tmp_path: Path) -> None:
-    """Plain metres are a choice of geojson's."""
+def test_geojson_in_plain_metres(tmp_path: Path) -> None:
+    """Plain metres are an option of geojson."""
     tree = json.loads(export(tmp_path, "geojson", estimates(None), metres=True).read_text())
     assert tree["features"][0]["geometry"]["coordinates"] == [3000.0, -1000.0]
     with pytest.raises(UsageError, match="has no parameter 'metres'"):
         export(tmp_path, "kml", estimates(None), metres=True)
 
 
-def test_an_ellipse_of_another_share(tmp_path: Path) -> None:
-    """The share and the number of vertices are parameters."""
+def test_coverage_and_vertices_of_ellipses(tmp_path: Path) -> None:
+    """Coverage and number of vertices are parameters."""
     path = export(tmp_path, "geojson", estimates(), ellipse=0.5, vertices=12)
     feature = json.loads(path.read_text())["features"][1]
     assert feature["properties"]["ellipse_probability"] == 0.5
@@ -173,8 +173,8 @@ def test_an_ellipse_of_another_share(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["geojson", "kml", "czml", "geoparquet"])
-def test_no_estimates_at_all_is_a_whole_file(tmp_path: Path, name: str) -> None:
-    """An empty table gives an empty map that can be read, and pieces give what the whole gives."""
+def test_empty_tables_give_valid_maps(tmp_path: Path, name: str) -> None:
+    """An empty table gives an empty, readable map, and several tables the same as one."""
     path = tmp_path / f"none.{name}"
     with MapWriter(str(path), name, {}):
         pass
@@ -197,12 +197,12 @@ def test_no_estimates_at_all_is_a_whole_file(tmp_path: Path, name: str) -> None:
     ("target", "name", "found"),
     [("a.geojson", None, "geojson"), ("a.KML", None, "kml"), ("a.parquet", None, None), ("-", "czml", "czml")],
 )
-def test_the_extension_names_the_exporter(target: str, name: str | None, found: str | None) -> None:
-    """An exporter is named by the extension or in a word; a table is none."""
+def test_the_extension_selects_the_exporter(target: str, name: str | None, found: str | None) -> None:
+    """Extension or option select an exporter; table formats do not."""
     assert exporter_of(target, name) == found
 
 
-def test_measurements_are_no_map(tmp_path: Path) -> None:
-    """What is not localized yet can't be put on a map."""
+def test_measurements_can_not_be_exported_to_a_map(tmp_path: Path) -> None:
+    """Measurements without estimates are an error."""
     with pytest.raises(DataError, match="geojson takes estimates"):
         export(tmp_path, "geojson", pa.table({"snapshot": [1], "sensor": ["a"]}))

@@ -1,4 +1,4 @@
-"""Importers on lines built by hand from the documents of their formats."""
+"""Importers on lines written by hand from the documentation of their formats."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ANCHORS = Scene(
 
 
 def read(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any) -> list[Row | BadLine]:
-    """Return what an importer makes of a file."""
+    """Return the result of an importer on a file."""
     spec = registry.resolve_format(name, "import")
     assert isinstance(spec, ImporterSpec)
     content = text.encode() if isinstance(text, str) else text
@@ -36,7 +36,7 @@ def read(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any
 
 
 def good(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any) -> list[dict[str, Any]]:
-    """Return the values of a file's rows, all of which are good."""
+    """Return the values of a file without bad rows."""
     rows = read(name, text, scene, **parameters)
     assert not [row for row in rows if isinstance(row, BadLine)]
     return [dict(row.values) for row in rows if isinstance(row, Row)]
@@ -53,8 +53,8 @@ KRAKEN = (
 )
 
 
-def test_a_kraken_direction_counts_against_the_clock_from_the_array() -> None:
-    """Azimuth is heading + 360 - DoA: as df-aggregator has it, and krakensdr_doa's own map."""
+def test_kraken_directions_are_counter_clockwise() -> None:
+    """Azimuth is heading + 360 - DoA, as in df-aggregator and krakensdr_doa's own map."""
     (row,) = good("kraken-csv", KRAKEN + " \n")
     assert row["azimuth_deg"] == pytest.approx(60.0)
     assert (row["sensor"], row["sensor_lat_deg"], row["sensor_lon_deg"]) == ("hill", 47.37, 8.54)
@@ -74,15 +74,15 @@ def test_a_kraken_direction_counts_against_the_clock_from_the_array() -> None:
         ("1712000000000", "nan", "time in ms", "got 'nan', expected a number of at least 0"),
     ],
 )
-def test_a_kraken_line_that_does_not_fit(old: str, new: str, column: str | None, says: str) -> None:
-    """A bad field is told by its name, with what came and what was expected; the other lines stay."""
+def test_invalid_kraken_lines(old: str, new: str, column: str | None, says: str) -> None:
+    """A bad field is reported by name, with the value and the expectation; other lines are read."""
     line = bad("kraken-csv", f"{KRAKEN}\n{KRAKEN.replace(old, new, 1)}\n")
     assert (line.line, line.column) == (2, column)
     assert says in line.fault
 
 
-def test_readings_of_two_frequencies_are_two_sources() -> None:
-    """Snapshots part by frequency and, where asked, by windows of time; readings again from one place get a number."""
+def test_snapshots_by_frequency_and_window() -> None:
+    """Snapshots are split by frequency and, optionally, by time; repeated readings are numbered."""
     other = KRAKEN.replace("433920000", "868000000")
     later = KRAKEN.replace("1712000000000", "1712000010000")
     rows = good("kraken-csv", "\n".join([KRAKEN, other, later]))
@@ -106,8 +106,8 @@ XML = """<?xml version='1.0' encoding='utf-8'?>
 """
 
 
-def test_documents_of_df_aggregator_one_after_the_other() -> None:
-    """Each DATA element is a reading, whatever declarations stand between them; the frequency is in MHz or Hz."""
+def test_concatenated_df_aggregator_documents() -> None:
+    """Each DATA element is a reading, with any declarations between; frequencies are in MHz or Hz."""
     rows = good("kraken-xml", XML + XML.replace("433.92", "433920000").replace("hill", "van"))
     assert [row["sensor"] for row in rows] == ["hill & dale", "van & dale"]
     assert {row["frequency_hz"] for row in rows} == {433.92e6}
@@ -129,15 +129,15 @@ def test_documents_of_df_aggregator_one_after_the_other() -> None:
         ("<DATA>", "not XML"),
     ],
 )
-def test_xml_that_is_none_or_wants_more(text: str, says: str) -> None:
-    """Entities and document types are refused, and what is no XML is told with its line."""
+def test_invalid_and_hostile_xml(text: str, says: str) -> None:
+    """Entities and document types are refused, and invalid XML is reported with its line."""
     with pytest.raises(DataError) as caught:
         read("kraken-xml", text)
     assert says in str(caught.value)
 
 
-def test_an_element_that_is_absent() -> None:
-    """A reading without one of its elements is a bad line, told where its DATA begins."""
+def test_missing_xml_elements() -> None:
+    """A reading without one of its elements is a bad line, reported where its DATA begins."""
     line = bad("kraken-xml", XML + XML.replace("<DOA>30.0</DOA>", ""))
     assert (line.line, line.column) == (10, "DOA")
     assert line.fault == "absent or empty, expected <DOA> in <DATA>"
@@ -146,8 +146,8 @@ def test_an_element_that_is_absent() -> None:
 UUDF = '+UUDF:6C1DEBA4241B,-52,10,5,-43,37,"CCF9579B21AE","",15869'
 
 
-def test_an_angle_event_turns_from_the_boresight() -> None:
-    """The azimuth is to the right of the boresight: heading plus angle, from the anchor's place in the scene."""
+def test_angle_events_are_relative_to_the_boresight() -> None:
+    """The azimuth is heading plus angle, clockwise, from the anchor's position in the scene."""
     (row,) = good("uudf", f"+STARTUP\r\nOK\r\n{UUDF},23\r\n")
     assert row["azimuth_deg"] == pytest.approx(55.0)
     assert (row["sensor"], row["sensor_x_m"], row["sensor_y_m"]) == ("CCF9579B21AE", 0.0, 0.0)
@@ -155,8 +155,8 @@ def test_an_angle_event_turns_from_the_boresight() -> None:
     assert good("uudf", UUDF)[0]["tag"] == "6C1DEBA4241B"
 
 
-def test_a_round_ends_where_an_anchor_speaks_again() -> None:
-    """Without a common clock a snapshot of a tag lasts until one of its anchors comes back."""
+def test_snapshots_end_when_an_anchor_repeats() -> None:
+    """Without a common clock a snapshot of a tag ends when one of its anchors repeats."""
     other = UUDF.replace("CCF9579B21AE", "CCF9579B217F")
     rows = good("uudf", "\n".join([UUDF, other, UUDF, other.replace("6C1DEBA4241B", "B" * 12), other]))
     assert [row["snapshot"] for row in rows] == [
@@ -178,8 +178,8 @@ def test_a_round_ends_where_an_anchor_speaks_again() -> None:
         (",37,", ",99,", "channel", "got '99', expected an integer from 0 to 39"),
     ],
 )
-def test_an_angle_event_that_does_not_fit(old: str, new: str, column: str | None, says: str) -> None:
-    """A bad field is told by the name that the manual gives it."""
+def test_invalid_angle_events(old: str, new: str, column: str | None, says: str) -> None:
+    """A bad field is reported under the name of the manual."""
     line = bad("uudf", UUDF.replace(old, new))
     assert (line.line, line.column) == (1, column)
     assert says in line.fault
@@ -187,19 +187,19 @@ def test_an_angle_event_that_does_not_fit(old: str, new: str, column: str | None
 
 @pytest.mark.parametrize("name", ["uudf", "anchor-azimuths"])
 def test_anchors_need_a_scene(name: str) -> None:
-    """Directions from a boresight say nothing without it."""
+    """Directions relative to a boresight without a scene are an error."""
     with pytest.raises(DataError, match="need a scene with the anchors"):
         read(name, UUDF, Scene())
 
 
-def test_a_log_without_events() -> None:
-    """A file without a single event is no such log."""
+def test_logs_without_events() -> None:
+    """A file without a single event is an error."""
     with pytest.raises(DataError, match=r"no line contains '\+UUDF:'"):
         read("uudf", "OK\nOK\n")
 
 
-def test_directions_from_anchors_in_either_sense() -> None:
-    """Clockwise from the boresight unless told; windows part snapshots."""
+def test_sense_of_rotation_of_anchors() -> None:
+    """Clockwise from the boresight by default; windows split snapshots."""
     text = "t,who,angle\n0.00,CCF9579B21AE,10\n0.05,CCF9579B217F,-20\n0.30,CCF9579B21AE,12\n"
     names = {"time": "t", "sensor": "who", "azimuth": "angle"}
     rows = good("anchor-azimuths", text, **names)
@@ -209,8 +209,8 @@ def test_directions_from_anchors_in_either_sense() -> None:
     assert [row["azimuth_deg"] for row in rows] == pytest.approx([35.0, 335.0, 33.0])
 
 
-def test_ranges_in_other_units_and_any_order_of_time() -> None:
-    """Units are turned to metres and seconds, a variance to a std; lines in any order fall into their windows."""
+def test_units_and_order_of_ranges() -> None:
+    """Units become metres and seconds, a variance a std; lines in any order are assigned to their windows."""
     text = "time,anchor,range,var\n1150,CCF9579B217F,250,4\n1000,CCF9579B21AE,100,4\n1040,CCF9579B217F,200,1\n"
     rows = good("uwb", text, time_unit="ms", range_unit="cm", variance="var", window="100ms")
     assert [row["snapshot"] for row in rows] == [0, 0, 1]
@@ -228,34 +228,34 @@ def test_ranges_in_other_units_and_any_order_of_time() -> None:
         ('0,"a,1', None, "the quotes don't match"),
     ],
 )
-def test_a_range_that_does_not_fit(cells: str, column: str | None, says: str) -> None:
-    """A bad cell is told by its column and line."""
+def test_invalid_ranges(cells: str, column: str | None, says: str) -> None:
+    """A bad cell is reported with column and line."""
     line = bad("uwb", f"time,anchor,range\n0,a,1\n{cells}\n")
     assert (line.line, line.column) == (3, column)
     assert says in line.fault
 
 
 @pytest.mark.parametrize("window", ["0s", "-1s", "fast", "1", "1 parsec", "infs", "1e400s"])
-def test_a_window_that_is_no_time(window: str) -> None:
+def test_invalid_windows(window: str) -> None:
     """A window is a time with its unit, or all."""
     with pytest.raises(UsageError, match=r"must be a duration such as 0\.1s or 2min, or 'all'"):
         read("uwb", "time,anchor,range\n0,a,1\n", window=window)
 
 
-def test_only_one_way_to_tell_the_std() -> None:
-    """std, variance and range_std_m are answers to one question."""
+def test_std_options_exclude_each_other() -> None:
+    """std, variance and range_std_m exclude each other."""
     with pytest.raises(UsageError, match="takes only one of the parameters"):
         read("uwb", "time,anchor,range,s\n0,a,1,1\n", std="s", range_std_m=0.1)
 
 
-def test_a_column_that_is_not_there() -> None:
-    """A column under another name is told with those there are."""
+def test_missing_columns_are_reported() -> None:
+    """A missing column is reported with the columns of the file."""
     with pytest.raises(DataError, match=r"no column 'range' \(did you mean 'rangee'\?\). The file has: time, anchor"):
         read("uwb", "time,anchor,rangee\n0,a,1\n")
 
 
-def test_compass_bearings_get_their_declination() -> None:
-    """Magnetic bearings plus declination are from true north; groups come together; stations are numbered."""
+def test_declination_is_added_to_compass_bearings() -> None:
+    """Magnetic bearings plus declination are relative to true north; stations are numbered."""
     text = "GID,Easting,Northing,Azimuth\n7,500,0,350\n8,1,2,3\n7,0,500,100.5\n"
     rows = good("wildlife", text, declination_deg=12.0)
     assert [(row["snapshot"], row["sensor"]) for row in rows] == [("7", "1"), ("7", "2"), ("8", "1")]
@@ -265,14 +265,14 @@ def test_compass_bearings_get_their_declination() -> None:
 
 
 @pytest.mark.parametrize("text", [b"\xff\xfeG\x00", b"a\x00b\n1,2\n", b"", b"\n\n"])
-def test_what_is_no_text(text: bytes) -> None:
-    """Other encodings, zero bytes and emptiness are told in one line."""
+def test_files_that_are_not_text(text: bytes) -> None:
+    """Other encodings, zero bytes and empty files are reported in one line."""
     with pytest.raises(DataError):
         read("wildlife", text)
 
 
 def arrays(**changed: Any) -> dict[str, Any]:
-    """Return one receiver at (0, 0), one transmitter at (3, 4): in sight, and over a bounce at (0, 4)."""
+    """Return one receiver at (0, 0) and one transmitter at (3, 4): a direct path, and one over a bounce at (0, 4)."""
     made = {
         "tau": np.array([[[5.0, 7.0, -1.0]]]) / 299_792_458.0,
         "phi_r": np.array([[[math.atan2(4, 3), math.pi / 2, 0.0]]]),
@@ -286,7 +286,7 @@ def arrays(**changed: Any) -> dict[str, Any]:
 
 
 def npz(**changed: Any) -> bytes:
-    """Return the arrays as a file; None leaves one out."""
+    """Return the arrays as a file; None omits one."""
     held = {name: array for name, array in arrays(**changed).items() if array is not None}
     buffer = io.BytesIO()
     np.savez(buffer, **held)
@@ -294,7 +294,7 @@ def npz(**changed: Any) -> bytes:
 
 
 def test_traced_paths_are_bearings_with_their_truth() -> None:
-    """Paths that are there come shortest first, their lengths from the delay; no interaction is line of sight."""
+    """Existing paths are sorted by length (from the delay); no interaction is line of sight."""
     rows = good("sionna", npz(), range_std_m=0.1)
     assert [(row["path"], row["truth_los"], row["interactions"]) for row in rows] == [(0, True, 0), (1, False, 1)]
     assert [row["range_m"] for row in rows] == pytest.approx([5.0, 7.0])
@@ -303,7 +303,7 @@ def test_traced_paths_are_bearings_with_their_truth() -> None:
 
 
 def test_traced_paths_are_triplets_over_a_target() -> None:
-    """The line of sight is no triplet; a single bounce on the target is direct, elsewhere it is indirect."""
+    """The line of sight is not a triplet; a single bounce on the target is direct, others are indirect."""
     (row,) = good("sionna", npz(), kind="triplets", target="0,4.2")
     assert (row["tx_x_m"], row["rx_x_m"], row["truth_ip"]) == (3.0, 0.0, False)
     assert row["path_length_m"] == pytest.approx(7.0)
@@ -321,14 +321,14 @@ def test_traced_paths_are_triplets_over_a_target() -> None:
         ({"tau": np.array([[[{"a": 1}, 2, 3]]], dtype=object)}, "an array can't be read: Object arrays"),
     ],
 )
-def test_arrays_that_do_not_fit(changed: dict[str, Any], says: str) -> None:
-    """Missing arrays, other shapes, angles that contradict the positions and pickled objects are told."""
+def test_invalid_arrays(changed: dict[str, Any], says: str) -> None:
+    """Missing arrays, wrong shapes, inconsistent angles and pickled objects are reported."""
     with pytest.raises(DataError, match=says):
         read("sionna", npz(**changed))
 
 
-def test_a_table_of_paths_gives_what_the_arrays_give() -> None:
-    """A Parquet file with a row for each path is read as the NPZ of the same paths is."""
+def test_tables_of_paths_equal_arrays() -> None:
+    """A Parquet file with a row per path is read as the NPZ file of the same paths."""
     held = arrays()
     rows = {name: held[name][0, 0, :2] for name in ("tau", "phi_r", "phi_t")}
     ends = {"rx_x": [0.0] * 2, "rx_y": [0.0] * 2, "tx_x": [3.0] * 2, "tx_y": [4.0] * 2}
@@ -356,7 +356,7 @@ def test_a_table_of_paths_gives_what_the_arrays_give() -> None:
     ],
 )
 def test_a_table_of_paths_that_asks_for_too_much_memory(bounces: list[float], links: int, says: str) -> None:
-    """Numbers that would make arrays of many gigabytes are told instead of asked of the system."""
+    """Indices that would require arrays of many gigabytes are reported without allocating them."""
     count = max(links, 2)
     ends = np.zeros(2, dtype=np.int64) if links == 1 else np.arange(count)
     columns = {name: np.full(count, 1e-8) for name in ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
@@ -367,7 +367,7 @@ def test_a_table_of_paths_that_asks_for_too_much_memory(bounces: list[float], li
         read("sionna", buffer.getvalue())
 
 
-def test_a_file_that_is_no_npz() -> None:
-    """Bytes of another kind are told in one line."""
+def test_files_that_are_not_npz() -> None:
+    """Other bytes are reported in one line."""
     with pytest.raises(DataError, match="not a complete NPZ file"):
         read("sionna", b"PK\x03\x04 no more")

@@ -1,4 +1,4 @@
-"""The circular sets of Song et al. at array level, and a scipy loop with the same gradient as slow reference."""
+"""The circular sets of Song et al. at array level, and a scipy loop with the same gradient as a slow reference."""
 
 from __future__ import annotations
 

@@ -32,10 +32,7 @@ def image_by_foot(point, mirror):
 
 
 def hit_by_fermat(target, sensor, mirror):
-    """Return where the shortest path from target over the mirror to the sensor touches it; both on one side.
-
-    Between the feet of the two perpendiculars, divided as their lengths: equal angles of incidence, no image.
-    """
+    """Return the point of the mirror on the shortest path from target to sensor, both on one side."""
     feet, heights = [], []
     for x, y in (target, sensor):
         a, b = mirror

@@ -39,7 +39,7 @@ def dense_batch(scene, columns):
 
 
 def bearings_batch(scene, sensors, bearings, sigmas, reflectors):
-    """Return the batch of snapshots (B, K) given as plain nested lists."""
+    """Return the batch of snapshots (B, K) from nested lists."""
     shape = np.shape(bearings)
     return BearingBatch(
         scene=scene,

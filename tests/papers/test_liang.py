@@ -1,4 +1,4 @@
-"""The figures of Liang, Zeng, Li, and the acceptance limits of an independent implementation of it."""
+"""Results of Liang, Zeng, Li, and limits from an independent implementation."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ REPRODUCED = {
 
 @dataclass(frozen=True)
 class Shares:
-    """Shares of the trials: all sets right, number of targets right; LOS flags: precision and recall."""
+    """Fractions of the trials: all sets right, number of targets right; LOS flags: precision and recall."""
 
     exact: float
     number: float
@@ -124,8 +124,8 @@ def test_the_number_of_targets_at_low_noise() -> None:
 
 
 @pytest.mark.parametrize("sensors", [4, 6])
-def test_assignment_beats_the_papers_algorithm(sensors: int) -> None:
-    """At 0 dB assignment identifies all sets more often than the paper's tables have it for any eta (755, 727)."""
+def test_assignment_is_better_than_the_papers_algorithm(sensors: int) -> None:
+    """At 0 dB assignment identifies all sets more often than the paper's tables for any eta (755, 727)."""
     paper = {4: 0.755, 6: 0.727}[sensors]
     shares = score(ranges_assignment.METHOD, liang.SCENARIO, paper_draws(sensors, 0.0, 150), PAPER_FIELD)
     assert shares.exact > paper + 0.05
@@ -135,22 +135,22 @@ def test_assignment_beats_the_papers_algorithm(sensors: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("eta", "sensors", "noise_db"), REPRODUCED)
 def test_the_papers_algorithm_is_reproduced(eta: int, sensors: int, noise_db: int) -> None:
-    """Exact identification within 6 points (N = 4: 8) of the independent implementation, over five scatterer draws."""
+    """Exact identification is within 6 points (N = 4: 8) of the independent implementation, for five draws."""
     shares = extended_tca(float(eta), sensors, float(noise_db), 1000)
     assert shares.exact == pytest.approx(REPRODUCED[eta, sensors, noise_db], abs=0.08 if sensors == 4 else 0.06)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise_db", "least"), [(0.0, 0.99), (2.5, 0.96), (5.0, 0.90)])
-def test_the_number_of_targets(noise_db: float, least: float) -> None:
-    """Fig. 4: N = 6, eta = 35 (paper 1.000, .996, .979)."""
+def test_the_number_of_targets_of_figure_4(noise_db: float, least: float) -> None:
+    """Fig. 4: N = 6, eta = 35 (paper: 1.000, .996, .979)."""
     assert extended_tca(35.0, 6, noise_db, 1000).number >= least
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("sensors", "least"), [(4, 0.72), (5, 0.70), (6, 0.67)])
 def test_assignment_at_high_noise(sensors: int, least: float) -> None:
-    """At 5 dB assignment identifies all sets in more than 67 to 72 of 100 trials (the paper: 44 at best)."""
+    """At 5 dB assignment identifies all sets in more than 67 to 72 of 100 trials (paper: at most 44)."""
     shares = score(ranges_assignment.METHOD, liang.SCENARIO, paper_draws(sensors, 5.0, 1000), PAPER_FIELD)
     assert shares.exact >= least
 

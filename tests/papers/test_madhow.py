@@ -1,4 +1,4 @@
-"""Figures and claims of Ananthasubramaniam and Madhow, and what its errata come to."""
+"""Figures and claims of Ananthasubramaniam and Madhow, and consequences of the errata."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_bound_is_largest_near_the_rim_not_at_the_centre() -> None:
 
 
 @pytest.mark.parametrize(("std_deg", "crlb", "one", "three"), [(1.0, 0.0104, 1.01, 1.01), (6.0, 0.0626, 1.12, 1.02)])
-def test_figure_3_sequential_nears_the_bound(std_deg: float, crlb: float, one: float, three: float) -> None:
-    """Sequential reaches the bound at small spreads; three bootstraps close its gap to maximum likelihood."""
+def test_figure_3_sequential_approaches_the_bound(std_deg: float, crlb: float, one: float, three: float) -> None:
+    """Sequential reaches the bound at small spreads; with three bootstraps it is close to maximum likelihood."""
     truth, batch, _ = ring_batch(2, 4000, bearing_std_deg=std_deg)
     batch = without_flags(batch)
     ml = _rms(_errors(bearings_ml.solve(batch, bearings_ml.MaximumLikelihoodOptions()).estimates, truth))
@@ -57,8 +57,8 @@ def test_figure_3_sequential_nears_the_bound(std_deg: float, crlb: float, one: f
         assert _rms(_errors(bearings_sequential.solve(batch, options).estimates, truth)) < limit * ml
 
 
-def test_figure_4_ranges_help_the_coarser_the_bearings() -> None:
-    """With 2.1 % ranges sequential nears the joint bound: .0046, .0083, .0117 for bearings of .5, 1.2, 4 deg."""
+def test_figure_4_ranges_help_coarse_bearings() -> None:
+    """With 2.1 % ranges sequential is near the joint bound: .0046, .0083, .0117 for .5, 1.2, 4 deg."""
     for std_deg, expected in ((0.5, 0.0046), (1.2, 0.0083), (4.0, 0.0117)):
         truth, batch, _ = ring_batch(3, 4000, bearing_std_deg=std_deg, range_std_share=0.021)
         options = bearings_sequential.SequentialOptions(range_noise="lognormal")
@@ -75,10 +75,10 @@ _FIGURE_5 = [
 
 
 @pytest.mark.parametrize(("outliers", "std_deg", "median", "hit"), _FIGURE_5)
-def test_figure_5_suppression_is_near_the_likelihood_s_maximum(
+def test_figure_5_suppression_is_near_maximum_likelihood(
     outliers: int, std_deg: float, median: float, hit: float
 ) -> None:
-    """Medians and hits are those of the numerics page (raw rms is carried by a few tail cases)."""
+    """Medians and hits are those of the numerics page (the raw rms depends on few tail cases)."""
     truth, batch, _ = ring_batch(4, 3000, bearing_std_deg=std_deg, nlos_receivers=outliers)
     batch, alpha = without_flags(batch), outliers / 8
     best = bearings_mixture_ml.solve(batch, bearings_mixture_ml.MixtureOptions(alpha=alpha)).estimates
@@ -93,7 +93,7 @@ def test_figure_5_suppression_is_near_the_likelihood_s_maximum(
 
 
 def test_likelihood_acceptance_repairs_masking() -> None:
-    """One outlier at 2 deg, every pair tried: the published step 4 is off by a nat where the likelihood's is not."""
+    """One outlier at 2 deg, all pairs: the published step 4 is off by a nat, acceptance by likelihood is not."""
     _, batch, _ = ring_batch(5, 4000, bearing_std_deg=2.0, nlos_receivers=1)
     batch = without_flags(batch)
     best = _best(bearings_mixture_ml.solve(batch, bearings_mixture_ml.MixtureOptions(alpha=0.125)).estimates)[1]
@@ -107,7 +107,7 @@ def test_likelihood_acceptance_repairs_masking() -> None:
 
 @pytest.mark.parametrize("outliers", [0, 2])
 def test_figure_7_the_threshold_may_be_conservative(outliers: int) -> None:
-    """Thresholds for alpha = .5 cost little where fewer receivers are blocked."""
+    """Thresholds for alpha = .5 cost little if fewer receivers are blocked."""
     truth, batch, _ = ring_batch(6, 3000, bearing_std_deg=4.0, nlos_receivers=outliers)
     batch = without_flags(batch)
     options = bearings_suppress.SuppressOptions(alpha=0.5, bootstraps=15)
@@ -120,7 +120,7 @@ def test_figure_7_the_threshold_may_be_conservative(outliers: int) -> None:
 
 
 def test_figure_9_heavy_tails() -> None:
-    """Laplacian errors are taken as well as by least squares, Cauchy errors far better."""
+    """Laplacian errors are treated as well as by least squares, Cauchy errors far better."""
     for noise, low, high in (("laplace", 0.9, 1.06), ("cauchy", 0.6, 0.95)):
         truth, batch, _ = ring_batch(7, 3000, bearing_std_deg=4.0, noise=noise)
         options = bearings_suppress.SuppressOptions(alpha=0.5, bootstraps=15)

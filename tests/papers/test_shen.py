@@ -21,7 +21,7 @@ RULES = ({"rule": "lambda5"}, {"rule": "fusion", "k": 0}, {"rule": "fusion", "k"
 
 
 def rate(columns, module=triplets_tdaj, **options):
-    """Return the share of paths that are flagged."""
+    """Return the fraction of paths that are flagged."""
     return module.solve(batch_of(columns), module.METHOD.options(**options)).flags.columns["ip"].mean()
 
 
@@ -60,7 +60,7 @@ def test_rates_of_chi2_and_lambda_5_in_many_draws(number):
 @pytest.mark.slow
 @pytest.mark.parametrize("false_alarm", PAPER_TABLE_IV)
 def test_table_iv(false_alarm):
-    """Table IV is what lines in place of rays and "meeting behind: indirect" give: all P_d to 0.3 %."""
+    """Table IV results from lines in place of rays and "meeting behind: indirect": all P_d to 0.3 %."""
     columns = draw_columns("shen", 400_000, seed=6, number=2, indirect_fraction=1.0, fold_angles=True)
     for options, printed in zip(RULES, PAPER_TABLE_IV[false_alarm], strict=True):
         found = rate(columns, false_alarm=false_alarm, behind_is_ip=True, **options)
@@ -74,7 +74,7 @@ def test_erratum_of_table_iv():
 
 
 def test_two_reflectors_are_hard():
-    """Scenario 5 with two reflectors at -5 dBm: most indirect paths are missed, one reflector: few."""
+    """Scenario 5 with two reflectors at -5 dBm misses most indirect paths, with one reflector few."""
     two = draw_columns("shen", 10_000, seed=8, number=5, reflectors=2, power_dbm=-5.0, indirect_fraction=1.0)
     one = draw_columns("shen", 10_000, seed=8, number=5, reflectors=1, power_dbm=-5.0, indirect_fraction=1.0)
     assert rate(two) == pytest.approx(0.16, abs=0.02)

@@ -39,8 +39,8 @@ def bound_km(parameter_set, sigma_deg):
 
 
 @pytest.mark.parametrize("case", TABLE, ids=str)
-def test_bound_is_that_of_the_table(case):
-    """The Cramer-Rao bound, which the paper does not give, to the table's three digits."""
+def test_bound_agrees_with_the_table(case):
+    """The Cramer-Rao bound, absent from the paper, to the table's three digits."""
     assert bound_km(*case) == pytest.approx(TABLE[case][4], rel=2e-3)
 
 
@@ -54,8 +54,8 @@ def test_bound_per_axis():
 
 
 @pytest.mark.parametrize("case", TABLE, ids=str)
-def test_errors_are_those_of_the_table(case):
-    """RMSE of 1000 runs within the Monte-Carlo error of the table (both draws have a standard error of 2-3 %)."""
+def test_errors_agree_with_the_table(case):
+    """RMSE of 1000 runs within Monte Carlo error of the table (both have a standard error of 2-3 %)."""
     batch = circle_draw(*case, RUNS)
     for name, expected in zip(NAMES, TABLE[case], strict=False):
         assert rms(errors(solve(name, batch))) / 1e3 == pytest.approx(expected, rel=0.085), name
@@ -64,8 +64,8 @@ def test_errors_are_those_of_the_table(case):
 
 
 @pytest.mark.parametrize("case", TABLE, ids=str)
-def test_covariances_hold(case):
-    """NEES 1.75 to 2.25 and 95 % coverage 0.93 to 0.975 for every closed form and ml: w weighs, not the distance."""
+def test_covariances_are_calibrated(case):
+    """NEES 1.75 to 2.25 and 95 % coverage 0.93 to 0.975 for closed forms and ml: weights by spread, not distance."""
     batch = circle_draw(*case, RUNS)
     for name in NAMES:
         squared = nees(solve(name, batch))
@@ -74,7 +74,7 @@ def test_covariances_hold(case):
 
 
 def test_distance_weights_are_worse_than_none():
-    """Up to 3 degrees Stansfield's distances make it worse than least squares; with the spread it is as good as ml."""
+    """Up to 3 degrees Stansfield's distances are worse than least squares; weights by spread are as good as ml."""
     for case in (("a", 1.0), ("b", 2.0)):
         batch = circle_draw(*case, RUNS)
         ls, stansfield, focused, ml = (rms(errors(solve(name, batch))) for name in NAMES)
@@ -83,24 +83,24 @@ def test_distance_weights_are_worse_than_none():
         assert focused < 0.99 * stansfield
 
 
-def test_small_errors_hardly_tell_the_methods_apart():
-    """At 0.1 degrees the best and the worst are within 6 % of each other, as the paper says."""
+def test_methods_agree_at_small_errors():
+    """At 0.1 degrees best and worst are within 6 %, as the paper states."""
     batch = circle_draw("a", 0.1, RUNS)
     found = [rms(errors(solve(name, batch))) for name in NAMES]
     assert max(found) < 1.06 * min(found)
 
 
 @pytest.mark.parametrize("parameter_set", ["a", "b"])
-def test_without_error_all_are_exact(parameter_set):
-    """The tangent at the hit is the very ray (there is no geometric distortion): closed forms within 1 mm."""
+def test_noise_free_closed_forms_are_exact(parameter_set):
+    """The tangent at the hit is the ray itself: closed forms are exact within 1 mm."""
     batch = circle_draw(parameter_set, 1e-13, 3)
     for name in NAMES[:3]:
         assert np.abs(errors(solve(name, batch))).max() < 1e-3
 
 
 @pytest.mark.parametrize("case", [("a", 1.0), ("b", 5.0)], ids=str)
-def test_ml_is_the_minimum_that_scipy_finds(case):
-    """Position and cost are those of scipy from the same start, tightened: 1 m, 1e-6 nats."""
+def test_ml_agrees_with_scipy(case):
+    """Position and cost agree with scipy from the same start at tight tolerances: 1 m, 1e-6 nats."""
     batch = circle_draw(*case, 40)
     estimates = solve("ml", batch)
     starts = solve("stansfield-focused", batch)
@@ -131,7 +131,7 @@ def test_grid_search_is_never_below_ml_and_needs_500_times_the_work(case):
 
 
 def test_feasible_ml_stays_in_the_annulus():
-    """At 5 degrees a free estimate in twelve or more of a hundred is infeasible; held to the scene none is."""
+    """At 5 degrees at least 12 % of free estimates are infeasible; with ``feasible`` none is."""
     batch = circle_draw("b", 5.0, 300)
     free, held = solve("ml", batch), solve("ml", batch, feasible=True)
     assert 0.15 < (free.status == 2).mean() < 0.45

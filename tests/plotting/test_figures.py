@@ -1,4 +1,4 @@
-"""Figures: one style, files by extension, the same bytes twice, and a cure where matplotlib is missing."""
+"""Figures: style, file formats, reproducible bytes, missing matplotlib."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ X = np.linspace(1.0, 3.0, 5)
 
 
 def gallery() -> Figure:
-    """Return a figure with every kind of panel."""
+    """Return a figure with a panel of every kind."""
     figure, panels = new_figure(2, 3, width_in=9.0, height_in=6.0, title="all of them")
     draw_series(panels[0], [Series(label=f"{k}", x=X, y=X + k, error=0.1 * X) for k in range(3)], log_x=True)
     draw_reference_lines(panels[0], {"a paper's": 2.0})
@@ -46,16 +46,16 @@ def gallery() -> Figure:
 @pytest.mark.parametrize(
     ("name", "start"), [("a.png", b"\x89PNG\r\n"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF-")], ids=PICTURE_FORMATS
 )
-def test_the_extension_tells_the_format(tmp_path: Path, name: str, start: bytes) -> None:
-    """PNG, SVG and PDF are written by the extension of the name."""
+def test_the_extension_selects_the_format(tmp_path: Path, name: str, start: bytes) -> None:
+    """PNG, SVG and PDF are selected by the extension."""
     save_figure(gallery(), tmp_path / name)
     assert (tmp_path / name).read_bytes().startswith(start)
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.parametrize("format", PICTURE_FORMATS)
-def test_the_same_figure_is_the_same_bytes(format: str) -> None:
-    """Two figures of the same content are equal byte by byte, whatever was saved before, and carry no date."""
+def test_figures_are_reproducible(format: str) -> None:
+    """Equal content gives equal bytes, without a date, whatever was saved before."""
     first, again = gallery(), gallery()
     expected = figure_bytes(first, format)
     for other in PICTURE_FORMATS:
@@ -66,8 +66,8 @@ def test_the_same_figure_is_the_same_bytes(format: str) -> None:
     assert not re.search(rb"CreationDate|<dc:date>|tIME", content)
 
 
-def test_the_style_is_ours_alone() -> None:
-    """Settings of the user change no byte of a picture, and ours do not leak into theirs."""
+def test_styles_do_not_interfere() -> None:
+    """The user's settings change no byte of a figure, and ours do not change the user's."""
     import matplotlib as mpl
 
     expected = figure_bytes(gallery(), "png")
@@ -77,8 +77,8 @@ def test_the_style_is_ours_alone() -> None:
     assert dict(mpl.rcParams) == before
 
 
-def test_nothing_imports_pyplot() -> None:
-    """Drawing touches no global figure and no window system: pyplot is not imported."""
+def test_pyplot_is_not_imported() -> None:
+    """Plotting uses no global figure and no window system."""
     program = "import sys, nlosctl.plotting.maps, nlosctl.plotting.series; print('matplotlib.pyplot' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
@@ -94,14 +94,14 @@ def test_nothing_imports_pyplot() -> None:
     ],
 )
 def test_other_formats_are_refused(target: str, format: str | None, text: str) -> None:
-    """Another extension or format is an error that names the three."""
+    """Another extension or format is an error that lists the three."""
     with pytest.raises(UsageError) as told:
         picture_format(target, format)
     assert text in str(told.value)
 
 
-def test_a_picture_replaces_nothing_unless_told(tmp_path: Path) -> None:
-    """A file that exists stays, unless overwriting is asked for."""
+def test_figures_are_not_overwritten(tmp_path: Path) -> None:
+    """An existing file is kept unless overwriting is requested."""
     target = tmp_path / "a.png"
     target.write_text("mine")
     figure, _ = new_figure()
@@ -112,8 +112,8 @@ def test_a_picture_replaces_nothing_unless_told(tmp_path: Path) -> None:
     assert target.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_missing_matplotlib_is_told_with_its_cure() -> None:
-    """Without matplotlib the message has the line that installs it; another missing module stays what it is."""
+def test_a_missing_matplotlib_is_reported() -> None:
+    """The message has the command that installs it; another missing module is reported as itself."""
     program = (
         "import sys; sys.modules[{!r}] = None\n"
         "try:\n    import nlosctl.plotting.figures\n"
@@ -129,7 +129,7 @@ def test_a_missing_matplotlib_is_told_with_its_cure() -> None:
 
 
 def test_series_differ_without_colour() -> None:
-    """No two series share a line style or a marker."""
+    """No two series share line style or marker."""
     assert len({look.line for look in SERIES_STYLES}) == len(SERIES_STYLES)
     assert len({look.marker for look in SERIES_STYLES}) == len(SERIES_STYLES)
 
@@ -140,7 +140,7 @@ def test_labels_carry_their_unit() -> None:
     assert axis_label("probability", "") == "probability [-]"
 
 
-def test_a_cdf_counts_what_has_no_value() -> None:
+def test_a_cdf_counts_missing_values() -> None:
     """Rows without a value keep the curve below 1."""
     figure, (axes,) = new_figure()
     draw_cdf(axes, {"a": np.array([1.0, np.nan, 2.0, np.inf])})
@@ -149,8 +149,8 @@ def test_a_cdf_counts_what_has_no_value() -> None:
     assert figure_bytes(figure, "png")
 
 
-def test_panels_stand_empty_input() -> None:
-    """Series without a value, values all alike and maps without one are drawn without a warning."""
+def test_panels_accept_empty_input() -> None:
+    """Series without values, equal values and empty maps are plotted without a warning."""
     figure, panels = new_figure(2, 3)
     empty = np.empty(0)
     draw_series(panels[0], [Series(label="a", x=empty, y=empty)], log_y=True)
@@ -162,13 +162,13 @@ def test_panels_stand_empty_input() -> None:
 
 
 def test_cells_reach_halfway_to_their_neighbours() -> None:
-    """Edges lie in the middle between centres, and as far beyond the outer ones."""
+    """Edges are midway between centres, and as far beyond the outer ones."""
     assert edges_of(np.array([0.0, 1.0, 3.0])).tolist() == [-0.5, 0.5, 2.0, 4.0]
     assert edges_of(np.array([2.0])).tolist() == [1.5, 2.5]
 
 
 def test_a_region_map_names_the_regions_that_are_there() -> None:
-    """The legend has the regions of the map, and none that does not appear."""
+    """The legend lists the regions in the map and no others."""
     _, (axes,) = new_figure()
     draw_regions(axes, X, X, np.repeat([[0, 0, 2, 2, -1]], 5, axis=0).astype(np.int64), ["a", "b", "c"])
     legend = axes.get_legend()

@@ -1,4 +1,4 @@
-"""Pictures of users' files: the right view, everything that is told is there and in view."""
+"""Figures of users' files: choice of view and content."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SWEEP = {"bearing_std_deg": [0.2, 1.0, 5.0]}
 
 @cache
 def made(name: str) -> pa.Table:
-    """Return a small table of every content, made once."""
+    """Return a small table of every kind, made once."""
     if name == "bearings":
         return nlosctl.simulate("song-flat", trials=30)
     if name == "walls":
@@ -83,29 +83,29 @@ def files(tmp_path: Path) -> Any:
 
 
 def picture(files: Sequence[DrawnFile], view: str | None = None, **wanted: Any) -> Picture:
-    """Return the picture of a view."""
+    """Return the figure of a view."""
     return draw_picture(PlotRequest(files=files, **wanted), choose_view(files, view))
 
 
 def ellipses(axes: Axes) -> list[Ellipse]:
-    """Return the ellipses of a panel (circles are none)."""
+    """Return the ellipses of a panel, without circles."""
     return [patch for patch in axes.patches if isinstance(patch, Ellipse) and not isinstance(patch, Circle)]
 
 
 def inside(axes: Axes, ellipse: Ellipse) -> bool:
-    """Whether an ellipse lies within the limits of its panel."""
+    """Whether an ellipse is within the limits of its panel."""
     box = ellipse.get_path().transformed(ellipse.get_patch_transform()).get_extents()
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     return bool(left <= box.x0 and box.x1 <= right and low <= box.y0 and box.y1 <= high)
 
 
 def shown(figure: Figure) -> list[Axes]:
-    """Return the panels that are to be seen, colour bars left out."""
+    """Return the visible panels without colour bars."""
     return [axes for axes in figure.axes if axes.get_visible()]
 
 
 def legend_words(axes: Axes) -> list[str]:
-    """Return the words of a panel's legend."""
+    """Return the texts of a panel's legend."""
     legend = axes.get_legend()
     return [] if legend is None else [text.get_text() for text in legend.get_texts()]
 
@@ -130,8 +130,8 @@ CASES = [
 @pytest.mark.parametrize(
     ("names", "view"), CASES, ids=lambda value: "+".join(value) if isinstance(value, list) else value
 )
-def test_the_files_choose_their_view(files: Any, names: list[str], view: str) -> None:
-    """Unless told, the view is the one that the columns of the files call for; it is drawn, with units everywhere."""
+def test_columns_select_the_view(files: Any, names: list[str], view: str) -> None:
+    """By default the columns of the files select the view; all axes have units."""
     opened = files(*names)
     assert choose_view(opened, None) == view
     figure = picture(opened).figure
@@ -144,15 +144,15 @@ def test_the_files_choose_their_view(files: Any, names: list[str], view: str) ->
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_every_view_is_some_files_choice_or_theirs_by_name(files: Any, view: str) -> None:
-    """Each view of the catalogue is drawn for some files."""
+def test_every_view_can_be_plotted(files: Any, view: str) -> None:
+    """Each view of the catalogue is plotted for some files."""
     names = {"cdf": ["fixes of bearings"]}.get(view) or next(names for names, chosen in CASES if chosen == view)
     assert figure_bytes(picture(files(*names), view).figure, "svg").startswith(b"<?xml")
 
 
 @pytest.mark.parametrize("names", [["bearings", "fixes of bearings"], ["horizon", "fixes of horizon"]])
 def test_the_ellipses_of_a_snapshot_are_all_in_view(files: Any, names: list[str]) -> None:
-    """Every estimate with a covariance has its 95 % ellipse, whole within every panel; scales are equal."""
+    """Every estimate with a covariance has its 95 % ellipse within every panel, at equal scales."""
     figure = picture(files(*names)).figure
     estimates = made(names[1]).filter(pa.compute.equal(made(names[1]).column("snapshot"), 0))
     covariances = len(estimates) - estimates.column("cov_xx_m2").null_count
@@ -162,8 +162,8 @@ def test_the_ellipses_of_a_snapshot_are_all_in_view(files: Any, names: list[str]
         assert axes.get_aspect() == 1.0
 
 
-def test_an_ellipse_holds_95_percent(files: Any) -> None:
-    """The semi-axes are sqrt(5.991) standard deviations along the covariance's principal axes."""
+def test_ellipses_cover_95_percent(files: Any) -> None:
+    """The semi-axes are sqrt(5.991) standard deviations along the principal axes."""
     axes = shown(picture(files("bearings", "fixes of bearings")).figure)[0]
     row = made("fixes of bearings").slice(0, 1).to_pylist()[0]
     matrix = np.array([[row["cov_xx_m2"], row["cov_xy_m2"]], [row["cov_xy_m2"], row["cov_yy_m2"]]])
@@ -175,8 +175,8 @@ def test_an_ellipse_holds_95_percent(files: Any) -> None:
     assert abs(along @ vectors[:, 1]) == pytest.approx(1.0)
 
 
-def test_rows_flagged_not_los_are_told_apart(files: Any) -> None:
-    """Rows with los false have a look of their own, and no wedge; direct ones have one each."""
+def test_nlos_rows_have_their_own_style(files: Any) -> None:
+    """Rows with los false have a style of their own and no wedge; direct rows have a wedge each."""
     opened = files("flags in walls", "fixes in walls")
     axes = shown(picture(opened).figure)[0]
     flags = made("flags in walls").filter(pa.compute.equal(made("flags in walls").column("snapshot"), 0)).to_pylist()
@@ -188,7 +188,7 @@ def test_rows_flagged_not_los_are_told_apart(files: Any) -> None:
 
 
 def test_reflected_rays_go_by_their_mirror(files: Any) -> None:
-    """A reflected ray has three corners, the middle one on its mirror; the truth lies near its second leg."""
+    """A reflected ray has three vertices, the middle one on its mirror; the truth is near its second leg."""
     axes = shown(picture(files("bearings")).figure)[0]
     ways = [line for line in axes.lines if line.get_linestyle() != "None"]
     rays = [np.column_stack(line.get_data()) for line in ways if len(line.get_xdata()) == 3]
@@ -202,7 +202,7 @@ def test_reflected_rays_go_by_their_mirror(files: Any) -> None:
 
 
 def test_the_three_points_of_a_path(files: Any) -> None:
-    """Points 2 and 3 lie on the path's ellipse: their distances from transmitter and receiver add up to its length."""
+    """Points 2 and 3 are on the path's ellipse: their distances to both stations sum to its length."""
     row = next(row for row in made("paths").to_pylist() if row["path_length_m"] > 10.0)
     axes = shown(picture(files("flags by chi2"), "triplets", snapshot=str(row["snapshot"])).figure)[0]
     markers = {
@@ -217,7 +217,7 @@ def test_the_three_points_of_a_path(files: Any) -> None:
 
 
 def test_each_echo_is_a_circle(files: Any) -> None:
-    """Every range of the snapshot is a circle about its sensor; the legend tells the targets and the others."""
+    """Every range of the snapshot is a circle about its sensor; the legend names targets and others."""
     axes = shown(picture(files("flags of echoes", "targets")).figure)[0]
     flags = made("flags of echoes").filter(pa.compute.equal(made("flags of echoes").column("snapshot"), 0)).to_pylist()
     radii = sorted(patch.radius for patch in axes.patches if isinstance(patch, Circle))
@@ -227,7 +227,7 @@ def test_each_echo_is_a_circle(files: Any) -> None:
 
 
 def test_a_sweep_has_a_line_per_method(files: Any) -> None:
-    """A line for each method through the RMSE at each value, its standard error as bars, and the bound under them."""
+    """A line per method through the RMSE at each value, with standard errors and the bound below."""
     axes = shown(picture(files("fixes of swept", "bounds")).figure)[0]
     assert set(legend_words(axes)) == {"ml", "stansfield", "Cramér-Rao bound"}
     groups = nlosctl.evaluate(made("fixes of swept")).groups
@@ -245,7 +245,7 @@ def test_a_sweep_has_a_line_per_method(files: Any) -> None:
 
 
 def test_scores_draw_the_same_line_as_their_estimates(files: Any, tmp_path: Path) -> None:
-    """The table of ``evaluate`` in CSV gives the picture that its estimates give."""
+    """The CSV output of ``evaluate`` gives the figure that its estimates give."""
     from nlosctl.cli.main import run
 
     opened = files("fixes of swept")
@@ -255,8 +255,8 @@ def test_scores_draw_the_same_line_as_their_estimates(files: Any, tmp_path: Path
     assert figure_bytes(by_scores.figure, "png") == figure_bytes(picture(opened).figure, "png")
 
 
-def test_what_was_not_swept_is_a_level(tmp_path: Path) -> None:
-    """A method that a sweep did not touch is a horizontal line with its name."""
+def test_methods_without_a_sweep_are_horizontal_lines(tmp_path: Path) -> None:
+    """A method that was not swept is a horizontal line with its name."""
     fixes = nlosctl.localize(
         made("bearings"), method=["ls", "ml"], sweep={"ml:min_range_m": [0.0, 10.0, 50.0]}
     ).estimates
@@ -266,8 +266,8 @@ def test_what_was_not_swept_is_a_level(tmp_path: Path) -> None:
     assert axes.get_xlabel() == "min range [m]"
 
 
-def test_figures_of_flags_against_a_sweep(tmp_path: Path) -> None:
-    """P_d of swept detectors is drawn with binomial error bars; --y chooses another figure, --x another sweep."""
+def test_detection_rates_against_a_sweep(tmp_path: Path) -> None:
+    """P_d of swept detectors has binomial error bars; --y selects another metric, --x another sweep."""
     flags = nlosctl.detect_ip(
         made("paths"), method="tdaj", sweep={"eta_m": [0.0, 2.0], "false_alarm": [0.01, 0.1, 0.3]}
     ).flags
@@ -287,7 +287,7 @@ def test_figures_of_flags_against_a_sweep(tmp_path: Path) -> None:
 
 
 def test_a_curve_per_detector(files: Any) -> None:
-    """The ROC has each detector's curve and the point of its flags, which lies on the curve."""
+    """The ROC has each detector's curve, and the point of its flags on the curve."""
     left, right = shown(picture(files("flags of paths")).figure)
     groups = {group["method"]: group for group in nlosctl.evaluate(made("flags of paths")).groups}
     for method, group in groups.items():
@@ -299,8 +299,8 @@ def test_a_curve_per_detector(files: Any) -> None:
     assert len(legend_words(right)) == 2
 
 
-def test_stated_probabilities_beside_how_often_they_hold(files: Any) -> None:
-    """Line-of-sight flags: the point is at P_fa and P_d, at the right are the shares of ten bins, on the diagonal."""
+def test_calibration_of_line_of_sight_flags(files: Any) -> None:
+    """Line-of-sight flags: the point is at P_fa and P_d; the fractions of ten bins are on the diagonal."""
     left, right = shown(picture(files("flags with outliers"), "roc").figure)
     flags = made("flags with outliers").to_pydict()
     called, truth, stated = (np.array(flags[name]) for name in ("los", "truth_los", "los_probability"))
@@ -314,7 +314,7 @@ def test_stated_probabilities_beside_how_often_they_hold(files: Any) -> None:
 
 
 def test_a_distribution_counts_every_row(files: Any) -> None:
-    """The CDF of a method steps through the errors of its rows with a truth."""
+    """The CDF of a method steps at the errors of its rows with truth."""
     axes = shown(picture(files("fixes of bearings"), "cdf").figure)[0]
     rows = [row for row in made("fixes of bearings").to_pylist() if row["method"] == "ml"]
     errors = sorted(float(np.hypot(row["x_m"] - row["truth_x_m"], row["y_m"] - row["truth_y_m"])) for row in rows)
@@ -322,7 +322,7 @@ def test_a_distribution_counts_every_row(files: Any) -> None:
 
 
 def test_a_map_shows_its_grid(files: Any) -> None:
-    """Every vertex of the bound map is a cell of the picture, with its value."""
+    """Every vertex of the bound map is a cell of the figure, with its value."""
     axes = picture(files("map")).figure.axes[0]
     values = np.ma.MaskedArray(axes.collections[0].get_array()).filled(np.nan).ravel()
     expected = np.array([np.nan if v is None else v for v in made("map").column("rms_m").to_pylist()])
@@ -330,7 +330,7 @@ def test_a_map_shows_its_grid(files: Any) -> None:
 
 
 def test_many_estimates_become_a_density(tmp_path: Path) -> None:
-    """Over some thousand estimates a panel shows how many there are per cell, and no point is lost from the count."""
+    """Above some thousand estimates a panel shows counts per cell, and all points are counted."""
     fixes = nlosctl.localize(nlosctl.simulate("ring", trials=4000), method="ls").estimates
     pyarrow.parquet.write_table(fixes, tmp_path / "e.parquet")
     axes = picture([open_drawn(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure.axes[0]
@@ -339,7 +339,7 @@ def test_many_estimates_become_a_density(tmp_path: Path) -> None:
 
 
 def test_large_files_are_thinned_by_whole_snapshots(files: Any) -> None:
-    """Beyond the limit evenly spaced snapshots are kept, with the rows of all methods, and the picture says so."""
+    """Above the limit evenly spaced snapshots are plotted with the rows of all methods, and a note states it."""
     file = files("fixes of swept")[0]
     rows = read_sampled(file, ("snapshot", "method"), 50)
     assert (rows.total, rows.step) == (360, 8)
@@ -353,8 +353,8 @@ def test_large_files_are_thinned_by_whole_snapshots(files: Any) -> None:
     assert "1 of 8 snapshots is drawn" in told.figure.get_supxlabel().replace("\n", " ")
 
 
-def test_views_that_do_not_fit_are_told(files: Any) -> None:
-    """A view that the files do not allow is told with what it takes and what would suit; so is an unknown one."""
+def test_unsuitable_views_are_refused(files: Any) -> None:
+    """The error of an unsuitable view lists its requirements and suitable views; unknown views too."""
     opened = files("fixes of bearings")
     with pytest.raises(
         UsageError, match=r"--view map takes a map of 'bound --map'.*suitable views: estimates, cdf, scene"
@@ -367,8 +367,8 @@ def test_views_that_do_not_fit_are_told(files: Any) -> None:
         choose_view(files("map", "paths"), None)
 
 
-def test_an_unknown_snapshot_is_told(files: Any) -> None:
-    """A snapshot that is not there is an error that names the file."""
+def test_unknown_snapshots_are_refused(files: Any) -> None:
+    """A missing snapshot is an error that names the file."""
     for names in (["bearings"], ["fixes of bearings"]):
         opened = files(*names)
         with pytest.raises(DataError, match="no snapshot '999'"):
@@ -376,14 +376,14 @@ def test_an_unknown_snapshot_is_told(files: Any) -> None:
 
 
 @pytest.mark.parametrize("name", ["bearings.csv", "ranges.csv", "triplets.csv", "over_the_horizon.csv", "echoes.csv"])
-def test_every_good_fixture_has_a_picture(name: str) -> None:
-    """Fixtures of every kind are drawn as they are, in every format's columns and units."""
+def test_every_good_fixture_can_be_plotted(name: str) -> None:
+    """Fixtures of every kind are plotted in their columns and units."""
     figure = picture([open_drawn(expand_inputs([str(FIXTURES / f"good_{name}")])[0], None)]).figure
     assert figure_bytes(figure, "pdf").startswith(b"%PDF")
 
 
-def test_a_snapshot_without_answer_is_told(tmp_path: Path) -> None:
-    """Where no method has a position the picture has none, and the note says why."""
+def test_snapshots_without_a_fix_are_noted(tmp_path: Path) -> None:
+    """Without any position the figure has none, and a note gives the reason."""
     row = {"snapshot": 1, "method": "ml", "target": 0, "alternative": 0, "x_m": None, "y_m": None, "cov_xx_m2": None}
     row |= {"cov_xy_m2": None, "cov_yy_m2": None, "n_measurements": 1, "n_used": 0, "cost": None, "status": "too_few"}
     pyarrow.csv.write_csv(pa.Table.from_pylist([row]), tmp_path / "e.csv")

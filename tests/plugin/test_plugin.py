@@ -1,4 +1,4 @@
-"""A third party's plugin, really installed: listed, loaded and held to the laws like a built-in method."""
+"""An installed third-party plugin: listed, loaded and checked like a built-in method."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ print(json.dumps("obeys"))
 
 
 def install(package: str, work: Path) -> Path:
-    """Install a package of this folder by pip, with no network, and return the folder to put on the path."""
+    """Install a package of this folder by pip without network, and return the folder for the path."""
     source = work / package
     shutil.copytree(HERE / package, source, ignore=shutil.ignore_patterns("__pycache__"))
     target = work / f"{package}_installed"
@@ -68,18 +68,18 @@ def install(package: str, work: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def centroid(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which the sound plugin is installed."""
+    """The folder with the valid plugin."""
     return install("nlosctl_centroid", tmp_path_factory.mktemp("centroid"))
 
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which the broken plugin is installed."""
+    """The folder with the broken plugin."""
     return install("nlosctl_broken", tmp_path_factory.mktemp("broken"))
 
 
 def run(program: str, *arguments: str, path: list[Path], **environment: str) -> Any:
-    """Return what a program printed (JSON), run by a Python of its own that sees the installed plugins."""
+    """Return the JSON output of a program run by a Python process that sees the installed plugins."""
     joined = os.pathsep.join([*map(str, path), *filter(None, [os.environ.get("PYTHONPATH")])])
     plain = {name: value for name, value in os.environ.items() if name != "NLOSCTL_NO_PLUGINS"}
     done = subprocess.run(
@@ -101,31 +101,31 @@ def test_a_plugin_is_listed_with_its_distribution(centroid: Path) -> None:
 
 
 def test_without_it_there_is_no_such_method() -> None:
-    """What lists the plugin is its installation: without it the name is unknown."""
+    """Without its installation the name is unknown."""
     said = run(RESOLVE, "crossings-centroid", path=[])
     assert said.startswith("UsageError: no method 'crossings-centroid' for bearings")
 
 
 def test_a_plugin_is_resolved_by_its_name(centroid: Path) -> None:
-    """A plugin's method is found by its bare name, as a built-in one."""
+    """A plugin's method is found by its bare name, like a built-in one."""
     assert run(RESOLVE, "crossings-centroid", path=[centroid]) == "bearings.crossings-centroid"
 
 
 def test_a_plugin_obeys_the_laws(centroid: Path) -> None:
-    """The laws hold for a method that was written by the contract alone."""
+    """The laws hold for a method written by the contract only."""
     assert run(CHECK, path=[centroid]) == "obeys"
 
 
 def test_plugins_can_be_hidden(centroid: Path) -> None:
-    """``NLOSCTL_NO_PLUGINS=1`` lists and resolves built-in methods alone."""
+    """``NLOSCTL_NO_PLUGINS=1`` lists and resolves built-in methods only."""
     listed = run(LIST, path=[centroid], NLOSCTL_NO_PLUGINS="1")
     assert {distribution for _, distribution, _ in listed} == {"nlosctl"}
     said = run(RESOLVE, "crossings-centroid", path=[centroid], NLOSCTL_NO_PLUGINS="1")
     assert said.startswith("UsageError: no method 'crossings-centroid'")
 
 
-def test_a_broken_plugin_is_told_and_harms_nothing(centroid: Path, broken: Path) -> None:
-    """A plugin that fails on import is told with method, distribution and fault; every other method loads."""
+def test_a_broken_plugin_is_reported(centroid: Path, broken: Path) -> None:
+    """A plugin that fails on import is reported with method, distribution and fault; others load."""
     loaded = run(LOAD, path=[centroid, broken])
     assert loaded.pop("bearings.broken of nlosctl-broken") == (
         "fault: method 'bearings.broken' of nlosctl-broken 0.0.1 can't be loaded: "
@@ -136,8 +136,8 @@ def test_a_broken_plugin_is_told_and_harms_nothing(centroid: Path, broken: Path)
     assert not [summary for summary in loaded.values() if summary.startswith("fault: ")]
 
 
-def test_a_name_that_is_taken_is_an_error_when_used(broken: Path) -> None:
-    """A name of two distributions is an error that names both when it is used; other names go on working."""
+def test_ambiguous_names_are_errors_when_used(broken: Path) -> None:
+    """A name of two distributions is an error that names both when used; other names work."""
     said = run(RESOLVE, "ls", path=[broken])
     assert said == (
         "UsageError: method 'bearings.ls' is provided more than once, by nlosctl and nlosctl-broken; "

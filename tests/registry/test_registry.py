@@ -1,4 +1,4 @@
-"""Which methods there are, and loading one."""
+"""The registry: listing and loading methods."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ HERE = "nlosctl.methods.bearings_ml:METHOD"
 
 @dataclasses.dataclass
 class FakeDistribution:
-    """What the registry asks of a distribution."""
+    """The attributes of a distribution that the registry uses."""
 
     name: str
     version: str = "1.0"
 
 
 def point(name: str, value: str = HERE, distribution: str = "nlosctl") -> EntryPoint:
-    """Return an entry point of a distribution that is not there."""
+    """Return an entry point of a distribution that is not installed."""
     made = EntryPoint(name=name, value=value, group=registry.GROUP)
     vars(made)["dist"] = FakeDistribution(distribution)
     return made
@@ -35,7 +35,7 @@ def point(name: str, value: str = HERE, distribution: str = "nlosctl") -> EntryP
 
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> list[EntryPoint]:
-    """A list of entry points that stands in for what is installed."""
+    """Replace the installed entry points by this list."""
     points = [point("bearings.ml"), point("bearings.ls"), point("ranges.taylor")]
     monkeypatch.setattr(registry, "entry_points", lambda group: list(points))
     monkeypatch.delenv("NLOSCTL_NO_PLUGINS", raising=False)
@@ -49,7 +49,7 @@ def entry(made: EntryPoint) -> registry.MethodEntry:
 
 @pytest.mark.usefixtures("installed")
 def test_entries_are_ordered_and_know_their_distribution() -> None:
-    """Entries come by kind, then name, with the distribution and its version."""
+    """Entries are sorted by kind and name, with distribution and version."""
     found = registry.entries()
     assert [one.full_name for one in found] == ["bearings.ls", "bearings.ml", "ranges.taylor"]
     assert {(one.distribution, one.version) for one in found} == {("nlosctl", "1.0")}
@@ -58,7 +58,7 @@ def test_entries_are_ordered_and_know_their_distribution() -> None:
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("name", ["ml", "bearings.ml"])
 def test_a_name_is_resolved_by_the_kind(name: str) -> None:
-    """A bare name and a full one give the same specification."""
+    """A bare name and a full name give the same specification."""
     assert registry.resolve(name, "bearings", "localize") is bearings_ml.METHOD
 
 
@@ -72,8 +72,8 @@ def test_a_name_is_resolved_by_the_kind(name: str) -> None:
         ("ranges.taylor", "bearings", "method 'ranges.taylor' exists for ranges, not for bearings"),
     ],
 )
-def test_an_unknown_name_is_told_with_the_nearest(name: str, kind: str, says: str) -> None:
-    """An unknown method is the user's error: the nearest names, or the kinds that it exists for."""
+def test_unknown_methods_suggest_the_nearest(name: str, kind: str, says: str) -> None:
+    """An unknown method is a usage error with the nearest names, or the kinds that have it."""
     with pytest.raises(UsageError) as caught:
         registry.resolve(name, kind)
     assert str(caught.value) == says
@@ -81,13 +81,13 @@ def test_an_unknown_name_is_told_with_the_nearest(name: str, kind: str, says: st
 
 @pytest.mark.usefixtures("installed")
 def test_a_method_of_another_job_is_refused() -> None:
-    """A method is only given to the command whose job it does."""
+    """A method of another job is a usage error."""
     with pytest.raises(UsageError, match="'ml' does the job of 'localize', not of 'detect-ip'"):
         registry.resolve("ml", "bearings", "detect-ip")
 
 
-def test_a_name_given_twice_is_an_error_when_used(installed: list[EntryPoint]) -> None:
-    """Two distributions with one name are listed both; using the name is an error that names them; others work."""
+def test_ambiguous_names_are_errors_when_used(installed: list[EntryPoint]) -> None:
+    """Two distributions with one name are both listed; using the name is an error that names them."""
     installed.append(point("bearings.ml", distribution="rival"))
     assert [one.full_name for one in registry.entries()].count("bearings.ml") == 2
     with pytest.raises(UsageError, match=r"'bearings\.ml' is provided more than once, by nlosctl and rival"):
@@ -96,7 +96,7 @@ def test_a_name_given_twice_is_an_error_when_used(installed: list[EntryPoint]) -
 
 
 def test_a_distribution_found_twice_is_listed_once(installed: list[EntryPoint]) -> None:
-    """The same entry point seen twice (a folder twice on the path) is one method."""
+    """The same entry point found twice on the path is one method."""
     installed.append(installed[0])
     assert [one.full_name for one in registry.entries()].count("bearings.ml") == 1
 
@@ -105,7 +105,7 @@ def test_a_distribution_found_twice_is_listed_once(installed: list[EntryPoint]) 
 def test_plugins_can_be_hidden(
     installed: list[EntryPoint], monkeypatch: pytest.MonkeyPatch, value: str, others: bool
 ) -> None:
-    """``NLOSCTL_NO_PLUGINS`` leaves the methods of this distribution alone; 0 and nothing do not hide."""
+    """``NLOSCTL_NO_PLUGINS`` leaves only built-in methods; 0 and an empty value have no effect."""
     installed.append(point("bearings.other", distribution="other"))
     monkeypatch.setenv("NLOSCTL_NO_PLUGINS", value)
     assert ("bearings.other" in {one.full_name for one in registry.entries()}) is others
@@ -124,8 +124,8 @@ def test_plugins_can_be_hidden(
         ("bearings.mlx", HERE, "calls itself 'bearings.ml'; entry point and spec must agree"),
     ],
 )
-def test_a_broken_entry_is_told_with_its_fault(installed: list[EntryPoint], name: str, value: str, says: str) -> None:
-    """A method that can't be loaded, or is not what it says, is told with method, distribution and fault."""
+def test_broken_entries_are_reported(installed: list[EntryPoint], name: str, value: str, says: str) -> None:
+    """A method that cannot be loaded or is invalid is reported with method, distribution and fault."""
     made = point(name, value, "plugin")
     installed.append(made)
     with pytest.raises(MethodError) as caught:
@@ -142,10 +142,10 @@ def test_a_broken_entry_is_told_with_its_fault(installed: list[EntryPoint], name
         (1, "was written for contract version 1, older than 2, the oldest that this nlosctl works with: upgrade the"),
     ],
 )
-def test_another_contract_version_is_refused(
+def test_unsupported_contract_versions_are_refused(
     monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], stated: int | None, fault: str
 ) -> None:
-    """A plugin that is newer or older than what is supported, or says nothing, is told so with the cure."""
+    """A plugin with a newer, older or missing contract version is refused with the cure."""
     set_versions(monkeypatch, stated)
     installed.append(point("bearings.ml", distribution="other"))
     with pytest.raises(MethodError) as caught:
@@ -154,10 +154,10 @@ def test_another_contract_version_is_refused(
 
 
 @pytest.mark.parametrize("stated", [2, 3])
-def test_every_supported_contract_version_is_taken(
+def test_supported_contract_versions_are_loaded(
     monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], stated: int
 ) -> None:
-    """A plugin of the newest, or of the oldest supported, contract version is loaded; built-in ones state none."""
+    """Plugins of the newest and the oldest supported version are loaded; built-in methods state none."""
     set_versions(monkeypatch, stated)
     installed.append(point("bearings.ml", distribution="other"))
     assert registry.load(entry(installed[-1])).contract_version == stated
@@ -166,7 +166,7 @@ def test_every_supported_contract_version_is_taken(
 
 
 def set_versions(monkeypatch: pytest.MonkeyPatch, stated: int | None) -> None:
-    """Have this nlosctl support contract versions 2 and 3, and a method state its own."""
+    """Make this nlosctl support contract versions 2 and 3, and the method ml state ``stated``."""
     monkeypatch.setattr(methods, "CONTRACT_VERSION", 3)
     monkeypatch.setattr(methods, "OLDEST_CONTRACT_VERSION", 2)
     monkeypatch.setattr(bearings_ml, "METHOD", dataclasses.replace(bearings_ml.METHOD, contract_version=stated))
@@ -179,10 +179,10 @@ def set_versions(monkeypatch: pytest.MonkeyPatch, stated: int | None) -> None:
         "from nlosctl.contract.methods import MethodSpec; MethodSpec(new=1)",
     ],
 )
-def test_a_plugin_that_knows_too_much_is_told_of_the_version(
+def test_missing_names_report_the_contract_version(
     monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], tmp_path: Path, source: str
 ) -> None:
-    """A plugin that fails on a name or an argument that the contract lacks is told which version this one is."""
+    """A plugin that uses a name or argument missing from the contract is told the version of this nlosctl."""
     (tmp_path / "too_new_plugin.py").write_text(source)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "too_new_plugin", raising=False)

@@ -1,4 +1,4 @@
-"""An empty folder to run the program in, without settings of the one who runs the tests."""
+"""An empty folder to run the program in, without settings from the environment."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from typing import Any
 from fuzz_results import Case, result_complaints
 from fuzz_words import words_of
 from guarded_run import Ending, complaints, run_guarded
-from other_seeds import other_seeds, without_pictures
+from other_seeds import other_seeds, without_figures
 from seed_files import SeedFile, table_seeds
 from spoil import spoil
 
@@ -69,7 +69,7 @@ def case_of(seed: int, number: int, targets: Sequence[str] = ()) -> Case:
 
 
 def check_case(case: Case, folder: Path) -> tuple[Ending, list[str]]:
-    """Run a case in an empty ``folder`` (the current one); return its end and what is wrong with it."""
+    """Run a case in an empty ``folder`` (the current one); return how it ended and the complaints."""
     for name, content in ((case.seed_file.name, case.content), *case.seed_file.beside):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -77,7 +77,7 @@ def check_case(case: Case, folder: Path) -> tuple[Ending, list[str]]:
         if case.seed_file.target == "manifest":  # where an input that was changed is told by its time
             os.utime(path, ns=(10**18, 10**18))
     before = [path.name for path in folder.iterdir()]
-    with without_pictures() if case.seed_file.target == "cache" else nullcontext():
+    with without_figures() if case.seed_file.target == "cache" else nullcontext():
         ending = run_guarded(case.words)
     wrong = list(complaints(ending, folder, case.outputs, before))
     if re.search(r"(importer|exporter|method|view) '[^']*' failed", ending.err):

@@ -1,4 +1,4 @@
-"""Whether what came out of a spoilt file that was accepted is what is in it."""
+"""Whether the results from a corrupted file that was accepted agree with the content of the file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Case", "result_complaints"]
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One input: its number, the seed file that it was made from, its bytes, and the words that are run on it."""
+    """An input: its number, the seed file, its bytes, and the arguments of the run."""
 
     number: int
     seed_file: SeedFile
@@ -35,7 +35,7 @@ _JOBS = ("localize", "detect-ip", "identify-los", "bound")
 
 
 def result_complaints(case: Case, ending: Ending, folder: Path) -> Iterator[str]:
-    """Yield what is wrong with the results of a case that ended well."""
+    """Yield complaints about the results of a case that succeeded."""
     target, words = case.seed_file.target, case.words
     if ending.code != 0:
         return

@@ -1,4 +1,4 @@
-"""What is run on a spoilt file, by its target: the job that it is for, or another command that reads it too."""
+"""Arguments of the run on a corrupted file, by target: its own job, or another command that reads it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ON_EARTH = ("--origin", "47.4,8.5") if find_spec("pyproj") else ("--param", "me
 
 
 def words_of(file: SeedFile, chance: random.Random) -> Words:
-    """Return what to run on a file."""
+    """Return the arguments of the run on a file."""
     return _WAYS.get(file.target, _of_table)(file, chance)
 
 

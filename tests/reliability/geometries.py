@@ -1,4 +1,4 @@
-"""Snapshots of any size anywhere: the draws of the laws, scaled, moved, and brought near to what has no answer."""
+"""Snapshots of any size at any position: draws of the laws, scaled, moved, and brought close to degenerate ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["drawn", "moved", "nearly", "scaled", "scaled_options"]
 def drawn(
     spec: Any, *, seed: int, snapshots: int, measurements: int, fault: str | None, size_m: float, offset_m: float
 ) -> tuple[Trial, Motion]:
-    """Return a trial whose scene has the size ``size_m`` (to a factor of 3), about a place ``offset_m`` away."""
+    """Return a trial whose scene has the size ``size_m`` (to a factor of 3), at a distance of ``offset_m``."""
     generator = np.random.default_rng(seed)
     draw = DRAWS[spec.kind, spec.job]
     trial = draw.trial(generator, snapshots, measurements, fault)
@@ -36,7 +36,7 @@ def moved(spec: Any, batch: Any, motion: Motion) -> Any:
 
 
 def nearly(faulty: Any, ordinary: Any, share: float) -> Any:
-    """Return ``faulty`` with each of its numbers moved by a ``share`` of the way to those of ``ordinary``."""
+    """Return ``faulty`` with each of its numbers moved by the fraction ``share`` towards those of ``ordinary``."""
     arrays = {
         name: np.asfortranarray(array + share * (getattr(ordinary, name) - array))
         for name, array in _arrays(faulty).items()
@@ -56,7 +56,7 @@ def scaled(batch: Any, factor: float) -> Any:
 
 
 def scaled_options(options: Any, factor: float) -> Any:
-    """Return the options with those that are lengths multiplied."""
+    """Return the options with all lengths multiplied."""
     lengths = {
         field.name: factor * getattr(options, field.name)
         for field in dataclasses.fields(options)

@@ -1,4 +1,4 @@
-"""One run of the program within this process, guarded by a clock, and the law that its end is held to."""
+"""One run of the program in this process with a time limit, and the rules for how it may end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import typer.main
 
 from nlosctl import registry
 
-__all__ = ["Ending", "HangError", "complaints", "run_guarded", "told_complaints"]
+__all__ = ["Ending", "HangError", "complaints", "message_complaints", "run_guarded"]
 
 LONGEST_LINE = 1200
 _LONGEST_WAIT_S = 300.0
@@ -27,12 +27,12 @@ MOST_LINES = 22  # twenty gathered problems, the total, and a hint
 
 
 class HangError(BaseException):
-    """The run took longer than it may."""
+    """The run took longer than allowed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How a run ended: exit code (None: it raised), what it printed, what it raised or warned."""
+    """How a run ended: exit code (None: it raised), output, exception or warning."""
 
     words: Sequence[str]
     code: int | None
@@ -136,15 +136,15 @@ def complaints(ending: Ending, folder: Path, outputs: Sequence[str], before: Seq
         return
     if ending.code not in (0, 1, 2):
         yield f"exit code {ending.code}"
-    yield from told_complaints(ending.err, quiet_end=ending.code == 0)
+    yield from message_complaints(ending.err, quiet_end=ending.code == 0)
     new = sorted({path.name for path in folder.iterdir()} - set(before))
     wanted = sorted(outputs) if ending.code == 0 else []
     if new != wanted and not (ending.code == 1 and new == sorted(outputs) and "every row is bad" in ending.err):
         yield f"exit {ending.code} left {new}, expected {wanted}"
 
 
-def told_complaints(err: str, *, quiet_end: bool) -> Iterator[str]:
-    """Yield what is wrong with standard error of a quiet run: empty at exit 0, else one clear line."""
+def message_complaints(err: str, *, quiet_end: bool) -> Iterator[str]:
+    """Yield complaints about standard error of a quiet run: empty at exit 0, else one clear line."""
     lines = err.split("\n")[:-1] if err.endswith("\n") else err.split("\n")
     if quiet_end:
         if err:

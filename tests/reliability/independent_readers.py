@@ -1,4 +1,4 @@
-"""What is in a file, read without the project's readers; and whether what came out of the program is that."""
+"""Content of a file, read without the project's readers, and its comparison with a written table."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _rows(table: Any) -> Iterator[dict[str, Any]]:
 
 
 def differences(rows: list[dict[str, Any]], table: Any, names: set[str]) -> Iterator[str]:
-    """Yield where the columns ``names`` of a table that the program wrote are not what is in ``rows``."""
+    """Yield where the columns ``names`` of a table written by the program differ from ``rows``."""
     if len(rows) != table.num_rows:
         yield f"{table.num_rows} rows came out of {len(rows)}"
         return

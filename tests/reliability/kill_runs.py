@@ -1,4 +1,4 @@
-"""kill -9 at random moments: what an output was stays whole until the new one is. `python kill_runs.py --help`."""
+"""kill -9 at random moments: an output stays whole until the new one is complete. `python kill_runs.py --help`."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def kill_at_random(job: WritingJob, kills: int, folder: Path, seed: int) -> Coun
 
 
 def kill_and_resume(job: WritingJob, kills: int, folder: Path, seed: int) -> Counter[str]:
-    """Kill a job of many files ``kills`` times, then let it go on; return how often it came to the same bytes."""
+    """Kill a job of many files ``kills`` times, then resume it; return how often the bytes agree."""
     assert job.folder is not None
     place = folder / job.folder
     chance = random.Random(f"{seed} {job.command}")  # noqa: S311 - drawn to be made again

@@ -1,4 +1,4 @@
-"""Seeds that are no tables of measurements: logs of other programs, estimates, polygons, folders of parts, caches."""
+"""Seed files other than tables of measurements: logs of other programs, estimates, polygons, manifests, caches."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from seed_files import FIXTURES, SeedFile
 from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.reproduce.store import SampleStore
 
-__all__ = ["CACHED", "PARTED", "folder_as_it_should_be", "other_seeds", "without_pictures"]
+__all__ = ["CACHED", "PARTED", "folder_as_it_should_be", "other_seeds", "without_figures"]
 
 PARTED = ("localize", "in", "--scene", str(FIXTURES / "good_bearings.scene.toml"), "-o", "out/", "-q", "--jobs", "1")
 CACHED = ("reproduce", "shen-table3", "-n", "20", "-o", "out", "-q", "--json")
@@ -120,7 +120,7 @@ def _parts(folder: Path) -> Iterator[SeedFile]:
 
 
 def _cache(folder: Path) -> Iterator[SeedFile]:
-    with without_pictures():
+    with without_figures():
         _run(CACHED)
         yield from _each_of(folder, ["out/shen-table3.samples.parquet"], CACHED)
         shutil.rmtree(folder / "out")
@@ -132,7 +132,7 @@ def _cache(folder: Path) -> Iterator[SeedFile]:
 
 @cache
 def folder_as_it_should_be(target: str) -> dict[str, bytes]:
-    """Return the files in ``out`` after a run that nothing was wrong with, of the target manifest or cache."""
+    """Return the files in ``out`` after a successful run of the target manifest or cache."""
     with _empty_folder() as folder:
         (file, *_) = list(_parts(folder) if target == "manifest" else _cache(folder))
     return {name: content for name, content in (*file.beside, (file.name, file.content)) if name.startswith("out/")}
@@ -157,8 +157,8 @@ def _stopped_before_the_end(keeper: Any) -> Iterator[None]:
 
 
 @contextmanager
-def without_pictures() -> Iterator[None]:
-    """Let no picture be drawn: most of the time of a small experiment would go into them."""
+def without_figures() -> Iterator[None]:
+    """Plot no figures, which take most of the time of a small experiment."""
     from nlosctl.reproduce import run
 
     draw, run._pictures = run._pictures, lambda *_: []

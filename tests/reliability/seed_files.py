@@ -1,4 +1,4 @@
-"""Small good files of every format and kind: what the fuzzer spoils."""
+"""Small valid files of every format and kind, which the fuzzer corrupts."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ field = "sensors:2"
 
 
 def table_seeds() -> tuple[SeedFile, ...]:
-    """Return tables, and scenes and a config (TOML) that are read beside a good table."""
+    """Return tables, and scenes and a config (TOML) that are read beside a valid table."""
     tables = [file for kind in _TABLES for file in _files_of(kind)]
     scenes = [
         SeedFile(target="scene", kind=kind, job="localize", name="s.toml", content=(FIXTURES / name).read_bytes())

@@ -1,4 +1,4 @@
-"""Spoiling the bytes of a file: flips, cuts, splices, extreme integers, and words that readers stumble over."""
+"""Corrupt the bytes of a file: bit flips, cuts, splices, extreme integers, and unusual words."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WORDS = [
 
 
 def spoil(content: bytes, others: Sequence[bytes], *, text: bool, zipped: bool, chance: random.Random) -> bytes:
-    """Return ``content`` spoilt in one to four ways; a zipped text is mostly spoilt within its zip."""
+    """Return ``content`` corrupted in one to four ways; gzipped text is mostly corrupted before compression."""
     if zipped and chance.random() < 0.6:
         return gzip.compress(_spoil(gzip.decompress(content), [], True, chance), mtime=0)
     return _spoil(content, others, text and not zipped, chance)
@@ -51,7 +51,7 @@ def _flip_bits(content: bytes, chance: random.Random) -> bytes:
 
 
 def _flip_near_an_end(content: bytes, chance: random.Random) -> bytes:
-    """Flip where the headers and footers are."""
+    """Flip bits near the ends, where headers and footers are."""
     spoilt, reach = bytearray(content), min(len(content), 400)
     place = chance.randrange(reach)
     spoilt[place if chance.random() < 0.3 else -1 - place] = chance.randrange(256)
@@ -91,7 +91,7 @@ def _spliced(content: bytes, other: bytes, chance: random.Random) -> bytes:
 
 
 def _set_word(content: bytes, chance: random.Random) -> bytes:
-    """Put a strange word in place of a cell, a value or a key."""
+    """Replace a cell, a value or a key by an unusual word."""
     words = list(re.finditer(rb"[^,\s\"{}\[\]:=]+", content))
     if not words:
         return content
@@ -100,7 +100,7 @@ def _set_word(content: bytes, chance: random.Random) -> bytes:
 
 
 def _change_digit(content: bytes, chance: random.Random) -> bytes:
-    """Put another digit in the place of one: mostly the file stays a good one."""
+    """Replace a digit by another: mostly the file stays valid."""
     places = [match.start() for match in re.finditer(rb"\d", content)]
     if not places:
         return content
@@ -114,7 +114,7 @@ def _insert_word(content: bytes, chance: random.Random) -> bytes:
 
 
 def _move_line(content: bytes, chance: random.Random) -> bytes:
-    """Take a line out, and put it in again somewhere, once, twice or not at all."""
+    """Remove a line and insert it elsewhere once, twice or not at all."""
     lines = content.splitlines(keepends=True)
     line = lines.pop(chance.randrange(len(lines)))
     for _ in range(chance.choice((0, 1, 1, 2))):
@@ -123,7 +123,7 @@ def _move_line(content: bytes, chance: random.Random) -> bytes:
 
 
 def _set_column(content: bytes, chance: random.Random) -> bytes:
-    """Put one strange word in the same cell of every line."""
+    """Put an unusual word in the same cell of every line."""
     lines = content.splitlines(keepends=True)
     place, word = chance.randrange(8), chance.choice(_WORDS)
     for number, line in enumerate(lines[1:], start=1):

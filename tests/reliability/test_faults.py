@@ -1,4 +1,4 @@
-"""What goes wrong around a run: disks, folders, pipes, signals, clocks. One clear line, and no half output."""
+"""Faults around a run: disks, folders, pipes, signals, clocks. One clear line and no partial output."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from guarded_run import Ending, complaints, run_guarded, told_complaints
+from guarded_run import Ending, complaints, message_complaints, run_guarded
 from kill_runs import kill_and_resume, kill_at_random
 from plugins import ActInCall
 from writing_jobs import FIXTURES, WritingJob, resumed_jobs, writing_jobs
@@ -34,8 +34,8 @@ def names(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir()]
 
 
-def check(ending: Ending, folder: Path, before: list[str], told: str) -> None:
-    """Hold the end of a run to the law: exit 1, one line that says ``told``, nothing left."""
+def assert_failed_cleanly(ending: Ending, folder: Path, before: list[str], told: str) -> None:
+    """Check that a run exits 1 with one line that contains ``told``, and leaves no new file."""
     assert list(complaints(ending, folder, [], before)) == []
     assert ending.code == 1
     assert told in ending.err
@@ -56,13 +56,13 @@ def shell(script: str, folder: Path, **settings: Any) -> tuple[int, bytes, str]:
 
 
 def unread(pipe: Any) -> int:
-    """Return how many bytes of a pipe nobody has read yet."""
+    """Return the number of unread bytes in a pipe."""
     return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
 
 
 @pytest.fixture
 def small_disk() -> Any:
-    """Let no file of this process grow beyond 1000 bytes: as on a full disk."""
+    """Limit the files of this process to 1000 bytes, as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
     yield
@@ -70,22 +70,24 @@ def small_disk() -> Any:
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_a_file_that_can_grow_no_more(job: WritingJob, job_folder: Path, small_disk: None) -> None:
-    """Where the disk takes no more every command says which file can't be written, and leaves nothing."""
+def test_file_size_limits(job: WritingJob, job_folder: Path, small_disk: None) -> None:
+    """On a full disk every command names the file that can't be written, and leaves nothing."""
     before = names(job_folder)
-    check(run_guarded([*job.line, "-q"], seconds=60), job_folder, before, "can't be written: File too large")
+    assert_failed_cleanly(
+        run_guarded([*job.line, "-q"], seconds=60), job_folder, before, "can't be written: File too large"
+    )
 
 
 @pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl", "jsonl.gz"])
 def test_every_format_meets_a_full_disk(extension: str, folder: Path, small_disk: None) -> None:
-    """Whatever the format, a full disk is one line and leaves nothing, the flags neither."""
+    """A full disk is one line for every format, and leaves neither estimates nor flags."""
     words = ["localize", GOOD, "-o", f"e.{extension}", "--flags-out", f"f.{extension}", "-q"]
-    check(run_guarded(words), folder, [], "can't be written: File too large")
+    assert_failed_cleanly(run_guarded(words), folder, [], "can't be written: File too large")
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_a_disk_that_is_full(job: WritingJob, job_folder: Path) -> None:
-    """On a real full disk, of 64 KiB, it is the same: one line, nothing left, what was there is whole."""
+def test_full_disks(job: WritingJob, job_folder: Path) -> None:
+    """On a full disk of 64 KiB: one line, no new file, the old file intact."""
     disk = job_folder / "disk"
     disk.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False).returncode:
@@ -94,7 +96,7 @@ def test_a_disk_that_is_full(job: WritingJob, job_folder: Path) -> None:
         words = [f"disk/{word}" if word in job.outputs else word for word in job.line]
         (disk / job.outputs[0]).write_bytes(b"x" * 30_000)
         ending = run_guarded([*words, "-q", "--overwrite"], seconds=60)
-        check(ending, disk, [job.outputs[0]], "can't be written: No space left on device")
+        assert_failed_cleanly(ending, disk, [job.outputs[0]], "can't be written: No space left on device")
         assert (disk / job.outputs[0]).read_bytes() == b"x" * 30_000
     finally:
         subprocess.run(["umount", disk], check=True)
@@ -102,12 +104,12 @@ def test_a_disk_that_is_full(job: WritingJob, job_folder: Path) -> None:
 
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_an_output_folder_that_goes_away(jobs: int, folder: Path, acting_method: ActInCall) -> None:
-    """When the folder of an output goes while the run goes on, that is exit 1 with the file named."""
+def test_output_folders_removed_during_a_run(jobs: int, folder: Path, acting_method: ActInCall) -> None:
+    """If the folder of an output is removed during the run, exit 1 names the file."""
     (folder / "out").mkdir()
     acting_method(2, lambda: shutil.rmtree(folder / "out"))
     ending = run_guarded(["localize", GOOD, "-m", "acting", "-o", "out/e.csv", "-q", "--jobs", jobs])
-    check(ending, folder, [], "out/e.csv: can't be written: No such file or directory")
+    assert_failed_cleanly(ending, folder, [], "out/e.csv: can't be written: No such file or directory")
 
 
 CHANGES: dict[str, Callable[[Path], Any]] = {
@@ -122,29 +124,29 @@ CHANGES: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 @pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl"])
-def test_an_input_that_changes(
+def test_inputs_changed_during_a_run(
     extension: str, change: Callable[[Path], Any], folder: Path, acting_method: ActInCall
 ) -> None:
-    """An input that changes under way gives no result: neither the old file's nor the new one's, and no crash."""
+    """An input that changes during the run gives no result and no crash."""
     source = folder / f"m.{extension}"
     shutil.copy(FIXTURES / f"good_bearings.{extension}", source)
     shutil.copy(FIXTURES / f"good_bearings.{extension}", folder / "other")
     acting_method(1, lambda: change(source))
     scene = FIXTURES / "good_bearings.scene.toml"
     ending = run_guarded(["localize", source.name, "-m", "acting", "--scene", scene, "-o", "e.csv", "-q", "--jobs", 1])
-    check(ending, folder, names(folder), f"m.{extension}: was changed while it was read")
+    assert_failed_cleanly(ending, folder, names(folder), f"m.{extension}: was changed while it was read")
     assert "e.csv" not in names(folder)
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_killed_at_any_moment(job: WritingJob, job_folder: Path) -> None:
-    """After kill -9 each output is the old one whole or the new one whole."""
+def test_outputs_are_whole_after_a_kill(job: WritingJob, job_folder: Path) -> None:
+    """After kill -9 each output is the old one or the new one, complete."""
     assert kill_at_random(job, 1, job_folder, seed=9)["torn"] == 0
 
 
 @pytest.mark.parametrize("job", [pytest.param(job, id=job.command) for job in resumed_jobs()])
-def test_killed_and_gone_on(job: WritingJob, folder: Path, job_folder: Path) -> None:
-    """What goes on after kill -9 comes to the bytes of a run that nobody killed."""
+def test_resuming_after_a_kill(job: WritingJob, folder: Path, job_folder: Path) -> None:
+    """A run resumed after kill -9 gives the bytes of an uninterrupted run."""
     assert kill_and_resume(job, 1, job_folder, seed=9)["torn"] == 0
 
 
@@ -155,7 +157,7 @@ def test_killed_and_gone_on(job: WritingJob, folder: Path, job_folder: Path) -> 
 )
 @pytest.mark.parametrize("command", ["localize", "simulate"])
 def test_signals_end_in_one_line(command: str, number: int, code: int, folder: Path) -> None:
-    """An interrupt, a request to end and a hang-up are one line each, and leave nothing."""
+    """SIGINT, SIGTERM and SIGHUP give one line each and leave nothing."""
     words = {
         "localize": ["localize", "-", "-o", "e.csv", "--input-format", "csv"],
         "simulate": ["simulate", "ring", "-n", "100000000", "-o", "m.csv"],
@@ -183,7 +185,7 @@ def test_signals_end_in_one_line(command: str, number: int, code: int, folder: P
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_hang_up_under_nohup_is_ignored(jobs: int, folder: Path) -> None:
-    """What was told to outlive its terminal, `nohup`, goes on, the processes of `--jobs` too, to the same bytes."""
+    """Under `nohup` a run continues after SIGHUP, with its worker processes, to the same bytes."""
     shell("nlosctl simulate ring -n 40000 -o m.parquet -q", folder)
     words = ["nohup", str(PROGRAM), "localize", "-m", "mixture-ml", "m.parquet", "--jobs", str(jobs), "-q", "-o"]
     running = subprocess.Popen([*words, "a.parquet"], cwd=folder, start_new_session=True, stderr=subprocess.DEVNULL)
@@ -208,7 +210,7 @@ BIG = "nlosctl simulate ring -n 20000 -q"
     ids=["csv", "parquet", "arrow", "small", "methods"],
 )
 def test_a_closed_pipe_is_quiet(line: str, folder: Path) -> None:
-    """Whoever reads a pipe may stop reading: nothing is said, and it is no failure."""
+    """A closed pipe exits 0 without output on stderr."""
     code, _, err = shell(f"set -o pipefail; {line} | head -c 10 > /dev/null", folder)
     assert (code, err) == (0, "")
 
@@ -223,18 +225,18 @@ def test_a_closed_pipe_is_quiet(line: str, folder: Path) -> None:
         ("nlosctl methods --json > /dev/full", "No space left on device"),
     ],
 )
-def test_a_stream_that_is_closed_or_full(line: str, told: str, folder: Path) -> None:
-    """A closed input or output and a full one are exit 1 and a line that names it."""
+def test_closed_and_full_streams(line: str, told: str, folder: Path) -> None:
+    """A closed input, and a closed or full output, exit 1 with a line that names it."""
     code, out, err = shell(line, folder)
     assert (code, out) == (1, b"")
-    assert list(told_complaints(err, quiet_end=False)) == []
+    assert list(message_complaints(err, quiet_end=False)) == []
     assert told in err
     assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("way", ["2>&-", "2> /dev/full"])
-def test_nobody_hears_what_is_said(way: str, folder: Path) -> None:
-    """A closed or full standard error takes nothing from the result, nor from the exit code."""
+def test_closed_and_full_stderr(way: str, folder: Path) -> None:
+    """A closed or full standard error changes neither results nor exit code."""
     code, out, _ = shell(f"nlosctl localize {GOOD} -o e.csv {way}", folder)
     assert (code, out) == (0, b"")
     assert len((folder / "e.csv").read_text().splitlines()) == 41
@@ -243,8 +245,8 @@ def test_nobody_hears_what_is_said(way: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("job", JOBS)
-def test_a_folder_that_is_read_only(job: WritingJob, job_folder: Path) -> None:
-    """Where nothing may be written that is said, before any work is done, and the folder stays as it was."""
+def test_read_only_folders(job: WritingJob, job_folder: Path) -> None:
+    """A read-only folder is reported before any work is done, and stays unchanged."""
     run_guarded([*job.line, "-q", "--overwrite"], seconds=60)  # what is imported late comes from folders of root
     for name in job.outputs:
         (job_folder / name).unlink()
@@ -261,12 +263,12 @@ def test_a_folder_that_is_read_only(job: WritingJob, job_folder: Path) -> None:
     finally:
         os.seteuid(user)
         job_folder.chmod(0o755)
-    check(ending, job_folder, before, "can't be written")
+    assert_failed_cleanly(ending, job_folder, before, "can't be written")
 
 
 @pytest.mark.usefixtures("small_chunks")
-def test_a_clock_that_goes_backwards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Results do not depend on the clock, and a progress bar that sees it go backwards does no harm."""
+def test_clocks_that_run_backwards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results do not depend on the clock, and the progress bar tolerates one that runs backwards."""
     assert run_guarded(["localize", GOOD, "-o", "a.parquet", "-q"]).code == 0
     ticks = itertools.count()
     for name in ("time", "monotonic", "perf_counter"):
@@ -277,7 +279,7 @@ def test_a_clock_that_goes_backwards(folder: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_without_any_terminal(folder: Path) -> None:
-    """In a session without a terminal, a home or a TERM the bytes are those of any other."""
+    """Without terminal, HOME and TERM the output is the same."""
     plain = {"PATH": os.environ["PATH"]}
     words = [PROGRAM, "localize", GOOD, "-q"]
     done = subprocess.run(words, capture_output=True, cwd=folder, env=plain, start_new_session=True, check=False)
@@ -285,8 +287,8 @@ def test_without_any_terminal(folder: Path) -> None:
     assert done.stdout == run_guarded(words[1:]).out
 
 
-def test_a_terminal_that_hangs_up(folder: Path) -> None:
-    """When the terminal goes away a run ends, and leaves nothing."""
+def test_closing_the_terminal_ends_a_run(folder: Path) -> None:
+    """When the terminal closes the run ends and leaves nothing."""
     child, terminal = pty.fork()
     if child == 0:
         os.chdir(folder)

@@ -1,4 +1,4 @@
-"""What the fuzzer, the kills and the numerics have found, each by its name: it stays mended."""
+"""Regression tests of faults found by fuzzing, kills and numerical tests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 from guarded_run import Ending, complaints, run_guarded
-from other_seeds import CACHED, PARTED, without_pictures
+from other_seeds import CACHED, PARTED, without_figures
 from seed_files import FIXTURES
 
 from nlosctl.cli import main
@@ -28,8 +28,8 @@ BEARINGS = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
 TRIPLETS = "snapshot,path,tx_x_m,tx_y_m,rx_x_m,rx_y_m,dod_rad,doa_rad,toa_s,dod_std_rad,doa_std_rad,path_length_std_m\n"
 
 
-def told(folder: Path, words: list[Any], *said: str) -> Ending:
-    """Run; the end is exit 1 with one clear line that holds all of ``said``, and nothing is left."""
+def assert_refused(folder: Path, words: list[Any], *said: str) -> Ending:
+    """Check that a run exits 1 with one clear line that contains all of ``said``, and leaves nothing."""
     before = [path.name for path in folder.iterdir()]
     ending = run_guarded([*words, "-q"])
     assert list(complaints(ending, folder, [], before)) == []
@@ -38,23 +38,23 @@ def told(folder: Path, words: list[Any], *said: str) -> Ending:
     return ending
 
 
-def test_hexadecimal_digits_are_no_integer(folder: Path) -> None:
-    """``0x10`` in a column of integers is a fault of its row; it was read as 16."""
+def test_hexadecimal_integers_are_refused(folder: Path) -> None:
+    """``0x10`` in a column of integers is a bad row; it was read as 16."""
     text = (FIXTURES / "good_echoes.csv").read_text().replace("true,0\n", "true,0x10\n", 1)
     assert "0x10" in text
     (folder / "m.csv").write_text(text)
-    told(folder, ["identify-los", "m.csv", "-o", "f.csv"], "'truth_target'", "'0x10'", "integer")
+    assert_refused(folder, ["identify-los", "m.csv", "-o", "f.csv"], "'truth_target'", "'0x10'", "integer")
 
 
-def test_a_control_character_after_a_number(folder: Path) -> None:
-    """A group separator is no blank that spreadsheets leave around numbers, as others are; it was taken for one."""
+def test_control_characters_after_a_number(folder: Path) -> None:
+    """A group separator after a number is a bad row; it was stripped like a blank."""
     (folder / "m.csv").write_text(f"{BEARINGS}1,a,0,0,0.5\x1d,0.1\n1,b,\u00a01 ,0,1.5,0.1\n")
-    ending = told(folder, ["localize", "m.csv", "-o", "e.csv"], "row 1", "'bearing_rad'", "0.5\\x1d")
+    ending = assert_refused(folder, ["localize", "m.csv", "-o", "e.csv"], "row 1", "'bearing_rad'", "0.5\\x1d")
     assert "row 2" not in ending.err
 
 
-def test_half_precision_in_a_column_of_no_meaning(folder: Path) -> None:
-    """Estimates with a column of half-precision numbers are evaluated; they were an internal error."""
+def test_half_precision_in_a_foreign_column(folder: Path) -> None:
+    """Estimates with a foreign half-precision column are evaluated; this was an internal error."""
     run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.parquet", "-q"])
     table = pyarrow.parquet.read_table(folder / "e.parquet")
     more = pa.array(np.full(table.num_rows, 0.5, np.float16))
@@ -65,7 +65,7 @@ def test_half_precision_in_a_column_of_no_meaning(folder: Path) -> None:
 
 
 def test_the_largest_path_number(folder: Path) -> None:
-    """Paths up to the largest integer are told apart; one more than it was a warning."""
+    """Paths up to the largest integer are distinguished; the largest was a warning."""
     rows = [f"1,{path},0,0,9,0,1,2,12,0.1,0.1,1\n" for path in (2**63 - 1, 5, 3)]
     header = TRIPLETS.replace("toa_s", "path_length_m")
     (folder / "m.csv").write_text(header + "".join(rows))
@@ -74,7 +74,7 @@ def test_the_largest_path_number(folder: Path) -> None:
 
 
 def test_paths_without_any_number(folder: Path) -> None:
-    """Rows of which no path has a number are duplicates, told one by one; it was a warning."""
+    """Rows without any path number are duplicates, reported one by one; this was a warning."""
     rows = [f"{snapshot},,0,0,9,0,1,2,{12 + length},0.1,0.1,1\n" for snapshot in (1, 2) for length in (0, 1)]
     header = TRIPLETS.replace("toa_s", "path_length_m")
     (folder / "m.csv").write_text(header + "".join(rows))
@@ -85,8 +85,8 @@ def test_paths_without_any_number(folder: Path) -> None:
     ]  # fmt: skip
 
 
-def test_integers_beyond_what_a_float_holds_are_drawn(folder: Path) -> None:
-    """Numbers of estimates of 2^61 and more are drawn to the nearest; they were an internal error."""
+def test_integers_above_2_61_are_plotted(folder: Path) -> None:
+    """Estimates with integers of 2^61 and more are plotted; this was an internal error."""
     run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.parquet", "-q"])
     table = pyarrow.parquet.read_table(folder / "e.parquet")
     large = pa.array(np.append(np.zeros(table.num_rows - 1, np.int64), 2**61 + 1))
@@ -97,8 +97,8 @@ def test_integers_beyond_what_a_float_holds_are_drawn(folder: Path) -> None:
         assert (ending.code, ending.err) == (0, "")
 
 
-def test_a_table_without_columns(folder: Path) -> None:
-    """Twenty rows of nothing are told; they were copied as no rows, without a word."""
+def test_tables_without_columns_are_refused(folder: Path) -> None:
+    """A table of twenty rows without columns is refused; it was copied as an empty table."""
     batch = pa.RecordBatch.from_pylist([{}] * 20, pa.schema([]))
     with pa.ipc.new_file(folder / "m.arrow", batch.schema) as sink:
         sink.write_batch(batch)
@@ -107,8 +107,8 @@ def test_a_table_without_columns(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("words", [["evaluate", "e.csv"], ["plot", "e.csv", "-o", "p.svg"]], ids=["evaluate", "plot"])
-def test_results_with_a_column_twice(words: list[str], folder: Path) -> None:
-    """Two columns of one name are told; they were an internal error."""
+def test_duplicate_columns_in_results(words: list[str], folder: Path) -> None:
+    """Duplicate columns are reported; this was an internal error."""
     run_guarded(["localize", str(FIXTURES / "good_bearings.parquet"), "-o", "e.csv", "-q"])
     header, *lines = (folder / "e.csv").read_text().splitlines()
     text = "\n".join([f"{header},note,note", *(f"{line},a,b" for line in lines)])
@@ -117,8 +117,8 @@ def test_results_with_a_column_twice(words: list[str], folder: Path) -> None:
     assert (ending.code, ending.err) == (1, "nlosctl: e.csv: column 'note' is there twice; rename or drop one\n")
 
 
-def test_what_can_t_be_evaluated_is_closed(folder: Path) -> None:
-    """Flags without truth, and estimates beside flags, are told, and no file is left open."""
+def test_files_refused_by_evaluate_are_closed(folder: Path) -> None:
+    """Flags without truth, and estimates beside flags, are refused, and no file stays open."""
     words = [str(FIXTURES / "good_bearings.csv"), "--flags-out", "f.csv", "-o", "e.csv", "-q"]
     assert run_guarded(["localize", *words]).code == 0
     lines = (folder / "f.csv").read_text().splitlines()
@@ -130,47 +130,49 @@ def test_what_can_t_be_evaluated_is_closed(folder: Path) -> None:
         assert told in ending.err
 
 
-def test_a_number_that_overflows_in_its_unit(folder: Path) -> None:
-    """A time that is finite in seconds and not in metres is a fault of its row; it was a warning."""
+def test_overflow_in_unit_conversion(folder: Path) -> None:
+    """A time that is finite in seconds but not in metres is a bad row; this was a warning."""
     (folder / "m.csv").write_text(f"{TRIPLETS}1,0,0,0,9,0,1,2,1e302,0.1,0.1,1\n")
-    told(folder, ["detect-ip", "m.csv", "-o", "f.csv"], "row 1", "'toa_s'", "got 1e+302", "within 1e+15")
+    assert_refused(folder, ["detect-ip", "m.csv", "-o", "f.csv"], "row 1", "'toa_s'", "got 1e+302", "within 1e+15")
 
 
-def test_a_ragged_line_that_is_no_text(folder: Path) -> None:
-    """A line with too few fields that is no UTF-8 either is told; it was an internal error."""
+def test_ragged_lines_that_are_not_utf8(folder: Path) -> None:
+    """A line with too few fields that is not UTF-8 is reported; this was an internal error."""
     (folder / "m.csv").write_bytes(f"{BEARINGS}1,a,0,0,0.5,0.1\n1,b,".encode() + b"\xff\xfe\n")
-    told(folder, ["localize", "m.csv", "-o", "e.csv"], "m.csv, row 2", "3 fields")
+    assert_refused(folder, ["localize", "m.csv", "-o", "e.csv"], "m.csv, row 2", "3 fields")
 
 
-def test_a_reflector_that_no_scene_has(folder: Path) -> None:
-    """A row by a reflector that the scene lacks, or without any scene, is told; it was an internal error."""
+def test_unknown_reflectors(folder: Path) -> None:
+    """A row by a reflector missing from the scene, or without a scene, is reported; this was an internal error."""
     (folder / "m.csv").write_text(BEARINGS.replace("\n", ",reflector\n") + "1,a,0,0,0.5,0.1,wall\n")
-    told(folder, ["localize", "m.csv", "-o", "e.csv"], "'wall'", "no scene")
+    assert_refused(folder, ["localize", "m.csv", "-o", "e.csv"], "'wall'", "no scene")
     (folder / "s.toml").write_text('[[reflector]]\nname = "well"\nkind = "line"\npoint = [0, 9]\ndirection = [1, 0]\n')
-    told(folder, ["localize", "m.csv", "--scene", "s.toml", "-o", "e.csv"], "did you mean 'well'")
+    assert_refused(folder, ["localize", "m.csv", "--scene", "s.toml", "-o", "e.csv"], "did you mean 'well'")
 
 
 @pytest.mark.parametrize("value", ["1e160", "-1e308"])
-def test_places_beyond_all_measure(value: str, folder: Path) -> None:
-    """A place whose square overflows is a fault of its row, in a scene or a field one of its key or line."""
+def test_coordinates_with_overflowing_squares(value: str, folder: Path) -> None:
+    """Coordinates whose square overflows are reported with row, key or line."""
     (folder / "m.csv").write_text(f"{BEARINGS}1,a,{value},0,0.5,0.1\n")
-    told(folder, ["localize", "m.csv", "-o", "e.csv"], "'sensor_x_m'", "within 1e+15")
+    assert_refused(folder, ["localize", "m.csv", "-o", "e.csv"], "'sensor_x_m'", "within 1e+15")
     (folder / "s.toml").write_text(f'[[sensor]]\nname = "a"\nposition = [{value}, 0.0]\n')
-    told(folder, ["localize", "m.csv", "--scene", "s.toml", "-o", "e.csv"], "position", "within 1e+15")
+    assert_refused(folder, ["localize", "m.csv", "--scene", "s.toml", "-o", "e.csv"], "position", "within 1e+15")
     (folder / "p.csv").write_text(f"0,0\n{value},0\n0,5\n")
     ranges = FIXTURES / "good_ranges.csv"
     words = ["localize", ranges, "-m", "mixture-ml", "--field", "polygon:p.csv", "-o", "e.csv"]
-    told(folder, words, "p.csv, line 2", "within 1e+15")
+    assert_refused(folder, words, "p.csv, line 2", "within 1e+15")
 
 
-def test_a_deviation_too_small_to_weigh_by(folder: Path) -> None:
-    """A standard deviation whose inverse square overflows is a fault of its row."""
+def test_too_small_standard_deviations(folder: Path) -> None:
+    """A standard deviation whose inverse square overflows is a bad row."""
     (folder / "m.csv").write_text(f"{BEARINGS}1,a,0,0,0.5,5e-324\n")
-    told(folder, ["localize", "m.csv", "-o", "e.csv"], "'bearing_std_rad'", "larger than 0 (at least 1e-15 rad)")
+    assert_refused(
+        folder, ["localize", "m.csv", "-o", "e.csv"], "'bearing_std_rad'", "larger than 0 (at least 1e-15 rad)"
+    )
 
 
-def test_a_field_with_an_edge_of_no_length(folder: Path) -> None:
-    """A polygon whose edge is as good as level, or as good as a point, overflows nowhere."""
+def test_polygons_with_nearly_degenerate_edges(folder: Path) -> None:
+    """A nearly level or nearly zero edge of a polygon does not overflow."""
     (folder / "p.csv").write_text("-900,-900\n900.5,0\n900.5,1e-320\n900,1e-320\n-900,900\n")
     ranges = FIXTURES / "good_ranges.csv"
     ending = run_guarded(["localize", ranges, "-m", "mixture-ml", "--field", "polygon:p.csv", "-o", "e.csv", "-q"])
@@ -189,60 +191,60 @@ ROW = {"alternative": "0", "truth": "1,1", "id": "7"}
         ({"truth": "x,1"}, ["row 1", "'truth_x_m'"]),
     ],
 )
-def test_estimates_that_are_spoilt(changed: dict[str, str], said: list[str], folder: Path) -> None:
-    """An absent alternative, and a truth beyond all measure or that is no number, are told, not internal errors."""
+def test_corrupted_estimates(changed: dict[str, str], said: list[str], folder: Path) -> None:
+    """Missing alternatives, and truth out of range or not numeric, are reported; these were internal errors."""
     row = {**ROW, **changed}
     line = f"{row['id']},ml,0,{row['alternative']},1,1,1,0,1,3,3,0.5,ok,{row['truth']}\n"
     (folder / "e.csv").write_text(f"{ESTIMATES},truth_x_m,truth_y_m\n{line}")
-    told(folder, ["evaluate", "e.csv"], *said)
+    assert_refused(folder, ["evaluate", "e.csv"], *said)
 
 
-def test_a_map_of_words(folder: Path) -> None:
-    """A column of positions that holds words is told by an exporter; it was an internal error."""
+def test_maps_of_text_positions(folder: Path) -> None:
+    """Text in a column of positions is reported by an exporter; this was an internal error."""
     table = ESTIMATES.replace("cost,", "") + "\n7,ml,0,0,1,1&2,1,0,1,3,3,ok\n"
     (folder / "e.csv").write_text(table)
-    told(folder, ["convert", "e.csv", "-o", "e.geojson", "--param", "metres=true"], "'y_m'", "numbers")
+    assert_refused(folder, ["convert", "e.csv", "-o", "e.geojson", "--param", "metres=true"], "'y_m'", "numbers")
 
 
 @pytest.mark.parametrize("command", ["plot", "evaluate", "convert"])
-def test_estimates_without_end(command: str, folder: Path) -> None:
-    """An infinite position is told by what draws, evaluates or exports it; it was a warning."""
+def test_infinite_estimates(command: str, folder: Path) -> None:
+    """An infinite position is reported by plot, evaluate and exporters; this was a warning."""
     (folder / "e.csv").write_text(f"{ESTIMATES},truth_x_m,truth_y_m\n7,ml,0,0,1e308,1,1,0,1,3,3,0.5,ok,1,1\n")
     output = {"plot": ["-o", "p.svg"], "convert": ["-o", "p.geojson", "--param", "metres=true"]}.get(command, [])
-    told(folder, [command, "e.csv", *output], "'x_m'")
+    assert_refused(folder, [command, "e.csv", *output], "'x_m'")
 
 
-def test_times_that_no_window_reaches(folder: Path) -> None:
-    """Times of a log so far apart that windows can't be counted are told; the importer failed."""
+def test_times_too_far_apart_for_windows(folder: Path) -> None:
+    """Times of a log too far apart to count windows are reported; the importer failed."""
     (folder / "u.csv").write_text("time,anchor,range\n0,a,5\n1e308,a,5\n")
-    told(folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "span too many windows")
+    assert_refused(folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "span too many windows")
 
 
-def test_paths_named_by_no_text(folder: Path) -> None:
-    """A table of traced paths whose names are no UTF-8 is told; the importer failed."""
+def test_path_names_that_are_not_utf8(folder: Path) -> None:
+    """Traced paths with names that are not UTF-8 are reported; the importer failed."""
     numbers = {name: [1.0] for name in ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
     spoilt = pa.StringArray.from_buffers(1, pa.py_buffer(bytes([0, 0, 0, 0, 1, 0, 0, 0])), pa.py_buffer(b"\x80"))
     pa.parquet.write_table(pa.table({"rx": spoilt, "tx": [1], **numbers}), folder / "p.parquet")
-    told(folder, ["convert", "p.parquet", "--from", "sionna", "-o", "o.csv"], "p.parquet, column 'rx'")
+    assert_refused(folder, ["convert", "p.parquet", "--from", "sionna", "-o", "o.csv"], "p.parquet, column 'rx'")
 
 
-def test_an_option_that_no_integer_holds(folder: Path) -> None:
-    """A parameter of thirty digits is a fault of the words; the method failed."""
+def test_integer_parameters_out_of_range(folder: Path) -> None:
+    """A parameter of thirty digits is a usage error; the method failed."""
     words = ["localize", FIXTURES / "good_bearings.csv", "-o", "e.csv", "-q", "--param"]
     ending = run_guarded([*words, "max_iterations=" + "9" * 30])
     assert ending.code == 2
     assert list(complaints(ending, folder, [], [])) == []
 
 
-def test_flags_with_a_truth_that_is_no_boolean(folder: Path) -> None:
-    """A truth of flags that is neither true nor false is a fault of its row; it was an internal error."""
+def test_flags_with_invalid_truth(folder: Path) -> None:
+    """A truth of flags other than true or false is a bad row; this was an internal error."""
     flags = "snapshot,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,truth_los,los,used\n"
     (folder / "f.csv").write_text(f"{flags}1,a,0,0,5,1,true,true,true\n1,b,0,0,5,1,]],true,true\n")
-    told(folder, ["evaluate", "f.csv"], "row 2", "'truth_los'", "']]'")
+    assert_refused(folder, ["evaluate", "f.csv"], "row 2", "'truth_los'", "']]'")
 
 
-def test_a_zip_of_unknown_ways(folder: Path) -> None:
-    """Arrays packed in a way that there is not are told as unreadable; the importer failed."""
+def test_unknown_compression_in_npz(folder: Path) -> None:
+    """Unknown compression in an NPZ file is reported as unreadable; the importer failed."""
     packed = BytesIO()
     with ZipFile(packed, "w") as archive:
         archive.writestr("tau.npy", b"x" * 99)
@@ -250,13 +252,13 @@ def test_a_zip_of_unknown_ways(folder: Path) -> None:
         packed.seek(at)
         packed.write(b"\x63")
     (folder / "h.npz").write_bytes(packed.getvalue())
-    told(folder, ["convert", "h.npz", "--from", "sionna", "-o", "o.csv"], "h.npz", "not a complete NPZ file")
+    assert_refused(folder, ["convert", "h.npz", "--from", "sionna", "-o", "o.csv"], "h.npz", "not a complete NPZ file")
 
 
-def test_a_copy_of_nothing_but_bad_rows(folder: Path) -> None:
-    """Converting a file in which no row can be read tells them all; it was an internal error."""
+def test_converting_only_bad_rows(folder: Path) -> None:
+    """Converting a file without a good row reports all rows; this was an internal error."""
     (folder / "m.csv").write_bytes(BEARINGS.encode() + b"1,\xff\xfe,0,0,0.5,0.1\n1,\xff\xff,0,0,0.5,0.1\n")
-    told(folder, ["convert", "m.csv", "-o", "c.csv"], "row 1", "row 2", "2 bad rows in all")
+    assert_refused(folder, ["convert", "m.csv", "-o", "c.csv"], "row 1", "row 2", "2 bad rows in all")
 
 
 def _parts(folder: Path) -> dict[str, bytes]:
@@ -268,8 +270,8 @@ def _parts(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (folder / "out").iterdir()}
 
 
-def test_a_record_that_was_changed_is_not_believed(folder: Path) -> None:
-    """Counts of a part that were changed in the manifest are counted again; ``--resume`` took them over."""
+def test_changed_records_are_not_trusted(folder: Path) -> None:
+    """Counts changed in a manifest are counted again; ``--resume`` used them."""
     whole = _parts(folder)
     manifest = folder / "out" / "_manifest.json"
     tree = json.loads(manifest.read_text())
@@ -281,14 +283,14 @@ def test_a_record_that_was_changed_is_not_believed(folder: Path) -> None:
 
 @pytest.fixture
 def samples(folder: Path) -> Iterator[Path]:
-    """Run a small experiment; return the file of its samples."""
-    with without_pictures():
+    """Run a small experiment and return its file of samples."""
+    with without_figures():
         assert run_guarded(CACHED).code == 0
         yield folder / "out" / "shen-table3.samples.parquet"
 
 
-def test_samples_that_were_changed_are_not_believed(samples: Path, folder: Path) -> None:
-    """A sample that is not what was drawn is told, and drawn again with ``--overwrite``; it went into the figure."""
+def test_changed_samples_are_refused(samples: Path, folder: Path) -> None:
+    """Changed samples are reported, and drawn again with ``--overwrite``; they were used."""
     figure = (folder / "out" / "shen-table3.parquet").read_bytes()
     whole = samples.read_bytes()
     table = pa.parquet.read_table(samples)
@@ -298,15 +300,15 @@ def test_samples_that_were_changed_are_not_believed(samples: Path, folder: Path)
     column = pa.array(values, table.schema.field(place).type)
     changed = table.set_column(place, table.schema.field(place), column)
     pa.parquet.write_table(changed.replace_schema_metadata(table.schema.metadata), samples)
-    told(folder, list(CACHED[:-2]), "shen-table3.samples.parquet", "damaged", "--overwrite")
+    assert_refused(folder, list(CACHED[:-2]), "shen-table3.samples.parquet", "damaged", "--overwrite")
     assert run_guarded([*CACHED, "--overwrite"]).code == 0
     assert samples.read_bytes() == whole
     assert (folder / "out" / "shen-table3.parquet").read_bytes() == figure
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_while_the_words_are_parsed(number: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The exit code tells which signal it was however early it came; the parser made 130 of all."""
+def test_signals_while_arguments_are_parsed(number: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exit code names the signal even while arguments are parsed; it was 130 for all."""
     parse = SettingsCommand.parse_args
 
     def parse_late(*arguments: Any) -> Any:

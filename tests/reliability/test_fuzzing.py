@@ -1,4 +1,4 @@
-"""Files spoilt at random, and tables of anything: exit 0 with what is in the file, or one clear line."""
+"""Randomly corrupted files and random tables: exit 0 with the content of the file, or one clear line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORMATS = ("parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl", "jsonl.gz")
 
 
 def emptied(folder: Path) -> Path:
-    """Empty a folder."""
+    """Remove the content of a folder."""
     for path in folder.iterdir():
         if path.is_dir():
             shutil.rmtree(path)
@@ -33,16 +33,16 @@ def emptied(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_spoilt_files(target: str, folder: Path) -> None:
-    """A seeded sample of the fuzzer's inputs is met as promised."""
+def test_corrupted_files(target: str, folder: Path) -> None:
+    """A seeded sample of the fuzzer's inputs has no complaint."""
     assert {file.target for file in seed_files()} == set(TARGETS)
     for number in range({"manifest": 15, "cache": 4}.get(target, 50)):
         _, wrong = check_case(case_of(77, number, [target]), emptied(folder))
         assert wrong == [], f"python tests/reliability/fuzz_files.py --seed 77 --targets {target} --again {number}"
 
 
-def test_the_fuzzer_finds_what_is_wrong(folder: Path) -> None:
-    """A run that writes a wrong number, or half a file, or two lines, would be found."""
+def test_the_fuzzer_detects_faults(folder: Path) -> None:
+    """A run that writes a wrong number, a partial file or two lines is detected."""
     rows = [{"a": 1.0, "b": "x"}, {"a": None, "b": None}]
     assert list(differences(rows, pa.table({"a": [1.0, None], "b": ["x", None]}), {"a", "b"})) == []
     assert list(differences(rows, pa.table({"a": [1.5, None], "b": ["x", None]}), {"a", "b"})) != []
@@ -91,7 +91,7 @@ TYPED_KINDS = (
 
 @st.composite
 def tables(draw: Any, kinds: Any = PLAIN_KINDS) -> Any:
-    """Draw a table: a good one with a few columns replaced, added, left out, rows shuffled, in chunks of any size."""
+    """Draw a table: a valid one with columns replaced, added or removed, rows shuffled, in chunks of any size."""
     table = table_of(draw(st.sampled_from(["bearings", "ranges", "triplets", "echoes"])))
     table = table.take(draw(st.lists(st.integers(0, table.num_rows - 1), min_size=1, max_size=12)))
     for _ in range(draw(st.integers(0, 3))):
@@ -109,7 +109,7 @@ def tables(draw: Any, kinds: Any = PLAIN_KINDS) -> Any:
 
 @st.composite
 def files(draw: Any) -> Any:
-    """Draw the extension of a file, a table that such a file can hold, and the rows of its chunks."""
+    """Draw an extension, a table for such a file, and the rows of its chunks."""
     extension = draw(st.sampled_from(FORMATS))
     typed = extension in ("parquet", "arrow", "arrows")
     return extension, draw(tables(TYPED_KINDS if typed else PLAIN_KINDS)), draw(st.integers(1, 13))
@@ -135,8 +135,8 @@ def save(table: Any, path: Path, rows: int) -> None:
 @pytest.mark.parametrize(
     "command", ["localize", "detect-ip", "identify-los", "bound", "evaluate", "validate", "convert"]
 )
-def test_tables_of_anything(command: str, folder: Path) -> None:
-    """Any mix of columns, types, nulls, orders and extreme values, in any format, to any command."""
+def test_random_tables(command: str, folder: Path) -> None:
+    """Any mix of columns, types, nulls, orders and extreme values, in any format, for any command."""
 
     @settings(max_examples=25, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
     @given(file=files(), aside=st.booleans())

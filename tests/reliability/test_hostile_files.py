@@ -1,4 +1,4 @@
-"""Files made to do harm: each ends in one clear line, soon, in little memory; nothing of them is executed or obeyed."""
+"""Hostile files: each gives one clear line, soon, in little memory; nothing in them is executed."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ ROW = b"1,a,0.0,0.0,0.5,0.01\n"
 GOOD = FIXTURES / "good_bearings.csv"
 
 
-def refused(folder: Path, words: list[Any], told: str, *, code: int = 1) -> Ending:
-    """Run, hold the end to the law, and find ``told`` in the line."""
+def assert_refused(folder: Path, words: list[Any], told: str, *, code: int = 1) -> Ending:
+    """Check that a run ends as the rules demand, with a line that contains ``told``."""
     before = [path.name for path in folder.iterdir()]
     ending = run_guarded([*words, "-q"], seconds=60)
     assert list(complaints(ending, folder, [], before)) == []
@@ -39,7 +39,7 @@ def refused(folder: Path, words: list[Any], told: str, *, code: int = 1) -> Endi
 
 
 def gzip_bomb(path: Path, head: bytes, filler: bytes, mebibytes: int) -> None:
-    """Write a gzipped file that unpacks to ``mebibytes`` of a filler after its head."""
+    """Write a gzipped file that expands to ``mebibytes`` of a filler after its head."""
     packer = zlib.compressobj(9, wbits=31)
     with path.open("wb") as file:
         file.write(packer.compress(head))
@@ -50,36 +50,38 @@ def gzip_bomb(path: Path, head: bytes, filler: bytes, mebibytes: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["m.csv.gz", "m.jsonl.gz"])
-def test_a_line_without_end_in_a_zip(name: str, folder: Path) -> None:
-    """A gzip of zeros is refused at its first line: a line has a limit."""
+def test_gzip_of_an_endless_line(name: str, folder: Path) -> None:
+    """A gzip of zeros is refused at its first line by the limit on lines."""
     gzip_bomb(folder / name, HEADER if "csv" in name else b"{", b"0", 64)
-    refused(folder, ["localize", name, "-o", "e.csv"], "longer than 4194304 bytes")
+    assert_refused(folder, ["localize", name, "-o", "e.csv"], "longer than 4194304 bytes")
 
 
 @pytest.mark.parametrize("limit", [None, "2000"])
-def test_a_zip_bomb_of_good_rows(limit: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A gzip that unpacks to hundreds of times its size is refused by name, however good its rows are."""
+def test_gzip_bombs_of_valid_rows(limit: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gzip that expands hundreds of times is refused, even if its rows are valid."""
     monkeypatch.setenv("NLOSCTL_MAX_UNCHECKED_EXPANSION_MB", "4")
     gzip_bomb(folder / "m.csv.gz", HEADER, ROW, 16)
     if limit is None:
-        refused(folder, ["validate", "m.csv.gz"], "expands to more than 250 times its compressed size")
+        assert_refused(folder, ["validate", "m.csv.gz"], "expands to more than 250 times its compressed size")
         return
     monkeypatch.setenv("NLOSCTL_MAX_EXPANSION", limit)
-    refused(folder, ["localize", "m.csv.gz", "-o", "e.csv", "--max-snapshot-rows", 1000], "more than 1000 rows")
+    assert_refused(folder, ["localize", "m.csv.gz", "-o", "e.csv", "--max-snapshot-rows", 1000], "more than 1000 rows")
 
 
-def test_a_parquet_bomb(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parquet pages that unpack to hundreds of times their size are refused before they are unpacked."""
+def test_parquet_bombs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parquet pages that expand hundreds of times are refused before they are decompressed."""
     monkeypatch.setenv("NLOSCTL_MAX_UNCHECKED_EXPANSION_MB", "1")
     rows = 1_000_000
     table = pa.table({name: np.zeros(rows) for name in HEADER.decode().strip().split(",")})
     pa.parquet.write_table(table, folder / "m.parquet", compression="zstd", use_dictionary=False)
     assert (folder / "m.parquet").stat().st_size < 100_000
-    refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "expands to more than 250 times its compressed size")
+    assert_refused(
+        folder, ["localize", "m.parquet", "-o", "e.csv"], "expands to more than 250 times its compressed size"
+    )
 
 
 def constant_parquet(path: Path, rows: int) -> None:
-    """Write a small Parquet file of one snapshot of many equal rows."""
+    """Write a small Parquet file of one snapshot with many equal rows."""
     count = 1_000_000
     numbers = {name: pa.array(np.zeros(count)) for name in ("sensor_x_m", "sensor_y_m", "bearing_rad")}
     columns = {"snapshot": pa.array(np.ones(count, dtype=np.int64)), "sensor": pa.array(["a"] * count), **numbers}
@@ -90,14 +92,14 @@ def constant_parquet(path: Path, rows: int) -> None:
 
 
 def test_a_snapshot_of_ten_million_rows(folder: Path) -> None:
-    """A snapshot without end is refused at the limit of its rows, whatever the file claims to hold."""
+    """A huge snapshot is refused at the limit of rows, whatever the file's metadata state."""
     constant_parquet(folder / "m.parquet", 10_000_000)
-    refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "a snapshot has more than 1000000 rows")
-    refused(folder, ["validate", "m.parquet", "--max-snapshot-rows", 5], "raise --max-snapshot-rows")
+    assert_refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "a snapshot has more than 1000000 rows")
+    assert_refused(folder, ["validate", "m.parquet", "--max-snapshot-rows", 5], "raise --max-snapshot-rows")
 
 
-def test_buffers_that_claim_more_than_there_is(folder: Path) -> None:
-    """An Arrow file whose packed buffer claims to hold a billion gigabytes is refused, not believed."""
+def test_arrow_buffers_with_false_sizes(folder: Path) -> None:
+    """An Arrow file with a buffer that claims a billion gigabytes is refused."""
     table = pa.table({name: np.arange(500.0) for name in HEADER.decode().strip().split(",")})
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, table.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
@@ -106,13 +108,13 @@ def test_buffers_that_claim_more_than_there_is(folder: Path) -> None:
     claimed = (4000).to_bytes(8, "little")
     assert content.count(claimed) >= 5
     (folder / "m.arrow").write_bytes(content.replace(claimed, (1 << 59).to_bytes(8, "little")))
-    refused(folder, ["localize", "m.arrow", "-o", "e.csv"], "m.arrow")
+    assert_refused(folder, ["localize", "m.arrow", "-o", "e.csv"], "m.arrow")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("whose", ["ours", "the system's"])
-def test_memory_has_a_limit_that_is_told(whose: str, folder: Path) -> None:
-    """What asks for more than NLOSCTL_MAX_MEMORY_MB, or than the system gives, is refused in a line that names it."""
+def test_memory_limits_are_reported(whose: str, folder: Path) -> None:
+    """Exceeding NLOSCTL_MAX_MEMORY_MB or the system's limit is one line that names it."""
     numbers = {name: np.zeros(20_000_000) for name in ("sensor_x_m", "sensor_y_m", "bearing_rad", "bearing_std_rad")}
     table = pa.table({"snapshot": np.arange(20_000_000), "sensor": np.arange(20_000_000), **numbers})
     options = pa.ipc.IpcWriteOptions(compression="zstd")
@@ -169,37 +171,37 @@ DEEP = {
 
 @pytest.mark.parametrize("text", DEEP.values(), ids=DEEP.keys())
 @pytest.mark.parametrize("option", ["--scene", "--config"])
-def test_toml_that_is_deep_or_gigantic(option: str, text: str, folder: Path) -> None:
-    """TOML nested or long beyond reason is refused soon, in a line that names the file."""
+def test_deep_or_huge_toml(option: str, text: str, folder: Path) -> None:
+    """Deeply nested or huge TOML is refused soon, in a line that names the file."""
     (folder / "h.toml").write_text(text)
-    refused(folder, ["localize", GOOD, option, "h.toml", "-o", "e.csv"], "h.toml")
+    assert_refused(folder, ["localize", GOOD, option, "h.toml", "-o", "e.csv"], "h.toml")
 
 
-def test_a_scene_in_the_metadata_is_held_to_the_same(folder: Path) -> None:
-    """A hostile scene that a table carries is refused as one in a file is."""
+def test_hostile_scenes_in_metadata(folder: Path) -> None:
+    """A hostile scene in a table's metadata is refused like one in a file."""
     for text in ("x = " + "[" * 100_000, "\udcff"):
         table = pa.parquet.read_table(FIXTURES / "good_bearings.parquet")
         scene = text.encode("utf-8", "surrogateescape")
         pa.parquet.write_table(table.replace_schema_metadata({"nlosctl.scene": scene}), folder / "m.parquet")
-        refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "the scene in the table's metadata")
+        assert_refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "the scene in the table's metadata")
 
 
 @pytest.mark.parametrize(
     "line", [b"[" * 200_000, b'{"a":' * 200_000, b'{"snapshot": ' + b"9" * 100_000 + b"}", b'{"a": 1' * 3]
 )
-def test_json_that_is_deep(line: bytes, folder: Path) -> None:
-    """JSON nested beyond reason is a fault of its line."""
+def test_deep_json(line: bytes, folder: Path) -> None:
+    """Deeply nested JSON is a bad line."""
     (folder / "m.jsonl").write_bytes(line + b"\n")
-    refused(folder, ["localize", "m.jsonl", "-o", "e.csv"], "m.jsonl")
+    assert_refused(folder, ["localize", "m.jsonl", "-o", "e.csv"], "m.jsonl")
 
 
-def test_a_table_of_very_many_columns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A header of a hundred thousand columns is refused soon; the limit has a parameter."""
+def test_tables_of_very_many_columns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A header of a hundred thousand columns is refused soon; the limit has a variable."""
     names = ",".join(f"c{place}" for place in range(100_000))
     (folder / "m.csv").write_text(f"{HEADER.decode().strip()},{names}\n")
-    refused(folder, ["localize", "m.csv", "-o", "e.csv"], "has 100006 columns, expected at most 10000")
+    assert_refused(folder, ["localize", "m.csv", "-o", "e.csv"], "has 100006 columns, expected at most 10000")
     monkeypatch.setenv("NLOSCTL_MAX_COLUMNS", "200000")
-    refused(folder, ["localize", "m.csv", "-o", "e.csv"], "no rows")
+    assert_refused(folder, ["localize", "m.csv", "-o", "e.csv"], "no rows")
 
 
 CONTROLS = ["\x1b[31mred", "\x07", "a\nb", "a\r\nb", "\u202egnp.exe", "\u2028", "\x00", "\x7f", "\x9b2J"]
@@ -208,13 +210,13 @@ CONTROLS = ["\x1b[31mred", "\x07", "a\nb", "a\r\nb", "\u202egnp.exe", "\u2028", 
 @pytest.mark.parametrize("name", CONTROLS, ids=ascii)
 @pytest.mark.parametrize("extension", ["parquet", "jsonl"])
 def test_names_with_control_characters(extension: str, name: str, folder: Path) -> None:
-    """A column, a sensor or a snapshot of any name reaches a terminal in printable characters alone."""
+    """Names of columns, sensors and snapshots reach the terminal as printable characters only."""
     table = pa.table({"snapshot": [name] * 3, "sensor": [name] * 3, name: [1, 2, 3], "bearing_rad": [1.0, 9.0, None]})
     if extension == "parquet":
         pa.parquet.write_table(table, folder / "m.parquet")
     else:
         (folder / "m.jsonl").write_text("".join(json.dumps(row) + "\n" for row in table.to_pylist()))
-    refused(folder, ["localize", f"m.{extension}", "-o", "e.csv"], "sensor_x_m")
+    assert_refused(folder, ["localize", f"m.{extension}", "-o", "e.csv"], "sensor_x_m")
     told = run_guarded(["localize", f"m.{extension}", "--column", f"sensor_x_m={name}", "-q"])
     assert told.code in (1, 2)
     assert all(character.isprintable() or character == "\n" for character in told.err)
@@ -222,7 +224,7 @@ def test_names_with_control_characters(extension: str, name: str, folder: Path) 
 
 @pytest.mark.parametrize("name", ["\x1b[31m.csv", "a\nb.csv", "\u202e.csv"], ids=ascii)
 def test_files_with_control_characters_in_their_names(name: str, folder: Path) -> None:
-    """A file in a folder may be called anything: its name is told in one printable line."""
+    """Any file name is printed in one printable line."""
     (folder / "in").mkdir()
     (folder / "in" / name).write_bytes(HEADER + ROW.replace(b"0.5", b"x"))
     before = [path.name for path in folder.iterdir()]
@@ -286,14 +288,14 @@ METHOD = """METHOD = MethodSpec(name="hostile", kind="bearings", job="localize",
 
 
 @pytest.mark.parametrize(("fault", "told"), PLUGINS.values(), ids=PLUGINS.keys())
-def test_plugins_that_do_harm(fault: str, told: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plugin that raises, exits, or answers nonsense is told by its name and fault; nothing of it is written."""
+def test_faulty_plugins(fault: str, told: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plugin that raises, exits or returns nonsense is reported by name and fault; no output is written."""
     (folder / "hostile.py").write_text(FRAME.format(fault=fault, method=METHOD if "solve" in fault else ""))
     install_plugin(folder, monkeypatch, "bearings.hostile", "hostile:METHOD")
     monkeypatch.delitem(sys.modules, "hostile", raising=False)
     words = ["localize", GOOD, "-m", "hostile", "-o", "e.csv", "--flags-out", "f.csv"]
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    ending = refused(folder, words, told)
+    ending = assert_refused(folder, words, told)
     assert "hostile" in ending.err
     monkeypatch.delitem(sys.modules, "hostile", raising=False)
 
@@ -309,8 +311,8 @@ FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__", "system", "popen", "
 
 
 @pytest.mark.parametrize("tree", package_trees())
-def test_nothing_of_a_file_is_executed(tree: ast.Module) -> None:
-    """The package has no pickle, no eval, no shell, and no XML parser that believes in entities."""
+def test_the_package_executes_no_data(tree: ast.Module) -> None:
+    """The package uses no pickle, eval or shell, and no XML parser that expands entities."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             assert {alias.name.partition(".")[0] for alias in node.names} & FORBIDDEN_MODULES == set()
@@ -325,8 +327,8 @@ def test_nothing_of_a_file_is_executed(tree: ast.Module) -> None:
             assert allowed.get("allow_pickle", "False") == allowed.get("shell", "False") == "False"
 
 
-def test_a_part_that_leads_out_of_its_folder(folder: Path) -> None:
-    """What a manifest or a plan says of places outside of its folder is neither read, replaced nor removed."""
+def test_manifests_with_paths_outside_the_folder(folder: Path) -> None:
+    """Paths outside the folder in a manifest or plan are neither read, replaced nor removed."""
     (folder / "in").mkdir()
     (folder / "precious").write_text("precious")
     text = GOOD.read_text().splitlines(keepends=True)
@@ -353,8 +355,8 @@ def test_a_part_that_leads_out_of_its_folder(folder: Path) -> None:
 )  # fmt: skip
 @pytest.mark.parametrize("place", ["_manifest.json", "_unfinished/plan.json", "_unfinished/000000.json"])
 @pytest.mark.parametrize("option", ["--resume", "--overwrite", None])
-def test_a_manifest_that_is_nonsense(place: str, text: str, option: str | None, folder: Path) -> None:
-    """Whatever stands in a manifest, a plan or a record, a run over it ends well or in one clear line."""
+def test_corrupted_manifests(place: str, text: str, option: str | None, folder: Path) -> None:
+    """With any corrupted manifest, plan or record a run succeeds or gives one clear line."""
     (folder / "in").mkdir()
     (folder / "in" / "a.csv").write_text("".join(GOOD.read_text().splitlines(keepends=True)[:13]))
     (folder / "out" / "_unfinished").mkdir(parents=True)
@@ -371,7 +373,7 @@ def test_a_manifest_that_is_nonsense(place: str, text: str, option: str | None, 
     ids=["a billion laughs", "a file", "a document type from elsewhere"],
 )  # fmt: skip
 def test_xml_with_entities(declaration: str, folder: Path) -> None:
-    """An importer of XML refuses declared entities and foreign document types."""
+    """XML importers refuse declared entities and document types."""
     (folder / "h.xml").write_text(f"<?xml version='1.0'?>{declaration}<DATA><TIME>&a;&b;</TIME></DATA>")
     for ending in (
         run_guarded(["convert", "h.xml", "-o", "o.csv", "--from", "kraken-xml", "-q"]),
@@ -382,7 +384,7 @@ def test_xml_with_entities(declaration: str, folder: Path) -> None:
         assert "root:" not in ending.err
 
 
-def test_a_gzip_within_a_gzip_is_no_table(folder: Path) -> None:
-    """A file packed twice is told as no text."""
+def test_gzip_within_gzip_is_refused(folder: Path) -> None:
+    """A file compressed twice is reported as not text."""
     (folder / "m.csv.gz").write_bytes(gzip.compress(gzip.compress(HEADER + ROW)))
-    refused(folder, ["localize", "m.csv.gz", "-o", "e.csv"], "m.csv.gz")
+    assert_refused(folder, ["localize", "m.csv.gz", "-o", "e.csv"], "m.csv.gz")

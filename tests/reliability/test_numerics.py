@@ -1,4 +1,4 @@
-"""Any geometry, of any size, anywhere: the status is right, the covariance true or null, and the frame is no matter."""
+"""Any geometry at any size and position: correct status, calibrated or null covariance, no dependence on the frame."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def solved(entry: registry.MethodEntry, batch: Any, *, factor: float = 1.0) -> A
         return spec.solve(copy_batch(batch, writeable=False), options)
 
 
-def keeps_the_contract(
+def assert_keeps_the_contract(
     entry: registry.MethodEntry,
     seed: int,
     span: float,
@@ -43,7 +43,7 @@ def keeps_the_contract(
     fault: str | None,
     near: float,
 ) -> None:
-    """Draw, degenerate to a degree, move away, solve, and hold the answer to the contract."""
+    """Draw, make nearly degenerate, move, solve, and check the solution against the contract."""
     spec = registry.load(entry)
     draw: dict[str, Any] = {"size_m": 10.0**span, "offset_m": 10.0**offset}
     trial, motion = drawn(spec, seed=seed, snapshots=4, measurements=measurements, fault=fault, **draw)
@@ -56,8 +56,8 @@ def keeps_the_contract(
     assert fault_of(solution, (4, measurements)) == ""
 
 
-def any_geometry(entry: registry.MethodEntry, examples: int) -> None:
-    """Try a method on geometry of any kind."""
+def assert_any_geometry_keeps_the_contract(entry: registry.MethodEntry, examples: int) -> None:
+    """Try a method on random geometry of any kind."""
     spec = registry.load(entry)
     faults = st.sampled_from([None, *DRAWS[spec.kind, spec.job].faults])
     counts = st.one_of(st.integers(max(2, spec.minimum_measurements), 12), st.sampled_from([30, 100]))
@@ -68,32 +68,34 @@ def any_geometry(entry: registry.MethodEntry, examples: int) -> None:
     )
     @given(seed=SEEDS, span=SPANS, offset=OFFSETS, measurements=counts, fault=faults, near=nearness)
     def hold(seed: int, span: float, offset: float, measurements: int, fault: str | None, near: float) -> None:
-        keeps_the_contract(entry, seed, span, offset, measurements, fault, near)
+        assert_keeps_the_contract(entry, seed, span, offset, measurements, fault, near)
 
     hold()
 
 
 @METHODS
 def test_any_geometry_keeps_the_contract(entry: registry.MethodEntry) -> None:
-    """1 mm to 10,000 km, up to 1e8 m away, 2 to 100 rows, nearly degenerate: numbers just where the status says so."""
-    any_geometry(entry, 12)
+    """1 mm to 10,000 km, up to 1e8 m away, 2 to 100 rows, nearly degenerate: values agree with the status."""
+    assert_any_geometry_keeps_the_contract(entry, 12)
 
 
 @pytest.mark.slow
 @METHODS
 def test_a_thousand_geometries_keep_the_contract(entry: registry.MethodEntry) -> None:
     """The same for a thousand draws of each method."""
-    any_geometry(entry, 1000)
+    assert_any_geometry_keeps_the_contract(entry, 1000)
 
 
-def test_echoes_of_sensors_that_coincide_but_for_rounding() -> None:
-    """A hundred echoes of sensors 1e-16 of their spread apart: found by the long form, as a number times infinity."""
+def test_echoes_of_nearly_coincident_sensors() -> None:
+    """A hundred echoes of sensors 1e-16 of their spread apart, which gave zero times infinity."""
     entry = next(entry for entry in BUILT_IN if entry.full_name == "ranges.assignment")
-    keeps_the_contract(entry, 121947022, 0.0, 0.0, 100, "one place", -16.0)
+    assert_keeps_the_contract(entry, 121947022, 0.0, 0.0, 100, "one place", -16.0)
 
 
-def keeps_its_frame(entry: registry.MethodEntry, seed: int, span: float, offset: float, measurements: int) -> None:
-    """Solve a scene of size 1 m, and the same grown, turned and moved; hold the one answer to the other."""
+def assert_keeps_its_frame(
+    entry: registry.MethodEntry, seed: int, span: float, offset: float, measurements: int
+) -> None:
+    """Solve a scene of 1 m, and the same scaled, rotated and moved, and compare the estimates."""
     spec = registry.load(entry)
     size_m, offset_m = 10.0**span, min(10.0 ** (span + offset), 1e8)
     trial, motion = drawn(
@@ -110,8 +112,8 @@ def keeps_its_frame(entry: registry.MethodEntry, seed: int, span: float, offset:
     assert worst == off.size or off[worst] <= allowed[worst], (off[worst], allowed[worst])
 
 
-def frame_and_scale(entry: registry.MethodEntry, examples: int) -> None:
-    """Try whether a method's answer moves, turns and grows with the scene."""
+def assert_any_frame_is_kept(entry: registry.MethodEntry, examples: int) -> None:
+    """Try whether estimates of a method move, rotate and scale with the scene."""
     counts = st.integers(max(6, registry.load(entry).minimum_measurements + 2), 12)
 
     @settings(
@@ -119,7 +121,7 @@ def frame_and_scale(entry: registry.MethodEntry, examples: int) -> None:
     )
     @given(seed=SEEDS, span=SPANS, offset=st.floats(-1.0, 4.0), measurements=counts)
     def hold(seed: int, span: float, offset: float, measurements: int) -> None:
-        keeps_its_frame(entry, seed, span, offset, measurements)
+        assert_keeps_its_frame(entry, seed, span, offset, measurements)
 
     hold()
 
@@ -133,23 +135,23 @@ def test_the_frame_and_the_unit_are_no_matter(entry: registry.MethodEntry) -> No
 
     Beside that the stop of an iteration may leave a ten-millionth of the fix's own standard deviation.
     """
-    frame_and_scale(entry, 8)
+    assert_any_frame_is_kept(entry, 8)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", FRAMED, ids=lambda entry: entry.full_name)
-def test_many_frames_and_units_are_no_matter(entry: registry.MethodEntry) -> None:
+def test_many_frames_and_units(entry: registry.MethodEntry) -> None:
     """The same for 300 draws of each method."""
-    frame_and_scale(entry, 300)
+    assert_any_frame_is_kept(entry, 300)
 
 
 def test_a_path_that_proposes_a_station_as_the_target() -> None:
-    """The best fit of an indirect path is 1e-17 m from a station: its peak's volume was 1/0, and nothing answered."""
-    keeps_its_frame(next(entry for entry in BUILT_IN if entry.full_name == "triplets.joint"), 60760, 0.0, 0.0, 6)
+    """The best fit of an indirect path is 1e-17 m from a station, where the volume of its peak was 1/0."""
+    assert_keeps_its_frame(next(entry for entry in BUILT_IN if entry.full_name == "triplets.joint"), 60760, 0.0, 0.0, 6)
 
 
 def ring_of_bearings(generator: np.random.Generator, snapshots: int, size_m: float, offset_m: float) -> tuple[Any, Any]:
-    """Return bearings of 8 sensors around sources, true to 0.3 degree, and the sources (B, 2)."""
+    """Return bearings of 8 sensors around sources, with errors of 0.3 degree, and the sources (B, 2)."""
     shape = (snapshots, 8)
     angle = generator.uniform(-np.pi, np.pi, shape)
     sensor_xy = size_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + offset_m
@@ -169,8 +171,8 @@ def ring_of_bearings(generator: np.random.Generator, snapshots: int, size_m: flo
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e4, 1e7])
 @pytest.mark.parametrize("offset_m", [0.0, 1e6, 1e8])
 @pytest.mark.parametrize("method", ["ls", "stansfield", "ml"])
-def test_the_covariance_is_the_size_of_the_error(method: str, size_m: float, offset_m: float) -> None:
-    """At any size and any place, as far as a float tells places apart there, the mean NEES is 2."""
+def test_covariances_are_calibrated_at_any_size(method: str, size_m: float, offset_m: float) -> None:
+    """The mean NEES is 2 at any size and position that float64 can resolve."""
     if offset_m > 1e10 * size_m:
         pytest.skip("a float64 does not tell places of such a scene apart so far from the origin")
     entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
@@ -194,8 +196,8 @@ def test_the_covariance_is_the_size_of_the_error(method: str, size_m: float, off
     ],
 )
 @pytest.mark.parametrize("method", ["ls", "stansfield", "ml"])
-def test_degenerate_bearings_have_no_answer(method: str, fault: str, words: set[str], size_m: float) -> None:
-    """Parallel lines, sensors in one place and crossings behind are told as such, at any size and place."""
+def test_degenerate_bearings_have_no_fix(method: str, fault: str, words: set[str], size_m: float) -> None:
+    """Parallel lines, coincident sensors and crossings behind have their status at any size and position."""
     entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     spec = registry.load(entry)
     for seed in range(20):
@@ -207,7 +209,7 @@ def test_degenerate_bearings_have_no_answer(method: str, fault: str, words: set[
 
 
 def on_a_sensor(method: str, size_m: float, measurements: int = 6) -> Any:
-    """Yield estimates of sources that are exactly on their first sensor, and those places (B, 2)."""
+    """Yield estimates of sources exactly on their first sensor, and those positions (B, 2)."""
     entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     spec = registry.load(entry)
     for seed in range(20):
@@ -232,8 +234,8 @@ NO_ANSWER = {"degenerate", "not_converged", "behind"}
     ("method", "words"),
     [("ls", {"degenerate"}), ("stansfield", {"degenerate"}), ("ml", NO_ANSWER), ("sequential", NO_ANSWER)],
 )
-def test_a_fix_on_a_sensor_that_it_uses_is_no_answer(method: str, words: set[str], size_m: float) -> None:
-    """The bearing of a sensor at the source says nothing: a method that must use it has no answer, and no numbers."""
+def test_sources_on_a_sensor_have_no_fix(method: str, words: set[str], size_m: float) -> None:
+    """A method that must use the bearing of a sensor at the source has no fix and no numbers."""
     for estimates, _ in on_a_sensor(method, size_m):
         assert {Status(int(word)).word for word in estimates.status} <= words
         assert np.isnan(estimates.position_m).all()
@@ -242,8 +244,8 @@ def test_a_fix_on_a_sensor_that_it_uses_is_no_answer(method: str, words: set[str
 
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
 @pytest.mark.parametrize("measurements", [2, 6, 12])
-def test_ml_says_why_there_is_no_fix_on_a_sensor(measurements: int, size_m: float) -> None:
-    """A likelihood that rises up to a sensor is degenerate, not a search that has not settled."""
+def test_ml_is_degenerate_on_a_sensor(measurements: int, size_m: float) -> None:
+    """A likelihood that rises up to a sensor is degenerate, not not_converged."""
     words = [
         Status(int(word)).word for estimates, _ in on_a_sensor("ml", size_m, measurements) for word in estimates.status
     ]
@@ -253,8 +255,8 @@ def test_ml_says_why_there_is_no_fix_on_a_sensor(measurements: int, size_m: floa
 
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
 @pytest.mark.parametrize(("method", "share"), [("mixture-ml", 0.9), ("suppress", 0.1)])
-def test_a_method_that_leaves_rows_out_answers_by_the_others(method: str, share: float, size_m: float) -> None:
-    """Where the row of the sensor at the source is left out the others fix it, exactly, as their bearings are."""
+def test_robust_methods_reject_the_row_at_the_source(method: str, share: float, size_m: float) -> None:
+    """If the row of the sensor at the source is rejected, the others give an exact fix."""
     answered = 0
     for estimates, source_xy in on_a_sensor(method, size_m):
         ok = estimates.status == Status.OK

@@ -1,4 +1,4 @@
-"""Odd names and odd settings of the system: one clear line, or the right result."""
+"""Unusual file names and system settings: one clear line, or the correct result."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from guarded_run import complaints, run_guarded, told_complaints
+from guarded_run import complaints, message_complaints, run_guarded
 from writing_jobs import FIXTURES
 
 PROGRAM = Path(sys.executable).with_name("nlosctl")
@@ -17,7 +17,7 @@ GOOD = FIXTURES / "good_bearings.parquet"
 
 
 def run_with(folder: Path, words: list[str], **variables: str) -> subprocess.CompletedProcess[bytes]:
-    """Run the program in a process of its own, its environment changed."""
+    """Run the program in a process of its own with changed environment variables."""
     environment = {**os.environ, **variables}
     line = [str(PROGRAM), *words]
     return subprocess.run(line, capture_output=True, cwd=folder, env=environment, check=False, timeout=120)
@@ -25,8 +25,8 @@ def run_with(folder: Path, words: list[str], **variables: str) -> subprocess.Com
 
 @pytest.mark.parametrize("option", ["input", "-o", "--flags-out", "--bad-rows", "--report", "--scene", "--config"])
 @pytest.mark.parametrize("name", ["", "a\0b.csv"])
-def test_what_can_be_no_name(name: str, option: str, folder: Path) -> None:
-    """No name, and one with a zero byte, as a setting may hold: one line, wherever it stands."""
+def test_invalid_file_names(name: str, option: str, folder: Path) -> None:
+    """An empty name, and one with a zero byte from a setting, give one line in any position."""
     words = ["localize", GOOD, "-q", option, name] if option != "input" else ["localize", name, "-q"]
     ending = run_guarded(words)
     assert list(complaints(ending, folder, [], [])) == []
@@ -35,7 +35,7 @@ def test_what_can_be_no_name(name: str, option: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("option", ["input", "-o", "--flags-out", "--bad-rows", "--report"])
 def test_symbolic_links_in_a_circle(option: str, folder: Path) -> None:
-    """A symbolic link to itself is a file that can't be written, or that is not there."""
+    """A symbolic link to itself can't be written, or does not exist."""
     (folder / "loop.csv").symlink_to("loop.csv")
     words = ["localize", GOOD, "-q", option, "loop.csv"] if option != "input" else ["localize", "loop.csv", "-q"]
     ending = run_guarded([*words, "--overwrite"])
@@ -45,8 +45,8 @@ def test_symbolic_links_in_a_circle(option: str, folder: Path) -> None:
 
 @pytest.mark.parametrize("extension", ["parquet", "csv", "arrow", "jsonl"])
 @pytest.mark.parametrize("way", ["file", "folder", "pattern", "importer"])
-def test_an_input_whose_name_is_not_utf8(extension: str, way: str, folder: Path) -> None:
-    """Results tell the names of their inputs, and are UTF-8: a file whose name is not is told so, not as damaged."""
+def test_input_names_that_are_not_utf8(extension: str, way: str, folder: Path) -> None:
+    """Results record input names in UTF-8: other names are reported as such, not as damaged files."""
     name = os.fsdecode(b"m\xff.") + extension
     (folder / "in").mkdir()
     shutil.copy(FIXTURES / f"good_bearings.{extension}", folder / "in" / name)
@@ -58,15 +58,15 @@ def test_an_input_whose_name_is_not_utf8(extension: str, way: str, folder: Path)
     assert "the name is not UTF-8" in ending.err
 
 
-def test_an_output_whose_name_is_not_utf8(folder: Path) -> None:
-    """An output may have any name that the system takes."""
+def test_output_names_that_are_not_utf8(folder: Path) -> None:
+    """An output may have any name that the system accepts."""
     name = os.fsdecode(b"m\xff.csv")
     assert run_guarded(["simulate", "ring", "-n", 2, "-o", name, "-q"]).code == 0
     assert [path.name for path in folder.iterdir()] == [name]
 
 
-def test_text_that_the_terminal_lacks(folder: Path) -> None:
-    """Where the terminal takes ASCII alone the help is there all the same."""
+def test_ascii_terminals(folder: Path) -> None:
+    """On a terminal that accepts only ASCII the help is printed."""
     done = run_with(folder, ["localize", "--help"], PYTHONIOENCODING="ascii", LC_ALL="C")
     assert (done.returncode, done.stderr) == (0, b"")
     assert done.stdout.isascii()
@@ -76,27 +76,27 @@ def test_text_that_the_terminal_lacks(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("variable", "value"), [("MPLBACKEND", "nonsense"), ("MATPLOTLIBRC", "spoilt"), ("NLOSCTL_MAX_MEMORY_MB", "1")]
 )
-def test_settings_of_others_that_are_spoilt(variable: str, value: str, folder: Path) -> None:
-    """Settings with which matplotlib can't begin, or the libraries don't fit, are told in a line."""
+def test_invalid_settings_of_libraries(variable: str, value: str, folder: Path) -> None:
+    """Settings with which matplotlib can't start, or libraries don't fit in memory, give one line."""
     (folder / "spoilt").write_bytes(b"\xff\xfe backend: \x00")
     done = run_with(folder, ["plot", str(GOOD), "-o", "p.svg", "-q"], **{variable: value})
     err = done.stderr.decode()
     assert done.returncode in (1, 2)
-    assert list(told_complaints(err[err.index("nlosctl: ") :], quiet_end=False)) == []
+    assert list(message_complaints(err[err.index("nlosctl: ") :], quiet_end=False)) == []
     assert not (folder / "p.svg").exists()
 
 
 @pytest.mark.parametrize("megabytes", [1, 150, 256, 511])
-def test_a_limit_of_memory_that_is_less_than_the_libraries_take(megabytes: int, folder: Path) -> None:
-    """With too little memory OpenBLAS tries for ever to load: so little is refused."""
+def test_too_small_memory_limits(megabytes: int, folder: Path) -> None:
+    """A memory limit below that of the libraries is refused; OpenBLAS would try to load forever."""
     done = run_with(folder, ["localize", str(GOOD)], NLOSCTL_MAX_MEMORY_MB=str(megabytes))
     assert done.returncode == 2
     assert done.stderr.startswith(b"nlosctl: NLOSCTL_MAX_MEMORY_MB must be 0 (no limit) or at least 512")
     assert done.stderr.count(b"\n") == 1
 
 
-def test_a_library_that_can_not_be_loaded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A library that does not fit into memory, or is spoilt, is told in a line of bounded length."""
+def test_libraries_that_can_not_be_loaded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A library that does not fit into memory, or is damaged, gives a line of bounded length."""
     monkeypatch.setitem(sys.modules, "nlosctl.pipeline.solve.run", None)
     ending = run_guarded(["localize", GOOD, "-q", "-o", "e.csv"])
     assert list(complaints(ending, folder, [], [])) == []

@@ -1,4 +1,4 @@
-"""The outputs of one run stand or fall together: where the disk takes not all of them, none is there."""
+"""All-or-nothing outputs: if the disk can't store one of them, none is written."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def outputs(line: list[str]) -> list[str]:
 
 
 def prepare(line: list[str], good_lines: int = 40) -> list[str]:
-    """Write the inputs of a run, bad rows from ``good_lines`` on, and return the names that are there."""
+    """Write the inputs of a run, bad rows from ``good_lines`` on, and return the names of the files."""
     if line[0] in SCENARIOS:
         scenario = SCENARIOS[line[0]]
         assert run_guarded(["simulate", scenario, "-n", 30, "-o", "m.csv", "--scene-out", "m.scene.toml"]).code == 0
@@ -55,8 +55,8 @@ def prepare(line: list[str], good_lines: int = 40) -> list[str]:
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: f"{line[0]}-{outputs(line)[0]}")
-def test_a_disk_that_takes_all_but_one(line: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whichever output finds no room at its end: one line that names it, and no output at all."""
+def test_a_disk_without_room_for_one_output(line: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If one output has no room, one line names it, and there is no output at all."""
     before, sync, full = prepare(line), os.fsync, ""
 
     def sync_others(number: int) -> None:
@@ -76,7 +76,7 @@ def test_a_disk_that_takes_all_but_one(line: list[str], folder: Path, monkeypatc
 
 @pytest.fixture
 def small_files() -> Iterator[None]:
-    """Let no file of this process grow beyond 20,000 bytes."""
+    """Limit the files of this process to 20,000 bytes."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     yield
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
@@ -84,8 +84,8 @@ def small_files() -> Iterator[None]:
 
 @pytest.mark.usefixtures("small_files")
 @pytest.mark.parametrize("command", list(SCENARIOS))
-def test_more_bad_rows_than_there_is_room_for(command: str, folder: Path) -> None:
-    """Bad rows that the disk has no room for: the estimates and flags, which it has room for, are not there either."""
+def test_no_room_for_bad_rows(command: str, folder: Path) -> None:
+    """If there is no room for bad rows, estimates and flags are not written either."""
     line = [command, *RUNS[command]]
     before = prepare(line)
     with Path("m.csv").open("a", encoding="utf-8") as file:
@@ -98,8 +98,8 @@ def test_more_bad_rows_than_there_is_room_for(command: str, folder: Path) -> Non
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "arrow"])
 @pytest.mark.parametrize("way", ["> /dev/full", "-o /dev/full"])
-def test_what_goes_out_at_once_comes_last(kind: str, way: str, folder: Path) -> None:
-    """A standard output or a device that takes no more leaves no other output either."""
+def test_full_streams_leave_no_other_output(kind: str, way: str, folder: Path) -> None:
+    """A full standard output or device leaves no other output either."""
     before = prepare(["localize"])
     script = f"{PROGRAM} localize m.csv --flags-out f.csv --bad-rows b.csv -q --format {kind} {way}"
     done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=folder, check=False, timeout=60)

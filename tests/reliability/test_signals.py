@@ -1,4 +1,4 @@
-"""Signals at the worst moment: none is lost, none leaves a file or a word too many."""
+"""Signals at the worst moment: none is lost, none leaves a file or an extra line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (sig
 
 
 def names(folder: Path) -> list[str]:
-    """Return all names in a folder, hidden ones and those within folders too."""
+    """Return all names in a folder, hidden and nested ones too."""
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
 
 
@@ -46,15 +46,15 @@ simulation.measurement_table = once
 
 
 @pytest.mark.parametrize(("number", "code"), CODES, ids=lambda value: str(value))
-def test_a_signal_that_python_drops_is_heard(number: int, code: int, folder: Path) -> None:
-    """An interrupt within a ``__del__`` or a callback, where Python drops exceptions, ends the run all the same."""
+def test_interrupts_in_callbacks_end_the_run(number: int, code: int, folder: Path) -> None:
+    """An interrupt in a ``__del__`` or callback, where Python drops exceptions, ends the run too."""
     done = run_script(folder, DROPS.format(number=int(number)), "simulate", "ring", "-n", "100000000", "-o", "m.csv")
     assert (done.returncode, done.stderr) == (code, "nlosctl: interrupted; no partial output is left\n")
     assert names(folder) == []
 
 
-def test_what_else_python_drops_is_told(folder: Path) -> None:
-    """Other exceptions that Python drops are told as ever."""
+def test_other_dropped_exceptions_are_reported(folder: Path) -> None:
+    """Other exceptions that Python drops are reported as usual."""
     script = (
         "class Gone:\n    def __del__(self):\n        raise ValueError('lost')\nimport atexit\natexit.register(Gone)\n"
     )
@@ -64,7 +64,7 @@ def test_what_else_python_drops_is_told(folder: Path) -> None:
 
 
 def test_the_entry_imports_next_to_nothing(folder: Path) -> None:
-    """Until interrupts are met in a line only our own few modules are imported: milliseconds."""
+    """Only a few small modules are imported before interrupts are handled: milliseconds."""
     script = "import sys; before = {*sys.modules}; import nlosctl.cli.__main__; print(*sorted({*sys.modules} - before))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=folder)
     assert set(done.stdout.split()) <= {
@@ -76,8 +76,8 @@ def test_the_entry_imports_next_to_nothing(folder: Path) -> None:
     }
 
 
-def test_an_interrupt_while_processes_begin_is_said_once(folder: Path) -> None:
-    """Ctrl-C from the terminal reaches the beginning processes of ``reproduce`` too: they say nothing."""
+def test_interrupts_while_processes_start(folder: Path) -> None:
+    """Ctrl-C reaches the starting processes of ``reproduce`` too: they print nothing."""
     script = """
 import os, signal, threading
 from concurrent.futures import process
@@ -106,8 +106,8 @@ process.ProcessPoolExecutor._spawn_process = spawn_then_interrupt
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_processes_that_are_stopped_leave_nothing_half_written(number: int, job_folder: Path) -> None:
-    """Where a run into a folder is interrupted what its processes were writing goes, and --resume goes on."""
+def test_interrupted_workers_leave_no_partial_parts(number: int, job_folder: Path) -> None:
+    """After an interrupted run into a folder no partial file is left, and --resume completes it."""
     script = """
 import time
 from nlosctl.io.writers.byte_output import AtomicFile
@@ -136,8 +136,8 @@ AtomicFile.keep = keep_late
     assert done.returncode == 0
 
 
-def test_only_our_own_temporary_files_go(folder: Path) -> None:
-    """What another program has put beside the parts is left alone."""
+def test_only_own_temporary_files_are_removed(folder: Path) -> None:
+    """Files of other programs beside the parts are kept."""
     (folder / "out").mkdir()
     for name in (".0.parquet.1a2b3c4d.part", ".1.parquet.1a2b3c4d.part", "0.parquet", ".other.part", "x.part"):
         (folder / "out" / name).touch()
@@ -145,8 +145,8 @@ def test_only_our_own_temporary_files_go(folder: Path) -> None:
     assert names(folder / "out") == [".1.parquet.1a2b3c4d.part", ".other.part", "0.parquet", "x.part"]
 
 
-def test_the_end_of_the_time_that_a_batch_system_gives(folder: Path) -> None:
-    """A limit on the processor's time ends a run as a request to end does: a line, and nothing left."""
+def test_cpu_time_limits(folder: Path) -> None:
+    """A limit on processor time ends a run like SIGTERM: one line, and nothing left."""
     script = f"ulimit -St 2; exec {PROGRAM} simulate ring -n 100000000 -o m.csv"
     done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=folder, check=False, timeout=120)
     assert (done.returncode, done.stderr) == (152, b"nlosctl: interrupted; no partial output is left\n")
@@ -154,8 +154,8 @@ def test_the_end_of_the_time_that_a_batch_system_gives(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("made", [0, 1, 2])
-def test_fewer_processes_than_were_asked_for(made: int, job_folder: Path) -> None:
-    """Where the system gives no more processes that is a line, and those that were made end."""
+def test_process_limits(made: int, job_folder: Path) -> None:
+    """If the system refuses further processes there is one line, and those already started end."""
     script = f"""
 import errno, os
 fork, made = os.fork, []

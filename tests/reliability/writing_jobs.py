@@ -1,4 +1,4 @@
-"""The commands that write files, each with the words of a run that takes a moment, and what it writes."""
+"""Commands that write files: the arguments of a run that takes a moment, and its outputs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class WritingJob:
 
     @property
     def line(self) -> list[str]:
-        """The words of the command line."""
+        """The arguments of the command line."""
         return [self.command, *self.words]
 
 
@@ -97,12 +97,12 @@ _PARTS = {
 
 
 def writing_jobs() -> list[WritingJob]:
-    """Return the jobs of the commands that there are."""
+    """Return the jobs of all commands."""
     return [job for job in _JOBS if job.command in _commands()]
 
 
 def resumed_jobs() -> list[WritingJob]:
-    """Return the jobs that go on after they were stopped."""
+    """Return the jobs that can be resumed."""
     return [job for job in _RESUMED if job.command in _commands()]
 
 
@@ -121,7 +121,7 @@ def _inputs() -> tuple[tuple[str, ...], ...]:
 
 
 def make_inputs(folder: Path) -> None:
-    """Write the inputs of all jobs into ``folder``, which is the current one."""
+    """Write the inputs of all jobs into ``folder``, the current one."""
     for words in _inputs():
         assert run_program([*words, "-q"]) == 0
     for name, (source, snapshots) in _PARTS.items():

@@ -1,4 +1,4 @@
-"""Trials of the paper on unlabelled echoes: scored as the paper counts, noise in its decibels."""
+"""Trials of the paper on unlabelled echoes: scoring and noise in decibels."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ CHUNK = Chunk(seed=3, number=2, first=100, size=20, total=1000)
 
 
 def test_decibels_are_of_the_standard_deviation() -> None:
-    """-10 dB is a tenth of a metre, 5 dB 3.16 m: the ranges differ from those without noise by that."""
+    """-10 dB is 0.1 m and 5 dB 3.16 m: the ranges differ from noise-free ones by that."""
     quiet, loud = (echo_trials({"sensors": 5, "noise_db": noise_db}, CHUNK).columns for noise_db in (-60.0, 5.0))
     assert np.std(loud["range_m"] - quiet["range_m"]) == pytest.approx(10.0**0.5, rel=0.1)
     assert loud["range_std_m"][0] == pytest.approx(10.0**0.5)
 
 
 def test_trials_are_scored_one_by_one() -> None:
-    """Without noise to speak of all trials are right, and each has its three true sets first among the candidates."""
+    """At negligible noise all trials are right, with the three true sets first among the candidates."""
     given = echo_trials({"sensors": 6, "noise_db": -40.0}, CHUNK)
     found = identified(given, CHUNK, "assignment")
     assert found.found.tolist() == [3.0] * CHUNK.size
@@ -30,7 +30,7 @@ def test_trials_are_scored_one_by_one() -> None:
 
 
 def test_a_wrong_number_is_not_exact() -> None:
-    """With an elbow threshold near zero only one target is found, and no trial counts as right."""
+    """With an elbow threshold near zero only one target is found, and no trial is right."""
     given = echo_trials({"sensors": 6, "noise_db": 5.0}, CHUNK)
     found = identified(given, CHUNK, "extended-tca", eta=1e-6)
     assert (found.found < 3.0).any()
@@ -38,7 +38,7 @@ def test_a_wrong_number_is_not_exact() -> None:
 
 
 def test_every_chunk_has_scatterers_of_its_own() -> None:
-    """The paper's scatterers are not told: trials of another chunk have others, those of one chunk share them."""
+    """The paper does not give its scatterers: chunks have different ones, trials of a chunk share them."""
     other = Chunk(seed=3, number=3, first=100, size=20, total=1000)
     condition = {"sensors": 4, "noise_db": -60.0}
     ours, theirs = (echo_trials(condition, chunk).columns["range_m"] for chunk in (CHUNK, other))

@@ -1,4 +1,4 @@
-"""`nlosctl reproduce`: every experiment runs, and the same seed gives the same files however it was run."""
+"""`nlosctl reproduce`: every experiment runs, and equal seeds give equal files."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def reproduce(*words: str) -> int:
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
-    """Return the content of every file of a folder by name."""
+    """Return the contents of a folder's files by name."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 @pytest.mark.parametrize("name", experiment_names())
 def test_every_experiment_runs(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The quick version gives numbers, both pictures, the samples, and a verdict on every claim."""
+    """The quick version gives numbers, both figures, samples, and a verdict on every claim."""
     experiment = find_experiment(name)
     assert reproduce(name, "--quick", "-q", "--json", "-o", str(tmp_path)) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == [
@@ -57,15 +57,15 @@ def test_every_experiment_runs(name: str, tmp_path: Path, capsys: pytest.Capture
     assert (tmp_path / f"{name}.svg").stat().st_size < 300_000
 
 
-def test_names_choose_papers_or_all() -> None:
-    """A name, a paper's name, or all; each figure once, in the order of the papers."""
+def test_names_select_figures_papers_or_all() -> None:
+    """A name, a paper, or all; each figure once, in the order of the papers."""
     assert chosen_names([NAME, NAME]) == [NAME]
     assert chosen_names(["madhow"]) == [name for name in experiment_names() if name.startswith("madhow-")]
     assert chosen_names(["all", NAME]) == experiment_names()
 
 
-def test_every_name_is_its_experiment_s_own() -> None:
-    """The name on the command line, that of the module and that of the experiment agree."""
+def test_names_agree() -> None:
+    """The names on the command line, of the module and of the experiment agree."""
     for name in experiment_names():
         assert find_experiment(name).name == name
         assert find_experiment(name).paper.name == name.partition("-")[0]
@@ -79,8 +79,8 @@ def test_every_name_is_its_experiment_s_own() -> None:
         ([NAME, "--quick", "--trials", "10"], "give one"),
     ],
 )
-def test_wrong_words_are_told(words: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Unknown names and options that contradict are errors of the command line."""
+def test_invalid_arguments_are_usage_errors(words: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Unknown names and contradicting options are usage errors."""
     assert reproduce(*words) == 2
     assert says in capsys.readouterr().err
 
@@ -94,14 +94,14 @@ def test_the_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_jobs_change_no_byte(tmp_path: Path) -> None:
-    """One process or two: the same files."""
+    """One process or two give the same files."""
     for jobs in ("1", "2"):
         assert reproduce(NAME, "--quick", "-q", "--jobs", jobs, "-o", str(tmp_path / jobs)) == 0
     assert bytes_of(tmp_path / "1") == bytes_of(tmp_path / "2")
 
 
-def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Killed in the middle (SIGKILL) and run again: the same bytes as without interruption, finished chunks reused."""
+def test_killed_runs_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """After SIGKILL the next run gives the bytes of an uninterrupted one and reuses finished chunks."""
     words = ["reproduce", NAME, "--trials", "2000", "-o"]
     folder, parts = tmp_path / "killed", tmp_path / "killed" / f"{NAME}.parts"
     process = subprocess.Popen([sys.executable, "-m", "nlosctl.cli", *words, str(folder)], stderr=subprocess.DEVNULL)
@@ -118,8 +118,8 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, capsys: pytest.Ca
     assert bytes_of(folder) == bytes_of(tmp_path / "whole")
 
 
-def test_samples_of_another_run_are_not_mixed_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Another seed or number of trials is refused without --overwrite, and starts afresh with it."""
+def test_samples_of_other_settings_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Another seed or number of trials is refused without --overwrite, and starts again with it."""
     words = [NAME, "--trials", "50", "-q", "-o", str(tmp_path / "a")]
     assert reproduce(*words) == 0
     first = bytes_of(tmp_path / "a")
@@ -131,8 +131,8 @@ def test_samples_of_another_run_are_not_mixed_in(tmp_path: Path, capsys: pytest.
     assert bytes_of(tmp_path / "a") == bytes_of(tmp_path / "b") != first
 
 
-def test_parts_of_another_seed_are_not_mixed_in(tmp_path: Path) -> None:
-    """Left-over chunks of an interrupted run with another seed are not used."""
+def test_chunks_of_another_seed_are_not_used(tmp_path: Path) -> None:
+    """Chunks left over from an interrupted run with another seed are not used."""
     from nlosctl.reproduce.store import SampleStore
 
     experiment = find_experiment(NAME)
@@ -147,7 +147,7 @@ def test_parts_of_another_seed_are_not_mixed_in(tmp_path: Path) -> None:
 
 
 def test_all_conditions_share_their_random_numbers() -> None:
-    """The errors at two small spreads are the same up to scale: conditions are compared on the same draws."""
+    """Errors at two small spreads agree up to scale: conditions are compared on the same draws."""
     experiment = find_experiment(NAME)
     drawn, _ = draw_samples(experiment, seed=3, trials=40, store=None, pool=None, progress=lambda done, total: None)
     one, two = drawn.of(bearing_std_deg=1.0)["ml"], drawn.of(bearing_std_deg=2.0)["ml"]
@@ -155,8 +155,8 @@ def test_all_conditions_share_their_random_numbers() -> None:
     assert len(claim_rows(experiment, drawn)) == len(experiment.claims) + len(experiment.beside)
 
 
-def test_without_matplotlib_the_numbers_are_there(tmp_path: Path) -> None:
-    """Without the extra: computed, printed and stored; one line says how to get the pictures."""
+def test_without_matplotlib_only_figures_are_missing(tmp_path: Path) -> None:
+    """Numbers are computed, printed and stored; one line states how to get the figures."""
     (tmp_path / "matplotlib.py").write_text(
         "raise ModuleNotFoundError(\"No module named 'matplotlib'\", name='matplotlib')\n"
     )
@@ -174,8 +174,8 @@ def test_without_matplotlib_the_numbers_are_there(tmp_path: Path) -> None:
     assert sorted(path.suffix for path in (tmp_path / "out").iterdir()) == [".parquet", ".parquet"]
 
 
-def test_the_page_tells_every_claim(tmp_path: Path) -> None:
-    """--page writes each claim with its verdict, what does not reproduce, the errata, and copies the pictures."""
+def test_the_page_lists_every_claim(tmp_path: Path) -> None:
+    """--page writes each claim with its verdict, failed claims, errata, and copies of the figures."""
     page = tmp_path / "docs" / "papers.md"
     page.parent.mkdir()
     words = ["song-fig6", "song-fig7", "--quick", "-q", "-o", str(tmp_path / "out"), "--page", str(page)]
@@ -196,8 +196,8 @@ def test_the_page_tells_every_claim(tmp_path: Path) -> None:
     assert page.read_text(encoding="utf-8") == text
 
 
-def test_the_page_of_the_documents_is_of_every_experiment() -> None:
-    """docs/papers.md has a section for each experiment, from its own number of trials, and its picture."""
+def test_docs_papers_has_every_experiment() -> None:
+    """docs/papers.md has a section for each experiment, from its own number of trials, with its figure."""
     text = (ROOT / "docs" / "papers.md").read_text(encoding="utf-8")
     for name in experiment_names():
         experiment = find_experiment(name)

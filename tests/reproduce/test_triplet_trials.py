@@ -1,4 +1,4 @@
-"""Trials of the paper on indirect paths: levels, readings, and where its rules are blind."""
+"""Trials of the paper on indirect paths: levels, variants, blind spots."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _LOW_M = 20.0 * 1e-3 / 0.5
 CHUNK = Chunk(seed=5, number=0, first=0, size=2000, total=2000)
 
 
-def test_samples_hold_the_level_at_which_a_path_is_flagged() -> None:
-    """The rate at every level is the share of p-values below it, one level at a time or all at once."""
+def test_samples_are_p_values() -> None:
+    """The rate at every level is the fraction of p-values below it, one level at a time or all at once."""
     samples = detection_samples({}, CHUNK, number=3, rules=("lambda5", "chi2"))
     for truth in ("direct", "indirect"):
         for rule in ("lambda5", "chi2"):
@@ -26,8 +26,8 @@ def test_samples_hold_the_level_at_which_a_path_is_flagged() -> None:
             assert rates(samples, truth=truth, rule=rule) == pytest.approx(share)
 
 
-def test_the_recommended_method_always_sees_rays() -> None:
-    """Lines in place of rays are a matter of the paper's rules: chi2 has the same samples for both."""
+def test_chi2_always_uses_rays() -> None:
+    """Lines in place of rays affect only the paper's rules: chi2 has the same samples for both."""
     rays, lines = (
         detection_samples({"reading": reading}, CHUNK, number=2, rules=("lambda5", "chi2"))
         for reading in ("rays", "lines")
@@ -39,7 +39,7 @@ def test_the_recommended_method_always_sees_rays() -> None:
 
 
 @pytest.mark.parametrize("rule", SPOTS)
-def test_blind_spots_are_what_table_i_says(rule: str) -> None:
+def test_blind_spots_agree_with_table_i(rule: str) -> None:
     """On BS1 and BS3 the noise-free lambda is zero, on BS2 its divisor; BS1 is on the lines to the target."""
     for spot in SPOTS[rule]:
         points = spot.points(np.linspace(0.05, 0.95, 20))

@@ -1,4 +1,4 @@
-"""The rule by which a claim is reproduced or not, and the standard errors that it rests on."""
+"""Verdicts on claims, and the standard errors behind them."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ from nlosctl.reproduce.verdicts import Verdict, at_least, at_most, between, prin
 def test_the_verdict_allows_the_tolerance_and_three_standard_errors(
     value: float, standard_error: float, expected: object, right: bool
 ) -> None:
-    """Reproduced exactly where the printed digits, the tolerance or Monte-Carlo error explain the difference."""
+    """Reproduced exactly if printed digits, tolerance or Monte Carlo error explain the difference."""
     said = verdict(value, standard_error, expected)  # type: ignore[arg-type]
     assert said == (Verdict.REPRODUCED if right else Verdict.NOT_REPRODUCED)
 
 
 def test_without_a_number_there_is_no_verdict() -> None:
-    """A figure whose values are not in the text is neither reproduced nor not."""
+    """A figure without values in the text is neither reproduced nor not."""
     assert verdict(1.0, 0.1, None) == "no numbers in the text"
 
 
-def test_chance_alone_seldom_makes_a_right_claim_wrong() -> None:
-    """Of 2000 right claims with a known error a few in a thousand are called wrong."""
+def test_right_claims_are_seldom_rejected() -> None:
+    """Of 2000 right claims with a known error a few in a thousand are rejected."""
     values = np.random.default_rng(1).normal(1.0, 0.1, 2000)
     wrong = sum(verdict(value, 0.1, between(1.0, 1.0)) == Verdict.NOT_REPRODUCED for value in values)
     assert 0 < wrong < 20
@@ -77,7 +77,7 @@ def test_the_jackknife_gives_the_textbook_standard_errors(statistic: object, tru
     assert math.sqrt(np.mean(np.square(found))) * math.sqrt(4000.0) == pytest.approx(true_error, rel=0.1)
 
 
-def test_ratios_on_the_same_trials_know_that_they_are_paired() -> None:
+def test_ratios_on_the_same_trials_are_paired() -> None:
     """The error of a ratio of two conditions with common noise is far below that of independent ones."""
     noise = np.random.default_rng(3).standard_normal(4000)
     drawn = Drawn(conditions=[{"s": 1}, {"s": 2}], samples=[{"x": noise}, {"x": 2.0 * noise + 0.01 * noise[::-1]}])
@@ -86,19 +86,19 @@ def test_ratios_on_the_same_trials_know_that_they_are_paired() -> None:
     assert ratio.standard_error < 0.001
 
 
-def test_what_is_not_random_has_no_error() -> None:
-    """A number that nothing was drawn for has standard error 0."""
+def test_deterministic_numbers_have_no_error() -> None:
+    """A number that does not depend on draws has standard error 0."""
     drawn = Drawn(conditions=[{}], samples=[{"x": np.arange(100.0)}], random=False)
     assert measure(lambda part: rms(part.samples[0]["x"]), drawn).standard_error == 0.0
 
 
 def test_a_missing_statistic_has_no_error() -> None:
-    """Where a statistic is missing without one group, nothing is known of its error."""
+    """If a statistic is undefined without one group, its error is undefined."""
     assert math.isnan(jackknife_error([1.0] * (GROUPS - 1) + [math.nan]))
 
 
-def test_missing_fixes_are_left_out_of_rms_and_count_as_infinite_in_the_median() -> None:
-    """The statistics say what they do with trials that have no fix."""
+def test_missing_fixes_in_rms_and_median() -> None:
+    """Trials without a fix are left out of the rms and are infinite in the median."""
     values = np.array([3.0, 4.0, np.nan])
     assert rms(values) == pytest.approx(math.sqrt(12.5))
     assert median(values) == 4.0
@@ -112,13 +112,13 @@ def test_missing_fixes_are_left_out_of_rms_and_count_as_infinite_in_the_median()
     [(0.04158, 0.00031, "0.04158 ± 0.00031 m"), (335.8, 14.2, "336 ± 14 m"), (2.0, 0.0, "2 m"), (math.nan, 1.0, "-")],
 )
 def test_numbers_show_as_many_digits_as_their_error_allows(value: float, standard_error: float, text: str) -> None:
-    """Two digits of the standard error, and the value to the same place."""
+    """Two digits of the standard error, and the value to the same decimal."""
     assert with_error(value, standard_error, "m") == text
 
 
 @pytest.mark.parametrize(("trials", "says"), [(10, Verdict.REPRODUCED), (10_000, Verdict.NOT_REPRODUCED)])
-def test_all_trials_right_is_not_certainty(trials: int, says: Verdict) -> None:
-    """Ten of ten trials are no proof against a printed 0.9, ten thousand of ten thousand are."""
+def test_success_in_all_trials_is_not_certainty(trials: int, says: Verdict) -> None:
+    """Ten of ten trials do not contradict a printed 0.9, ten thousand of ten thousand do."""
     experiment = find_experiment("liang-fig4")
     claim = Claim(
         says="", where="", ours=lambda drawn: share(drawn.samples[0]["right"]), expected=printed("0.9"), per_trial=1.0
