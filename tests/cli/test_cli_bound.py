@@ -6,11 +6,11 @@ import csv
 import io
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from program import run_here
 
 import nlosctl
 from nlosctl.contract.tables import BOUND
@@ -22,8 +22,7 @@ SCENE = str(FIXTURES / "good_over_the_horizon.scene.toml")
 
 def run(*words: str, standard_input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
     """Run ``nlosctl bound`` with the words."""
-    program = Path(sys.executable).with_name("nlosctl")
-    return subprocess.run([program, "bound", *words], input=standard_input, capture_output=True, check=False)
+    return run_here("bound", *words, stdin=standard_input or b"")
 
 
 def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, str]]:

@@ -6,11 +6,11 @@ import csv
 import io
 import itertools
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from program import run_here
 
 from nlosctl.geometry.circular_reflection import all_reflections
 
@@ -21,8 +21,7 @@ RING = '[[reflector]]\nname = "ring"\nkind = "circle"\ncenter = [20.0, -10.0]\nr
 
 def run(*words: str, standard_input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
     """Run ``nlosctl`` with the words."""
-    program = Path(sys.executable).with_name("nlosctl")
-    return subprocess.run([program, *words], input=standard_input, capture_output=True, check=False)
+    return run_here(*words, stdin=standard_input or b"")
 
 
 def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, str]]:
@@ -85,6 +84,7 @@ def test_alternatives_come_ranked_and_no_more_than_asked(tmp_path: Path) -> None
             assert float(later["cost"]) >= float(earlier["cost"])
 
 
+@pytest.mark.process
 def test_no_block_and_no_thread_changes_a_byte(tmp_path: Path) -> None:
     """Mixed and ambiguous paths give the same bytes whatever ``--block-size`` and ``--jobs``."""
     mixed = run("simulate", "mixed", "--trials", "40", "-q", "--format", "arrow").stdout

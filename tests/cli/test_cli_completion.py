@@ -76,6 +76,7 @@ def offered(line: str, shell: str) -> tuple[list[str], list[str]]:
     return [line.split("\t")[0] for line in lines], modules
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("line", CASES)
 def test_words_are_offered(line: str) -> None:
     """What begins as the word does is offered, of the command's own job and kind, and nothing heavy is imported."""
@@ -84,6 +85,7 @@ def test_words_are_offered(line: str) -> None:
     assert [name for name in HEAVY if name in modules] == []
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("shell", SHELLS)
 def test_every_shell_is_offered_the_methods(shell: str) -> None:
     """Each shell's protocol gives the same names."""
@@ -118,6 +120,7 @@ DRIVERS = {
 }
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("shell", DRIVERS)
 def test_a_real_shell_completes_after_one_command(tmp_path: Path, shell: str) -> None:
     """``nlosctl --install-completion`` is all it takes: the shell itself then offers the methods."""
@@ -132,6 +135,7 @@ def test_a_real_shell_completes_after_one_command(tmp_path: Path, shell: str) ->
     assert [line.split("\t")[0] for line in done.stdout.split("\n") if line] == ["stansfield", "stansfield-focused"]
 
 
+@pytest.mark.process
 def test_zsh_is_given_its_file(tmp_path: Path) -> None:
     """``--install-completion zsh`` writes the function and has it loaded at start."""
     environment = plain_environment(HOME=str(tmp_path), _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")

@@ -18,6 +18,8 @@ from cli_support import PROGRAM, Outcome, plain_environment, process
 
 from nlosctl.cli.main import run
 
+pytestmark = pytest.mark.process
+
 pytest.importorskip("distributed")
 
 Cli = Callable[..., Outcome]

@@ -243,6 +243,7 @@ def test_debug_raises(cli: Cli) -> None:
         cli("localize", "absent.csv", "--debug")
 
 
+@pytest.mark.process
 def test_debug_gives_a_traceback(tmp_path: Path) -> None:
     """``--debug`` ends in a traceback on stderr and exit 1."""
     outcome = process("localize", "absent.csv", "--debug", cwd=tmp_path)

@@ -146,6 +146,7 @@ def interrupted(work: Path, delay: float) -> tuple[int | None, str]:
     return ended, err.decode()
 
 
+@pytest.mark.process
 def test_interrupted_is_130_and_leaves_nothing(tmp_path: Path) -> None:
     """Ctrl-C in the middle of a run: 130 and at most one line, every time, and not a file left, finished or half."""
     with ThreadPoolExecutor(3) as pool:
@@ -156,6 +157,7 @@ def test_interrupted_is_130_and_leaves_nothing(tmp_path: Path) -> None:
     assert [listing(tmp_path / str(place)) for place in range(3)] == [[]] * 3
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("extra", [[], ["--format", "arrow"]], ids=["csv", "arrow"])
 def test_a_closed_pipe_is_quiet(tmp_path: Path, extra: list[str]) -> None:
     """A reader that has seen enough (``| head -1``) is no error: nothing is told, and it is not exit 1."""
@@ -168,6 +170,7 @@ def test_a_closed_pipe_is_quiet(tmp_path: Path, extra: list[str]) -> None:
     assert done.stdout.strip() == b"0"
 
 
+@pytest.mark.process
 def test_the_process_exits_as_the_function_returns(tmp_path: Path) -> None:
     """The installed program hands the code to the shell, and its errors to stderr."""
     outcome = process("localize", "absent.csv", cwd=tmp_path)

@@ -38,6 +38,7 @@ def some_false() -> list[bool | None]:
     return [None if place % 9 == 0 else place % 7 != 3 for place in range(240)]
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 def test_a_row_for_every_row_in_input_order(cli: Cli, tmp_path: Path) -> None:
     """Flags are the input's rows, order and columns, to the bit, with what the method says added."""
@@ -76,6 +77,7 @@ def test_the_residual_is_measured_minus_predicted(cli: Cli, tmp_path: Path) -> N
         assert row["residual_rad"] == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("column", ["los", "ip"])
 def test_rows_flagged_before_take_no_part(cli: Cli, tmp_path: Path, column: str) -> None:

@@ -29,6 +29,8 @@ from cli_support import (
 
 from nlosctl.pipeline.engine.parts import PartWork
 
+pytestmark = pytest.mark.process
+
 Cli = Callable[..., Outcome]
 CUTS = (0, 101, 150, 152, 153, 200, 240)  # of the 240 good rows: snapshots of 6 rows are cut, one over three parts
 

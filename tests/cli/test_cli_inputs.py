@@ -115,6 +115,7 @@ def split_good(folder: Path, cut: int) -> None:
     (folder / "part-1.csv").write_text(header + "".join(rows[cut:]))
 
 
+@pytest.mark.process
 def test_parts_of_a_folder_are_one_table(cli: Cli, tmp_path: Path) -> None:
     """A snapshot that straddles two parts of a folder is one snapshot; there is no ``source``."""
     split_good(tmp_path / "parts", 101)
@@ -125,6 +126,7 @@ def test_parts_of_a_folder_are_one_table(cli: Cli, tmp_path: Path) -> None:
     assert outcome.out == whole(cli).out
 
 
+@pytest.mark.process
 def test_parts_of_a_folder_may_differ_in_format(cli: Cli, tmp_path: Path) -> None:
     """Parts in different formats are still one table, in the order of their names."""
     split_good(tmp_path / "parts", 101)
@@ -136,6 +138,7 @@ def test_parts_of_a_folder_may_differ_in_format(cli: Cli, tmp_path: Path) -> Non
     assert outcome.out == whole(cli).out
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("words", [["a.csv", "b.csv"], ["?.csv"]], ids=["named", "glob"])
 def test_several_files_are_kept_apart(cli: Cli, tmp_path: Path, words: list[str]) -> None:
     """Equal snapshot ids in several files (named, or by a glob) stay apart; ``source`` tells the file."""

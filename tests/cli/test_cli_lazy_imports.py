@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from cli_support import PROGRAM, plain_environment
 
+pytestmark = pytest.mark.process
+
 HEAVY = {"numpy", "scipy", "pyarrow", "msgspec", "pandas", "matplotlib"}
 
 LIST = """

@@ -63,6 +63,7 @@ def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
     assert store.cat("/out/report.json").startswith(b"{")
 
 
+@pytest.mark.process
 def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tmp_path: Path) -> None:
     """Parts in the order of their names, hidden ones left out, ``key=value`` a column; also into a folder of a disk."""
     table = pa.parquet.read_table(FIXTURES / "good_bearings.parquet")
@@ -85,6 +86,7 @@ def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tm
     assert parts.equals(found.replace_schema_metadata(None))
 
 
+@pytest.mark.process
 def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
     """``*`` stays within a folder, ``**`` goes down; each file is a table of its own, as with a pattern of a disk."""
     store.pipe("/in/deep/er/good_bearings.csv", store.cat("/in/good_bearings.csv"))
@@ -152,6 +154,7 @@ def on_disk(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.process
 def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_path: Path) -> None:
     """Parts, flags and manifests are the bytes of a local run, for any number of jobs; nothing else is left there."""
     in_parts(tmp_path / "in")
@@ -164,6 +167,7 @@ def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_
     assert not (location(place) / "o0" / "_unfinished").exists()
 
 
+@pytest.mark.process
 def test_a_run_into_a_store_is_gone_on_with(
     cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +203,7 @@ def test_a_run_into_a_store_is_gone_on_with(
     assert "method" in cli(*words, "-m", "ls", "--resume").err
 
 
+@pytest.mark.process
 def test_parts_of_an_engine_go_by_way_of_the_store_of_the_output(
     cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,6 +226,7 @@ def test_parts_of_an_engine_go_by_way_of_the_store_of_the_output(
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.process
 def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Path) -> None:
     """A folder that holds other files is refused, and ``--overwrite`` leaves alone what came beside the parts."""
     in_parts(tmp_path / "in")

@@ -86,6 +86,7 @@ def test_check_loads_all(cli: Cli) -> None:
     assert [row["check"] for row in outcome.json] == ["ok"] * len(outcome.json)
 
 
+@pytest.mark.process
 def test_check_tells_the_broken_one(with_broken: Cli, tmp_path: Path) -> None:
     """With a broken plugin ``--check`` exits 1, says which method of which distribution fails and why."""
     outcome = with_broken("methods", "--check", "--json")

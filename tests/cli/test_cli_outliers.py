@@ -6,20 +6,19 @@ import csv
 import io
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from program import run_here
 
 import nlosctl
-
-PROGRAM = Path(sys.executable).with_name("nlosctl")
 
 
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run ``nlosctl`` with the words, in a folder."""
-    return subprocess.run([PROGRAM, *words], cwd=folder, capture_output=True, check=False, text=True)
+    done = run_here(*words, folder=folder)
+    return subprocess.CompletedProcess(words, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
 def rows(text: str) -> list[dict[str, str]]:
@@ -58,6 +57,7 @@ def test_flags_lead_maximum_likelihood_to_the_direct_rows(ring: Path) -> None:
     assert medians[1] < 0.3 * medians[0]
 
 
+@pytest.mark.process
 def test_results_do_not_depend_on_blocks_or_threads(ring: Path) -> None:
     """The same bytes for any block size and number of threads, also by random pairs; another seed, other pairs."""
     words = ("localize", "-m", "suppress", "-m", "mixture-ml", "-m", "sequential", "ring.csv", "-q")

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from cli_support import Outcome, plain_environment
 
+pytestmark = pytest.mark.process
+
 Cli = Callable[..., Outcome]
 
 

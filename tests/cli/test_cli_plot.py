@@ -100,6 +100,7 @@ def test_columns_of_another_name(cli: Cli, tmp_path: Path) -> None:
     assert cli(*words, "--kind", "bearings", "--column", "bearing_rad=DIRECTION").code == 0
 
 
+@pytest.mark.process
 def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
     """Where matplotlib is missing the command says how to install it, and help and views still work."""
     start = (

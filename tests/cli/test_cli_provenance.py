@@ -71,6 +71,7 @@ def test_arrow_carries_the_same_as_parquet(cli: Cli, tmp_path: Path) -> None:
     assert b"wall" in metadata[b"nlosctl.scene"]
 
 
+@pytest.mark.process
 def test_hashes_only_when_asked_for(cli: Cli, tmp_path: Path) -> None:
     """``--hash`` adds the SHA-256 of every input; without it there is none."""
     copy_inputs(tmp_path)

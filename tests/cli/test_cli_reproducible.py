@@ -38,6 +38,7 @@ def reference(extension: str) -> Files:
         return solved(Path(folder), extension, 1, 4096, 131_072)
 
 
+@pytest.mark.process
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     extension=st.sampled_from(EXTENSIONS),
@@ -52,6 +53,7 @@ def test_workers_and_blocks_change_no_byte(
     assert solved(tmp_path, extension, jobs, block_size, chunk_rows) == reference(extension)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("row_group_size", [10, 33])
 @pytest.mark.parametrize("flags", [True, False])
 def test_processes_that_read_slices_change_no_byte(
@@ -87,6 +89,7 @@ def test_processes_that_read_slices_change_no_byte(
     assert results[0] == results[1]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("fault", ["negative std", "comes back", "duplicate"])
 def test_processes_that_read_slices_tell_the_same_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fault: str
@@ -114,6 +117,7 @@ def test_processes_that_read_slices_tell_the_same_errors(
     assert [path.name for path in tmp_path.iterdir()] == ["m.parquet"]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("jobs", "block_size", "chunk_rows"), [(1, 4096, 131_072), (3, 2, 11), (2, 7, 64)])
 def test_row_groups_do_not_follow_blocks(tmp_path: Path, jobs: int, block_size: int, chunk_rows: int) -> None:
     """The row groups of the output have the writer's size, whatever the pieces in which rows came."""
@@ -124,6 +128,7 @@ def test_row_groups_do_not_follow_blocks(tmp_path: Path, jobs: int, block_size: 
         assert sizes == [50] * (rows // 50) + [rows % 50]
 
 
+@pytest.mark.process
 def test_a_long_file_has_row_groups_of_a_fixed_size(tmp_path: Path) -> None:
     """Beyond one row group too: its size is the writer's own, not that of the blocks drawn or solved."""
     drawn, flags = tmp_path / "m.parquet", tmp_path / "f.parquet"

@@ -31,6 +31,7 @@ def raising(error: BaseException) -> Callable[[], None]:
     return fail
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("jobs", [1, 3])
 @pytest.mark.parametrize(
@@ -82,6 +83,7 @@ def test_a_failure_after_rows_are_written_is_quiet(
     assert listing(tmp_path) == []
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 def test_a_failure_keeps_what_was_there(cli: Cli, tmp_path: Path, acting_method: ActInCall) -> None:
     """With ``--overwrite`` the old file stands until the new one is whole."""
@@ -93,6 +95,7 @@ def test_a_failure_keeps_what_was_there(cli: Cli, tmp_path: Path, acting_method:
     assert (tmp_path / "e.parquet").read_text() == (tmp_path / "f.csv").read_text() == "old"
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 def test_a_bad_row_near_the_end_leaves_nothing(cli: Cli, tmp_path: Path) -> None:
     """A bad row of the last chunk stops the whole output."""
@@ -117,6 +120,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(cli: Cli, tmp_path: Path, m
     assert outcome.err == "nlosctl: e.csv: can't be written: No space left on device\n"
 
 
+@pytest.mark.process
 def test_a_full_stdout_is_told(tmp_path: Path) -> None:
     """A stdout that takes no more is exit 1 and one line."""
     with Path("/dev/full").open("wb") as full:
