@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 MODULES = sorted((ROOT / "nlosctl").rglob("*.py"))
 
 
+@pytest.mark.process
 def test_the_import_contract_is_kept() -> None:
     """The contracts of pyproject.toml hold: layers, independent methods, use of pyarrow."""
     program = Path(sys.executable).with_name("lint-imports")
@@ -21,6 +22,7 @@ def test_the_import_contract_is_kept() -> None:
     assert "0 broken" in done.stdout
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "module",
     ["errors", "version", "contract.tables", "contract.statuses", "registry", "scenarios.catalogue", "cli.main"],

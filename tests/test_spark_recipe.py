@@ -9,8 +9,11 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet
+import pytest
 
 import nlosctl
+
+pytestmark = pytest.mark.extensive
 
 ROOT = Path(__file__).parents[1]
 GOOD = ROOT / "fixtures" / "good_bearings.parquet"

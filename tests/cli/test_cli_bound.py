@@ -15,6 +15,8 @@ from program import run_here
 import nlosctl
 from nlosctl.contract.tables import BOUND
 
+pytestmark = pytest.mark.extensive
+
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 MEASUREMENTS = str(FIXTURES / "good_over_the_horizon.csv")
 SCENE = str(FIXTURES / "good_over_the_horizon.scene.toml")

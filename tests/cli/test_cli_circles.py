@@ -14,6 +14,8 @@ from program import run_here
 
 from nlosctl.geometry.circular_reflection import all_reflections
 
+pytestmark = pytest.mark.extensive
+
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 MEASUREMENTS = str(FIXTURES / "good_over_the_horizon.csv")
 RING = '[[reflector]]\nname = "ring"\nkind = "circle"\ncenter = [20.0, -10.0]\nradius = 100.0\n'

@@ -13,6 +13,8 @@ from cli_support import FIXTURES, GOOD, SCENE
 
 from nlosctl.io.scenes.scene_file import scene_from_toml
 
+pytestmark = pytest.mark.extensive
+
 LOGS = FIXTURES / "formats"
 
 

@@ -16,6 +16,8 @@ from scipy.stats import multivariate_normal
 import nlosctl
 from nlosctl.errors import UsageError
 
+pytestmark = pytest.mark.extensive
+
 GEOD = pyproj.Geod(ellps="WGS84")
 SOURCE = (47.36, 8.58)
 SENSORS = {"a": (47.37, 8.54), "b": (47.40, 8.60), "c": (47.33, 8.62)}

@@ -63,6 +63,7 @@ def test_a_bad_file_is_one_line_and_nothing_is_written(cli: Cli, tmp_path: Path,
     assert (outcome.out, listing(tmp_path)) == (b"", [])
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("name", ROW_FAULTS)
 def test_bad_rows_are_set_aside_and_the_rest_goes_on(cli: Cli, tmp_path: Path, name: str) -> None:
     """``--bad-rows`` takes the one bad row with its place and fault; the rest gives what it gives without that row."""
@@ -199,6 +200,7 @@ FAULTS: list[tuple[list[Any], int, list[str]]] = [
 ]
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(("words", "code", "told"), FAULTS, ids=lambda value: str(value)[:70])
 def test_a_fault_of_the_command_line_is_one_line(
     cli: Cli, tmp_path: Path, words: list[Any], code: int, told: list[str]

@@ -211,6 +211,7 @@ def test_only_the_first_alternative_counts_unless_told(cli: Cli, tmp_path: Path)
     assert best["rmse_m"] == pytest.approx(np.sqrt((1 + 4 + 16) / 3))
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(
     ("conditions", "code"),
     [

@@ -12,6 +12,8 @@ import pyarrow.compute as pc
 import pytest
 from cli_support import GOOD, SCENE, Outcome, crossing_rows, good_table, plain_csv, read_parquet, write_parquet
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 MIRRORS = {"wall": ((0.0, 2000.0), (2.0, 0.5)), "fence": ((-1800.0, 0.0), (0.0, 1.0))}
 ANSWER = ["x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "n_used", "cost", "status"]

@@ -13,6 +13,8 @@ from cli_support import FIXTURES, GOOD, SCENE, Outcome, crossing_rows, good_tabl
 
 from nlosctl.io.paths.file_format import FileFormat, format_of_bytes
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 EXTENSIONS = ["csv", "csv.gz", "parquet", "arrow", "arrows", "jsonl"]
 WRITTEN = [*EXTENSIONS, "jsonl.gz"]

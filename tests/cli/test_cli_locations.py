@@ -17,6 +17,8 @@ from nlosctl.errors import DataError
 from nlosctl.io.paths.locations import location
 from nlosctl.pipeline.engine.parts import PartWork
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 NAMES = [f"good_bearings{end}" for end in (".csv", ".csv.gz", ".jsonl", ".arrow", ".arrows", ".parquet")]
 SCENE = "good_bearings.scene.toml"

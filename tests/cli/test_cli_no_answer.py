@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from cli_support import Outcome, read_parquet
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 
 _BASELINE_PATH = (

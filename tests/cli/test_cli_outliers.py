@@ -14,6 +14,8 @@ from program import run_here
 
 import nlosctl
 
+pytestmark = pytest.mark.extensive
+
 
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run ``nlosctl`` with the words, in a folder."""

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from cli_support import FIXTURES, GOOD, Outcome
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 
 PNG, SVG = b"\x89PNG", b"<?xml"

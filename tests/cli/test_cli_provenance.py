@@ -13,6 +13,8 @@ from cli_support import FIXTURES, GOOD, Outcome, good_table, provenance, write_p
 
 from nlosctl import __version__
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 
 

@@ -13,6 +13,8 @@ from cli_support import FIXTURES, Outcome, table_csv
 
 import nlosctl
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 ANCHORS, ECHOES = FIXTURES / "good_ranges.csv", FIXTURES / "good_echoes.csv"
 FIELD = "--field=-200,200,-200,200"

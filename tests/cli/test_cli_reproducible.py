@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from nlosctl.cli.main import run
 from nlosctl.pipeline.engine import sliced, workers
 
+pytestmark = pytest.mark.extensive
+
 EXTENSIONS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]
 Files = tuple[bytes, bytes]
 

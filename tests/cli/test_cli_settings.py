@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from cli_support import GOOD, Outcome, listing, provenance
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 
 

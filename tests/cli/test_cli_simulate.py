@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from cli_support import Outcome, read_parquet
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 SCENARIOS = ["mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
 OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "room", "shen"]

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from cli_support import GOOD, PROGRAM, Outcome, crossing_rows, plain_csv, plain_environment
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 
 

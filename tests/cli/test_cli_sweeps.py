@@ -15,6 +15,8 @@ from cli_support import GOOD, Outcome
 
 import nlosctl
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 
 

@@ -18,6 +18,8 @@ from plugins import ActInCall
 
 from nlosctl.errors import MethodError
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 OUTPUTS = ["-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]
 

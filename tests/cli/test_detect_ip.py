@@ -14,6 +14,8 @@ import pytest
 import nlosctl
 from nlosctl.cli.main import run
 
+pytestmark = pytest.mark.extensive
+
 METHODS = ("tdaj", "chi2", "joint")
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 GOOD = str(FIXTURES / "good_triplets.csv")

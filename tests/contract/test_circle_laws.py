@@ -21,7 +21,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", ["ls", *(pytest.param(case, marks=pytest.mark.extensive) for case in CASES if case != "ls")]
+)
 def test_a_method_obeys_the_law_on_circles(case: str, law: MethodLaw) -> None:
     """Each law holds on rows by one or two layers over ground and by an open circle, mixed with others."""
     spec: MethodSpec

@@ -8,6 +8,15 @@ from method_options import BUILT_IN, options_of
 from nlosctl import registry
 from nlosctl.testing import LAWS, MethodLaw, check_law
 
+SOLVED_SLOWLY = {"ranges.tca", "ranges.extended-tca", "ranges.assignment", "ranges.r-ls"}
+SOLVED_SLOWLY |= {"triplets.chi2", "triplets.joint", "bearings.mixture-ml", "bearings.suppress", "ranges.mixture-ml"}
+"""Methods whose laws take more than half a second of computing."""
+
+ENTRIES = [
+    pytest.param(entry, id=entry.full_name, marks=[pytest.mark.extensive] * (entry.full_name in SOLVED_SLOWLY))
+    for entry in BUILT_IN
+]
+
 
 def test_built_in_methods_are_registered() -> None:
     """The registry lists the methods of this package, so that the tests below check something."""
@@ -15,7 +24,7 @@ def test_built_in_methods_are_registered() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-@pytest.mark.parametrize("entry", BUILT_IN, ids=lambda entry: entry.full_name)
+@pytest.mark.parametrize("entry", ENTRIES)
 def test_a_built_in_method_obeys_the_law(entry: registry.MethodEntry, law: MethodLaw) -> None:
     """A built-in method obeys every law."""
     check_law(registry.load(entry), law, options=options_of(entry))
@@ -23,7 +32,7 @@ def test_a_built_in_method_obeys_the_law(entry: registry.MethodEntry, law: Metho
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 101))
-@pytest.mark.parametrize("entry", BUILT_IN, ids=lambda entry: entry.full_name)
+@pytest.mark.parametrize("entry", ENTRIES)
 def test_a_built_in_method_obeys_the_laws_on_many_draws(entry: registry.MethodEntry, seed: int) -> None:
     """A built-in method obeys every law on a hundred other draws."""
     spec = registry.load(entry)

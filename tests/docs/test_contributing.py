@@ -11,6 +11,8 @@ import pytest
 from doc_pages import ROOT, run_shell
 from plugin_environment import make_environment
 
+pytestmark = pytest.mark.process
+
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", TEXT, re.MULTILINE | re.DOTALL))
 ACTIVATE = ". .venv/bin/activate\n"

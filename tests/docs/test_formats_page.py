@@ -13,6 +13,8 @@ from doc_pages import ROOT, read_page, run_shell
 
 from nlosctl import registry
 
+pytestmark = pytest.mark.process
+
 PAGE = read_page("docs/formats.md")
 SOURCE, HALL = (47.36, 8.58), (47.3765, 8.5485)
 MAPS = {

@@ -13,6 +13,8 @@ import pytest
 import yaml
 from doc_pages import read_page, run_shell
 
+pytestmark = pytest.mark.process
+
 PAGE = read_page("docs/pipelines.md")
 DATA, PIPE, MAKE, XARGS, DUCKDB, CALIBRATION = PAGE.commands
 WORKFLOW = ".github/workflows/fixes.yml"

@@ -13,6 +13,8 @@ from doc_pages import ROOT, run_shell
 from nlosctl import registry
 from nlosctl.cli.main import app
 
+pytestmark = pytest.mark.process
+
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INSTALL = re.compile(r"^## Install\n.*?(?=^## )", re.MULTILINE | re.DOTALL)

@@ -14,6 +14,8 @@ from build_reference import REFERENCES
 
 from nlosctl.cli.main import app
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).parents[2]
 MARKDOWN = ROOT / "docs" / "commands.md"
 MANUAL = ROOT / "man" / "nlosctl.1"

@@ -8,6 +8,8 @@ import pytest
 from build_figures import FIGURES, made_on, pages, shown_on
 from doc_pages import ROOT, Page, read_page, run_shell
 
+pytestmark = pytest.mark.process
+
 TUTORIALS = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
 EXAMPLES = ["conventions", "earth", "echoes", "outliers", "over-the-horizon", "plotting", "settings"]
 

@@ -8,6 +8,8 @@ import pytest
 from doc_pages import ROOT, read_page, run_shell
 from plugin_environment import make_environment
 
+pytestmark = pytest.mark.process
+
 PAGE = read_page("docs/writing-a-method.md")
 
 

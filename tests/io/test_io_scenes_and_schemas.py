@@ -22,6 +22,7 @@ NAMES = st.lists(st.text(min_size=1, max_size=8), unique=True, max_size=3)
 LINE = '[[reflector]]\nname = "w"\nkind = "line"\n'
 
 
+@pytest.mark.extensive
 @settings(max_examples=50, deadline=None)
 @given(names=NAMES, x=NUMBERS, y=NUMBERS, heading=st.none() | NUMBERS)
 def test_a_scene_reads_back_equal(names: list[str], x: float, y: float, heading: float | None) -> None:

@@ -41,6 +41,7 @@ def test_what_says_enough_already_passes() -> None:
         assert caught.value is error
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("query", "region"), [("", "eu-central-1"), ("?region=us-west-2", "us-west-2")])
 def test_the_region_is_of_the_url_or_the_environment(query: str, region: str) -> None:
     """AWS_REGION saves asking where the bucket is; what the URL says goes before it. Nothing is asked of a network."""

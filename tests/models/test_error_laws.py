@@ -41,6 +41,7 @@ def test_two_errors_agree_with_the_convolution(name):
     assert parse_error_law(name).survival(np.array(z), (w1, w2, 0.0)) == pytest.approx(tail, abs=1e-6)
 
 
+@pytest.mark.extensive
 def test_three_equal_errors_in_closed_form():
     """Three uniform errors follow the Irwin-Hall law, three Laplace errors a difference of two Gamma(3)."""
     z = np.array([0.0, 0.5, 1.0, 1.9, 2.5, 2.9])

@@ -19,6 +19,8 @@ from nlosctl.errors import DataError, MethodError
 from nlosctl.pipeline.engine import workers
 from nlosctl.pipeline.engine.workers import map_in_order, map_in_processes, usable_jobs
 
+pytestmark = pytest.mark.process
+
 
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.integers(0, 3), max_size=20), st.integers(1, 5))

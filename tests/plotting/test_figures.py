@@ -77,6 +77,7 @@ def test_styles_do_not_interfere() -> None:
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.process
 def test_pyplot_is_not_imported() -> None:
     """Plotting uses no global figure and no window system."""
     program = "import sys, nlosctl.plotting.maps, nlosctl.plotting.series; print('matplotlib.pyplot' in sys.modules)"
@@ -112,6 +113,7 @@ def test_figures_are_not_overwritten(tmp_path: Path) -> None:
     assert target.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.process
 def test_a_missing_matplotlib_is_reported() -> None:
     """The message has the command that installs it; another missing module is reported as itself."""
     program = (

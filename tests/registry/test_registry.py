@@ -191,6 +191,7 @@ def test_missing_names_report_the_contract_version(
         registry.load(entry(installed[-1]))
 
 
+@pytest.mark.process
 def test_listing_imports_no_method_and_no_numpy() -> None:
     """Listing the methods imports none of them, and no numpy, scipy or pyarrow."""
     program = (

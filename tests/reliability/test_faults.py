@@ -23,6 +23,8 @@ from kill_runs import kill_and_resume, kill_at_random
 from plugins import ActInCall
 from writing_jobs import FIXTURES, WritingJob, resumed_jobs, writing_jobs
 
+pytestmark = pytest.mark.process
+
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 GOOD = FIXTURES / "good_bearings.parquet"
 JOBS = [pytest.param(job, id=job.command) for job in writing_jobs()]

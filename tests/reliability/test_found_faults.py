@@ -24,6 +24,8 @@ from seed_files import FIXTURES
 from nlosctl.cli import main
 from nlosctl.cli.options.settings import SettingsCommand
 
+pytestmark = pytest.mark.extensive
+
 BEARINGS = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
 TRIPLETS = "snapshot,path,tx_x_m,tx_y_m,rx_x_m,rx_y_m,dod_rad,doa_rad,toa_s,dod_std_rad,doa_std_rad,path_length_std_m\n"
 

@@ -19,6 +19,8 @@ from hypothesis import strategies as st
 from independent_readers import differences, read_independently
 from seed_files import table_of
 
+pytestmark = pytest.mark.extensive
+
 FORMATS = ("parquet", "arrow", "arrows", "csv", "csv.gz", "jsonl", "jsonl.gz")
 
 

@@ -21,6 +21,8 @@ from guarded_run import Ending, complaints, run_guarded
 from plugins import install_plugin
 from writing_jobs import FIXTURES
 
+pytestmark = pytest.mark.extensive
+
 ROOT = Path(__file__).parents[2]
 HEADER = b"snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
 ROW = b"1,a,0.0,0.0,0.5,0.01\n"
@@ -111,6 +113,7 @@ def test_arrow_buffers_with_false_sizes(folder: Path) -> None:
     assert_refused(folder, ["localize", "m.arrow", "-o", "e.csv"], "m.arrow")
 
 
+@pytest.mark.process
 @pytest.mark.slow
 @pytest.mark.parametrize("whose", ["ours", "the system's"])
 def test_memory_limits_are_reported(whose: str, folder: Path) -> None:
@@ -139,6 +142,7 @@ def test_memory_limits_are_reported(whose: str, folder: Path) -> None:
     assert b"NLOSCTL_MAX_MEMORY_MB" in done.stderr
 
 
+@pytest.mark.process
 @pytest.mark.slow
 def test_the_memory_of_a_long_file_is_bounded(folder: Path) -> None:
     """A gzip of 400 MiB of rows is refused in less than 400 MiB of memory."""

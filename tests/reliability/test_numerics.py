@@ -19,6 +19,8 @@ from nlosctl.pipeline.solve.solution_check import fault_of
 from nlosctl.testing.draws import DRAWS, bearing_batch
 from nlosctl.testing.moves import copy_batch
 
+pytestmark = pytest.mark.extensive
+
 METHODS = pytest.mark.parametrize("entry", BUILT_IN, ids=lambda entry: entry.full_name)
 SPANS = st.floats(-3.0, 7.0)
 OFFSETS = st.one_of(st.just(-np.inf), st.floats(0.0, 8.0))

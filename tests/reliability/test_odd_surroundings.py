@@ -12,6 +12,8 @@ import pytest
 from guarded_run import complaints, message_complaints, run_guarded
 from writing_jobs import FIXTURES
 
+pytestmark = pytest.mark.process
+
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 GOOD = FIXTURES / "good_bearings.parquet"
 

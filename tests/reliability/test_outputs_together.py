@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from guarded_run import complaints, run_guarded
 
+pytestmark = pytest.mark.process
+
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 SCENARIOS = {"localize": "ring", "detect-ip": "room", "identify-los": "echo-field", "bound": "ring", "convert": "ring"}
 REST = ["--bad-rows", "b.csv", "--report", "r.json"]

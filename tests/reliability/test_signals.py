@@ -12,6 +12,8 @@ import pytest
 
 from nlosctl.io.parts.run_folder import RunFolder
 
+pytestmark = pytest.mark.process
+
 PROGRAM = Path(sys.executable).with_name("nlosctl")
 CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGXCPU, 152)]
 

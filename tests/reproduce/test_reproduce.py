@@ -17,6 +17,8 @@ from nlosctl.reproduce.outcome import claim_rows
 from nlosctl.reproduce.sampling import draw_samples
 from nlosctl.reproduce.verdicts import Verdict
 
+pytestmark = pytest.mark.extensive
+
 ROOT = Path(__file__).parents[2]
 NAME = "madhow-fig3"
 
@@ -93,6 +95,7 @@ def test_the_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(row["title"] and row["paper"] and row["trials"] for row in rows)
 
 
+@pytest.mark.process
 def test_jobs_change_no_byte(tmp_path: Path) -> None:
     """One process or two give the same files."""
     for jobs in ("1", "2"):
@@ -100,6 +103,7 @@ def test_jobs_change_no_byte(tmp_path: Path) -> None:
     assert bytes_of(tmp_path / "1") == bytes_of(tmp_path / "2")
 
 
+@pytest.mark.process
 def test_killed_runs_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """After SIGKILL the next run gives the bytes of an uninterrupted one and reuses finished chunks."""
     words = ["reproduce", NAME, "--trials", "2000", "-o"]
@@ -155,6 +159,7 @@ def test_all_conditions_share_their_random_numbers() -> None:
     assert len(claim_rows(experiment, drawn)) == len(experiment.claims) + len(experiment.beside)
 
 
+@pytest.mark.process
 def test_without_matplotlib_only_figures_are_missing(tmp_path: Path) -> None:
     """Numbers are computed, printed and stored; one line states how to get the figures."""
     (tmp_path / "matplotlib.py").write_text(

@@ -24,6 +24,7 @@ def generate(name, snapshots=300, seed=4, **options):
     return spec, chosen, spec.generate(chosen, np.random.default_rng(seed), snapshots)
 
 
+@pytest.mark.process
 def test_listing_imports_no_numpy():
     """Listing the names does not import numpy."""
     code = (
