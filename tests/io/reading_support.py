@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from nlosctl.contract.scene import Scene
-from nlosctl.io.measurements.bad_rows import BadRow, BadRowSink
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader, ReadOptions
+from nlosctl.io.measurements.row_checks import BadRow, BadRowSink
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.scenes.scene_file import find_scene
 

@@ -150,7 +150,7 @@ def test_wrong_options_are_told(tmp_path: Path, options: dict[str, object], erro
 def test_two_spellings_of_one_column_are_refused(tmp_path: Path) -> None:
     """A file with bearing_rad and bearing_deg must say which it means."""
     path = save(bearings([1], bearing_deg=[5.0]), tmp_path / "a.parquet")
-    with pytest.raises(DataError, match="say the same thing"):
+    with pytest.raises(DataError, match="are the same quantity"):
         read([path])
 
 

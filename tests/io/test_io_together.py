@@ -35,9 +35,9 @@ def test_a_whole_prior_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        ("prior_x_m", "column 'prior_x_m' says nothing without 'prior_y_m' and 'prior_std_m'"),
-        ("prior_x_m,prior_y_m", "column 'prior_x_m' says nothing without 'prior_std_m'"),
-        ("prior_std_m", "column 'prior_std_m' says nothing without 'prior_x_m' and 'prior_y_m'"),
+        ("prior_x_m", "column 'prior_x_m' needs 'prior_y_m' and 'prior_std_m'"),
+        ("prior_x_m,prior_y_m", "column 'prior_x_m' needs 'prior_std_m'"),
+        ("prior_std_m", "column 'prior_std_m' needs 'prior_x_m' and 'prior_y_m'"),
     ],
 )
 def test_half_a_prior_is_an_error(tmp_path: Path, columns: str, told: str) -> None:

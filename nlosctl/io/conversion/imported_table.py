@@ -11,7 +11,7 @@ from nlosctl.contract.formats import BadLine, Row
 from nlosctl.contract.tables import ColumnType, Table
 from nlosctl.errors import DataError, MethodError
 from nlosctl.io.arrow_columns import ARROW_TYPES
-from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
+from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 
 __all__ = ["imported_table"]
 

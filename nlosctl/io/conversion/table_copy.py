@@ -12,8 +12,8 @@ from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import ESTIMATES, KINDS, Table
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.bad_rows import BadRow, BadRowSink, Problem, ProblemLog
 from nlosctl.io.measurements.column_mapping import kind_of_columns
+from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog, bad_rows_of
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.readers.base import RecordBatch
 from nlosctl.io.readers.open_file import TableFile, open_part
@@ -107,30 +107,13 @@ class TableCopy:
         return types
 
     def _good(self, file: str, batch: RecordBatch) -> Any:
-        bad: dict[int, BadRow] = {}
-        numbers = batch.row_numbers()
+        bad: dict[int, tuple[str, str]] = {}
         for cell in batch.cell_faults:
-            line = None if batch.lines is None else int(batch.lines[cell.index])
-            problem = Problem(file=file, row=int(numbers[cell.index]), line=line, column=cell.column, fault=cell.fault)
-            cells = batch.table if batch.text is None else batch.text
-            values = {name: _text(cells.column(name)[cell.index].as_py()) for name in cells.schema.names}
-            bad.setdefault(cell.index, BadRow(problem=problem, values=values))
-        rows = [
-            BadRow(
-                problem=Problem(file=file, row=line.row, line=line.line, column=None, fault=line.fault),
-                values={},
-                raw_line=line.text,
-            )
-            for line in batch.line_faults
-        ]
-        if rows or bad:
-            self.log.add(sorted([*rows, *bad.values()], key=lambda row: row.problem.row or 0))
+            bad.setdefault(cell.index, (cell.column, cell.fault))
+        if bad or batch.line_faults:
+            self.log.add(bad_rows_of(file, batch, self._schema.names, bad))
         table = pa.Table.from_batches([batch.table]).rename_columns(self._schema.names)
         if bad:
-            table = table.filter(pa.array([place not in bad for place in range(table.num_rows)]))
+            table = table.filter(pa.array([index not in bad for index in range(table.num_rows)]))
         self.rows += table.num_rows
         return table
-
-
-def _text(value: object) -> str | None:
-    return None if value is None else str(value)

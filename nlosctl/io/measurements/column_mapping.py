@@ -1,18 +1,29 @@
-"""Which column of a file holds what: names, other spellings, renames, constants, the scene."""
+"""Column mapping: which column of a file gives which column of the contract, and names as codes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
+import pyarrow as pa
+
+from nlosctl.arrays import IntArray
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import EARTH_PLACES, KINDS, Column, ColumnType, Spelling, Table, contract_names
+from nlosctl.contract.tables import EARTH_PLACES, KINDS, Column, ColumnType, Table, contract_names
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = [
+    "METHOD",
+    "NULL_CODE",
+    "SNAPSHOT",
     "ColumnPlan",
     "CoordinateColumns",
     "FoundColumn",
+    "NameCodes",
+    "are_flags_by_method",
+    "columns_to_read",
     "coordinate_columns",
     "kind_of_columns",
     "kind_table",
@@ -21,11 +32,24 @@ __all__ = [
 ]
 
 SNAPSHOT = "snapshot"
+METHOD = "method"
+NULL_CODE = -1
+"""The code of an empty name, and an integer that is null."""
+
+_DISTINCTIVE = {
+    kind: [
+        frozenset(column.accepted_names)
+        for column in table.columns
+        if column.required and not column.constant_allowed and column.scene_axis is None
+    ]
+    for kind, table in KINDS.items()
+}
+"""The names of each column that only a file of that kind must have."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundColumn:
-    """A contract column and the column that holds it: ``canonical = value * scale + offset``."""
+    """A contract column and the file's column for it: ``contract's value = file's value * scale + offset``."""
 
     column: Column
     name: str
@@ -35,7 +59,7 @@ class FoundColumn:
 
     @property
     def converted(self) -> bool:
-        """Whether the file holds another unit than the contract's."""
+        """Whether the file's unit differs from the contract's."""
         return self.scale != 1.0 or self.offset != 0.0
 
 
@@ -52,12 +76,11 @@ class CoordinateColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnPlan:
-    """How the columns of one file give those of the contract; ``types`` are by the (renamed) file's names."""
+    """The sources of the contract's columns in one file; ``types`` are by the file's (renamed) columns."""
 
     table: Table
     found: Mapping[str, FoundColumn]
     constants: Mapping[str, float] = field(default_factory=dict)
-    from_scene: tuple[str, ...] = ()
     has_snapshot: bool = True
 
     @property
@@ -67,28 +90,26 @@ class ColumnPlan:
 
 
 def kind_table(kind: str) -> Table:
-    """Return the table of a kind; raise UsageError with the nearest name where there is none."""
+    """Return the table of a kind; raise UsageError with the nearest name if it does not exist."""
     if kind not in KINDS:
         raise UsageError(f"no kind {kind!r}{did_you_mean(kind, KINDS)}; there are: {', '.join(KINDS)}")
     return KINDS[kind]
 
 
 def kind_of_columns(names: Iterable[str]) -> str:
-    """Return the kind whose required columns are all among ``names``, else the one that lacks the fewest."""
-    there = frozenset(names)
-
-    def missing(table: Table) -> int:
-        return sum(not there.intersection(column.accepted_names) for column in table.required if _must_be_there(column))
-
-    return min(KINDS.values(), key=missing).name
+    """Return the kind of which the fewest required columns are missing among ``names``."""
+    given = frozenset(names)
+    return min(_DISTINCTIVE, key=lambda kind: sum(given.isdisjoint(accepted) for accepted in _DISTINCTIVE[kind]))
 
 
 def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file: str) -> tuple[str, ...]:
     """Return the file's names with ``renames`` (contract's name -> file's name) applied.
 
-    Raises UsageError for a name that the contract doesn't have, DataError where the file lacks the column or
-    has the new name already.
+    Raises UsageError for a name that the contract does not have, DataError if the file does not have the column, or has
+    the new name already.
     """
+    if not renames:
+        return tuple(names)
     known = [accepted for column in table.columns for accepted in column.accepted_names]
     by_file_name = {}
     for wanted, given in renames.items():
@@ -122,46 +143,55 @@ def coordinate_columns(names: Sequence[str], renames: Mapping[str, str]) -> list
 def plan_columns(
     names: Sequence[str], table: Table, constants: Mapping[str, float], scene: Scene, file: str
 ) -> ColumnPlan:
-    """Return where each contract column comes from, ``names`` being the renamed columns of ``file``.
+    """Return the sources of the contract's columns, given the (renamed) columns ``names`` of ``file``.
 
-    Raises DataError where a required column is missing or told twice, UsageError for a constant that the file
-    has as a column, or that is not allowed.
+    Raises DataError if a required column is missing, or given twice, or only a part of a group is there; UsageError for
+    a constant that the file has as a column, or that is not allowed.
     """
     if names and names[0].startswith("#") and names[0].lstrip("# ") in contract_names():
         raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {names[0].lstrip('# ')!r}")
-    found = {}
-    for column in table.columns:
-        held = _find(column, names, file)
-        if held is not None:
-            found[column.name] = held
+    matches = {column.name: _find(column, names, file) for column in table.columns}
+    found = {name: match for name, match in matches.items() if match is not None}
     _check_constants(table, constants, found, file)
-    from_scene = tuple(
-        column.name
+    missing = [
+        column
         for column in table.columns
-        if column.scene_axis is not None and column.name not in found and scene.sensors
-    )
-    given = {*found, *constants, *from_scene}
-    missing = [column for column in table.required if column.name not in given]
+        if column.required
+        and column.name not in found
+        and column.name not in constants
+        and not (column.scene_axis is not None and scene.sensors)
+    ]
     if missing:
         raise DataError(_missing(missing, names, table, file))
-    return ColumnPlan(
-        table=table, found=found, constants=dict(constants), from_scene=from_scene, has_snapshot=SNAPSHOT in found
-    )
+    for group in table.together:
+        _check_group(group, found, file)
+    return ColumnPlan(table=table, found=found, constants=constants, has_snapshot=SNAPSHOT in found)
 
 
 def _find(column: Column, names: Sequence[str], file: str) -> FoundColumn | None:
-    spellings = (Spelling(name=column.name, scale=1.0), *column.spellings)
-    there = [spelling for spelling in spellings if spelling.name in names]
-    if len(there) > 1:
-        raise DataError(
-            f"{file}: columns {there[0].name!r} and {there[1].name!r} say the same thing; drop or rename one"
-        )
-    if not there:
+    spellings = [spelling for spelling in column.spellings if spelling.name in names]
+    given = [*([column.name] if column.name in names else []), *(spelling.name for spelling in spellings)]
+    if len(given) > 1:
+        raise DataError(f"{file}: columns {given[0]!r} and {given[1]!r} are the same quantity; drop or rename one")
+    if not given:
         return None
-    chosen = there[0]
+    if not spellings:
+        return FoundColumn(column=column, name=column.name)
+    other = spellings[0]
     return FoundColumn(
-        column=column, name=chosen.name, scale=chosen.scale, offset=chosen.offset, from_north=chosen.from_north
+        column=column, name=other.name, scale=other.scale, offset=other.offset, from_north=other.from_north
     )
+
+
+def _check_group(group: Sequence[str], found: Mapping[str, FoundColumn], file: str) -> None:
+    """Raise DataError if a file has some, not all, of a group of columns."""
+    given = [name for name in group if name in found]
+    absent = [name for name in group if name not in found]
+    if given and absent:
+        raise DataError(
+            f"{file}: column {found[given[0]].name!r} needs {' and '.join(map(repr, absent))}; "
+            f"give all of {', '.join(group)}, or drop {' and '.join(map(repr, given))}"
+        )
 
 
 def _check_constants(table: Table, constants: Mapping[str, float], found: Mapping[str, FoundColumn], file: str) -> None:
@@ -180,7 +210,7 @@ def _check_constants(table: Table, constants: Mapping[str, float], found: Mappin
 
 
 def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file: str) -> str:
-    told = []
+    parts = []
     for column in missing:
         others = [spelling.name for spelling in column.spellings]
         near = did_you_mean(column.name, [name for name in names if name not in contract_names()])
@@ -189,14 +219,75 @@ def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file
         accepted = f", also accepted: {', '.join(others)}" if others else ""
         option = f", or give {column.constant_option}" if column.constant_option else ""
         scene = ", or give a scene with its sensors" if column.scene_axis is not None else ""
-        told.append(f"{column.name!r}{near}{accepted}{option}{scene}")
+        parts.append(f"{column.name!r}{near}{accepted}{option}{scene}")
     comment = "; the first line begins with '#', expected the header there" if names[0].startswith("#") else ""
     plural = "s" if len(missing) > 1 else ""
     return (
-        f"{file}: missing column{plural} {'; '.join(told)}. The file has: {', '.join(names) or 'no columns'}; "
+        f"{file}: missing column{plural} {'; '.join(parts)}. The file has: {', '.join(names) or 'no columns'}; "
         f"--column NAME=COLUMN reads one under another name, --kind another kind than {table.name}{comment}"
     )
 
 
-def _must_be_there(column: Column) -> bool:
-    return not column.constant_allowed and column.scene_axis is None
+def columns_to_read(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the columns among ``names`` that a measurement needs, or that ``extra`` names or matches (``sweep_*``)."""
+    if extra is None:
+        return names
+    needed = {
+        found.name
+        for name, found in plan.found.items()
+        if not found.column.carried or name in ("los", "ip") or name == SNAPSHOT
+    }
+    if are_flags_by_method(names):
+        needed.add(METHOD)
+    beginnings = tuple(name[:-1] for name in extra if name.endswith("*"))
+    return tuple(name for name in names if name in needed or name in extra or name.startswith(beginnings))
+
+
+def are_flags_by_method(names: Iterable[str]) -> bool:
+    """Return whether the columns are those of flags from an earlier step, with the method of each flag."""
+    return {METHOD, "used"} <= set(names)
+
+
+class NameCodes:
+    """Integer codes of names; integers are names too, by their decimal text.
+
+    A new name gets the next code if the set ``grows``, else ``UNKNOWN``.
+    """
+
+    UNKNOWN = -2
+
+    def __init__(self, names: tuple[str, ...] = (), grows: bool = True) -> None:
+        self.names: list[str] = list(names)
+        self._codes: dict[str, int] = {name: code for code, name in enumerate(names)}
+        self._grows = grows
+        self._last_dictionary: Any = None
+        self._last_codes: IntArray = np.empty(0, dtype=np.int64)
+
+    def encode(self, column: Any) -> IntArray:
+        """Return the codes (N,) of a text or integer column, `NULL_CODE` for null and empty text."""
+        if not pa.types.is_dictionary(column.type):
+            column = column.dictionary_encode()
+        codes = self._codes_of(column.dictionary)
+        indices = column.indices
+        if indices.null_count:
+            indices = indices.fill_null(len(codes) - 1)
+        encoded: IntArray = codes[indices.to_numpy(zero_copy_only=False)]
+        return encoded
+
+    def _codes_of(self, dictionary: Any) -> IntArray:
+        """Return the codes of the entries of a dictionary, and of null at the end."""
+        if self._last_dictionary is None or not dictionary.equals(self._last_dictionary):
+            texts = dictionary.cast(pa.string()).to_pylist()
+            self._last_codes = np.array([*(self._code(text) for text in texts), NULL_CODE], dtype=np.int64)
+            self._last_dictionary = dictionary
+        return self._last_codes
+
+    def _code(self, text: str | None) -> int:
+        if text is None or text == "":
+            return NULL_CODE
+        if text not in self._codes:
+            if not self._grows:
+                return self.UNKNOWN
+            self._codes[text] = len(self.names)
+            self.names.append(text)
+        return self._codes[text]

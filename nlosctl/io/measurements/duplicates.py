@@ -1,4 +1,4 @@
-"""Measurements that are there twice: same snapshot, and the same in all columns of the row key."""
+"""Repeated measurements: rows of a snapshot with equal values in the row key, and flags of several methods."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow.compute as pc
 
 from nlosctl.arrays import IntArray
-from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
-from nlosctl.io.measurements.options import ReadReport
-from nlosctl.io.measurements.row_batch import Piece
+from nlosctl.contract.tables import SWEEP_PREFIX
+from nlosctl.errors import DataError
+from nlosctl.io.measurements.column_mapping import METHOD
+from nlosctl.io.measurements.row_batch import RowBatch, RowTally
+from nlosctl.io.measurements.row_checks import BadRow, Problem
+from nlosctl.io.readers.base import plain
 
-__all__ = ["drop_duplicates", "find_duplicates"]
+__all__ = ["drop_duplicates", "find_duplicates", "refuse_several_methods"]
 
 _Words = npt.NDArray[np.uint64]
 
@@ -25,9 +29,8 @@ _SHIFT = np.uint64(29)
 def find_duplicates(offsets: IntArray, columns: Sequence[npt.NDArray[Any]]) -> tuple[IntArray, IntArray]:
     """Return the rows that repeat an earlier one of their snapshot, and those earlier rows, both (D,) and rising.
 
-    ``offsets`` (S+1,) delimits the snapshots, ``columns`` are (N,) arrays of 8-byte values; of none of
-    them nothing repeats. Where the first column
-    (integers from -1 on) tells all rows of every snapshot apart nothing repeats, and nothing else is looked at.
+    ``offsets`` (S+1,) delimits the snapshots, ``columns`` are (N,) arrays of 8-byte values; without columns no row
+    repeats. If the first column (integers from -1 on) differs in all rows of every snapshot, the others are not needed.
     """
     none = np.empty(0, dtype=np.int64)
     if not columns or _rises_within_snapshots(offsets, columns[0]):
@@ -86,34 +89,56 @@ def _verify(candidates: IntArray, keys: Sequence[_Words]) -> tuple[IntArray, Int
     return order[repeats][by_row], first[repeats][by_row]
 
 
-def drop_duplicates(
-    pieces: Sequence[Piece], whole: Piece, row_key: Sequence[str], log: ProblemLog, report: ReadReport
-) -> Piece:
-    """Return ``whole``, the joined ``pieces``, without rows that repeat an earlier one; these go to ``log``."""
+def drop_duplicates(batches: Sequence[RowBatch], whole: RowBatch, row_key: Sequence[str], tally: RowTally) -> RowBatch:
+    """Return ``whole``, the joined ``batches``, without rows that repeat an earlier one; those are logged as bad."""
     names = [name for name in row_key if name in whole.columns]
-    offsets = np.append(whole.starts, len(whole.ids))
+    offsets = np.append(whole.starts, len(whole))
     repeated, first = find_duplicates(offsets, [whole.columns[name] for name in names])
     if repeated.shape[0] == 0:
         return whole
-    begins = np.cumsum([0, *(len(piece.ids) for piece in pieces)])
+    ends = np.cumsum([len(batch) for batch in batches])
     rows = []
-    for place, earlier in list(zip(repeated.tolist(), first.tolist(), strict=True))[: log.wanted()]:
-        number = int(np.searchsorted(begins, place, side="right")) - 1
+    for index, earlier in list(zip(repeated.tolist(), first.tolist(), strict=True))[: tally.log.wanted()]:
+        number = int(np.searchsorted(ends, index, side="right"))
+        batch = batches[number]
         fault = (
             f"duplicate measurement: same snapshot, {', '.join(names)} as row {whole.rows[earlier]}; "
             f"drop one, or number them in a 'path' column"
         )
         problem = Problem(
-            file=pieces[number].file,
-            row=int(whole.rows[place]),
-            line=pieces[number].line_at(place - int(begins[number])),
+            file=batch.file,
+            row=int(whole.rows[index]),
+            line=None if batch.lines is None else int(batch.lines[index - int(ends[number]) + len(batch)]),
             column=None,
             fault=fault,
         )
-        rows.append(BadRow(problem=problem, values=whole.texts(place)))
-    log.add(rows, total=repeated.shape[0])
-    report.rows -= repeated.shape[0]
-    report.bad_rows += repeated.shape[0]
-    keep = np.ones(len(whole.ids), dtype=np.bool_)
+        rows.append(BadRow(problem=problem, values=whole.texts(index)))
+    tally.log.add(rows, total=repeated.shape[0])
+    tally.report.rows -= repeated.shape[0]
+    tally.report.bad_rows += repeated.shape[0]
+    keep = np.ones(len(whole), dtype=np.bool_)
     keep[repeated] = False
-    return whole.kept(keep)
+    return whole.filter(keep)
+
+
+def refuse_several_methods(table: Any, starts: IntArray, file: str) -> None:
+    """Raise DataError if a snapshot (at ``starts``) has flags of several methods, or of several values of a sweep.
+
+    Each measurement is then repeated for each of them, and they can't be solved together.
+    """
+    swept = [name for name in table.column_names if name.startswith(SWEEP_PREFIX)]
+    for column, what, cure in [
+        (METHOD, "methods", "run the earlier step with one --method, or keep the rows of one method"),
+        *(
+            (name, "values of a sweep", "run the earlier step without --sweep, or keep the rows of one")
+            for name in swept
+        ),
+    ]:
+        values = plain(table.column(column).combine_chunks())
+        codes = pc.fill_null(pc.dictionary_encode(values).indices, -1).to_numpy(zero_copy_only=False)
+        if codes.size and (np.maximum.reduceat(codes, starts) > np.minimum.reduceat(codes, starts)).any():
+            several = ", ".join(str(value) for value in pc.unique(values).drop_null().to_pylist())
+            raise DataError(
+                f"{file}, column {column!r}: flags of several {what} ({several}), so every measurement is repeated, "
+                f"expected those of one; {cure}"
+            )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,28 +14,28 @@ import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.bad_rows import BadRowSink, ProblemLog
-from nlosctl.io.measurements.column_mapping import SNAPSHOT
-from nlosctl.io.measurements.duplicates import drop_duplicates
-from nlosctl.io.measurements.mapped_file import open_table
-from nlosctl.io.measurements.method_flags import METHOD, are_flags_by_method, refuse_several_methods
-from nlosctl.io.measurements.normalize import Normalizer, RunNames
-from nlosctl.io.measurements.options import ReadOptions, ReadReport
-from nlosctl.io.measurements.part_boundaries import Neighbours, pieces_beginning_in
-from nlosctl.io.measurements.row_batch import Piece, join_pieces, read_pieces
-from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, ReturnWatch, run_starts, sort_hint
-from nlosctl.io.measurements.survey import LookAhead, look_ahead
+from nlosctl.io.measurements.column_mapping import SNAPSHOT, NameCodes, are_flags_by_method
+from nlosctl.io.measurements.duplicates import drop_duplicates, refuse_several_methods
+from nlosctl.io.measurements.options import ReadOptions
+from nlosctl.io.measurements.part_boundaries import PartBoundaries
+from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows
+from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
+from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SeenId, SnapshotIndex, run_starts
+from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_inputs
+from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
+
+_READ_BY_DUCKDB = frozenset(set(FileFormat) - {FileFormat.ARROW, FileFormat.ARROW_STREAM})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Chunk:
     """Whole snapshots, in input order.
 
-    ``table`` has the good rows (N,) with the input's columns as they came (renamed by ``--column`` only),
+    ``table`` has the good rows (N,) with the input's columns and types, renamed columns under their new names,
     ``snapshot`` (S,) the ids as an Arrow array, ``offsets`` (S+1,) the rows of each; ``columns`` are the contract's
     flat columns (N,) in its units: float64, or int64 codes for ``sensor``, ``path`` and ``reflector``. ``left_out``
     (N,) marks rows that an earlier step flagged. ``source`` names the input.
@@ -55,14 +57,13 @@ class Chunk:
 
 
 class MeasurementReader:
-    """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are there before the first chunk.
+    """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are known before the first chunk.
 
-    Bad rows go to ``bad_rows`` if given; else no chunk follows the first bad row, the rest is read for further
-    problems, and a DataError tells them at the end. Raises DataError or UsageError for faults of a whole file.
+    Bad rows go to the sink ``bad_rows``. Without it no chunk follows the first bad row, the rest is read for further
+    problems, and a DataError lists them at the end. Raises DataError or UsageError for a fault of a whole file.
 
-    With ``found``, what an earlier reader of the same inputs learnt, nothing is looked at again; ``only`` (place of
-    the input, place of the part within) then reads the snapshots that begin in this part, with their rows in
-    parts that follow.
+    ``found`` is the survey of an earlier reader of the same inputs, which is not repeated. ``only`` (index of the
+    input, index of the part within) restricts the reader to snapshots that begin in that part.
     """
 
     def __init__(
@@ -71,53 +72,44 @@ class MeasurementReader:
         options: ReadOptions | None = None,
         bad_rows: BadRowSink | None = None,
         *,
-        found: LookAhead | None = None,
+        found: InputSurvey | None = None,
         only: tuple[int, int] | None = None,
     ) -> None:
-        self._options = options or ReadOptions()
+        self.options = options or ReadOptions()
         self._inputs = tuple(inputs)
-        self._log = ProblemLog(bad_rows)
         self._only = only
-        self._found = found or look_ahead(self._inputs, self._options)
+        self._survey = found or survey_inputs(self._inputs, self.options)
         self.spans: list[IdSpan] = []
-        self.report = ReadReport(remarks=list(self._found.remarks))
-        self.metadata, self.scene = self._found.metadata, self._found.scene
-        self.schema: Any = self._found.schema
-        self._names = RunNames(self.scene)
+        self.report = ReadReport(remarks=list(self._survey.remarks))
+        self._tally = RowTally(log=ProblemLog(bad_rows), report=self.report)
+        self.metadata, self.scene = self._survey.metadata, self._survey.scene
+        self.schema: Any = self._survey.schema
+        self._names: dict[str, NameCodes] = {}
 
     @property
     def kind(self) -> str:
         """The kind of measurement."""
-        return self._found.table.name
+        return self._survey.table.name
 
     @property
     def sensor_names(self) -> Sequence[str]:
-        """The names behind the codes in ``columns['sensor']``; grows while reading."""
-        return self._names.codes("sensor").names
+        """The names for the codes in ``columns['sensor']``; there are more as reading goes on."""
+        return self._names["sensor"].names if "sensor" in self._names else ()
 
     @property
     def column_names(self) -> tuple[str, ...]:
-        """All columns that the inputs have, also those that are not kept; ``--column`` is applied."""
-        return self._found.column_names
+        """All columns of the inputs, after renaming, whether they are read or not."""
+        return self._survey.column_names
 
     @property
     def constants(self) -> Mapping[str, float]:
-        """The values that stand in for missing columns, by the contract's names and in its units."""
-        return self._options.constants
+        """The values for absent columns, by the contract's names and in its units."""
+        return self.options.constants
 
     @property
     def has_several_sources(self) -> bool:
-        """Whether several inputs are named, so that results must tell theirs."""
+        """Whether there are several inputs, so that results must name theirs."""
         return len(self._inputs) > 1
-
-    def set_bad_rows_aside(self, sink: BadRowSink) -> None:
-        """Hand bad rows to ``sink`` from now on and go on with the rest; call it before the first chunk."""
-        self._log = ProblemLog(sink)
-
-    @property
-    def options(self) -> ReadOptions:
-        """How the inputs are read."""
-        return self._options
 
     @property
     def reads_one_part(self) -> bool:
@@ -126,146 +118,176 @@ class MeasurementReader:
 
     @property
     def sets_bad_rows_aside(self) -> bool:
-        """Whether bad rows are handed on, rather than ending the run."""
-        return not self._log.stops_the_run
+        """Whether bad rows go to a sink and don't stop the run."""
+        return not self._tally.log.stops_the_run
 
-    def found(self) -> LookAhead:
-        """Return what is known of the inputs, without open files, for further readers of them."""
+    def set_bad_rows_aside(self, sink: BadRowSink) -> None:
+        """Send bad rows to ``sink`` and continue with the others; call it before the first chunk."""
+        self._tally.log = ProblemLog(sink)
+
+    def found(self) -> InputSurvey:
+        """Return the survey of the inputs, without open files, for further readers of them."""
         self.close()
-        return self._found
+        return self._survey
+
+    def close(self) -> None:
+        """Close open files; needed only if the chunks are not read to their end."""
+        self._survey.close()
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield the chunks of all inputs (or of one part), in order; call it once."""
-        for group in self._inputs if self._only is None else (self._inputs[self._only[0]],):
+        for given in self._inputs if self._only is None else (self._inputs[self._only[0]],):
             rows_before = self.report.rows_in_all
-            yield from filter(self._goes_out, self._group_chunks(group))
+            snapshots = _Snapshots(given, self._survey, self.options, self._tally)
+            # no variable refers to a chunk or its rows while it is solved, so that one of them is in memory at a time
+            yield from filter(self._is_wanted, map(snapshots.add, self._row_batches(given)))
+            yield from filter(self._is_wanted, (snapshots.rest(),))
+            self.spans.append(snapshots.span)
             if self.report.rows_in_all == rows_before and self._only is None:
-                raise DataError(f"{group.name}: no rows: the file has columns and nothing else")
-        self._log.raise_if_stopping()
+                raise DataError(f"{given.name}: no rows: the file has columns and nothing else")
+        self._tally.log.raise_if_stopping()
         if self.report.snapshots_lost:
             self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
 
-    def _goes_out(self, chunk: Chunk) -> bool:
-        """Return whether the run has no fault that stops it so far; the chunk is counted then."""
-        if self._log.total and self._log.stops_the_run:
+    def _is_wanted(self, chunk: Chunk | None) -> bool:
+        """Return whether there is a chunk, and no fault so far that stops the run; count the chunk then."""
+        if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
             return False
         self.report.snapshots += len(chunk.snapshot)
         self.report.left_out_rows += int(chunk.left_out.sum())
         return True
 
-    def close(self) -> None:
-        """Close what is open; needed only where the chunks are not read to their end."""
-        for opened in self._found.held.values():
-            opened.source.close()
-        self._found.held.clear()
-
-    def _group_chunks(self, group: Input) -> Iterator[Chunk]:
-        column = self._options.renames.get(SNAPSHOT, SNAPSHOT)
-        watch = ReturnWatch(column, sort_hint(group, column))
-        pending: list[Piece] = []
-        last: Any = None
-        for piece in self._pieces(group):
-            starts = self._starts(piece, last, bool(pending))
-            watch.add(piece.file, piece.ids.take(pa.array(starts)), piece.rows[starts])
-            last = piece.ids[len(piece.ids) - 1].as_py()
-            piece = piece.with_starts(starts)
-            whole, pending = _split(pending, piece)
-            if whole:
-                ready = [self._chunk(whole, group)]
-                del whole, piece  # not held while the chunk is solved
-                yield ready.pop()
-            self._check_size(pending, group)
-        if pending:
-            yield self._chunk(pending, group)
-        self.spans.append(watch.span)
-
-    def _starts(self, piece: Piece, last: Any, follows: bool) -> IntArray:
-        return run_starts(piece.ids, last if follows else None)
-
-    def _pieces(self, group: Input) -> Iterator[Piece]:
-        lost = LostSnapshots()
-
-        def read(part: Part) -> Iterator[Piece]:
-            before = self.report.rows_in_all
-            yield from self._read(part, self._log, lost, self.report)
-            rows = self.report.rows_by_file.get(part.name, 0)
-            self.report.rows_by_file[part.name] = rows + self.report.rows_in_all - before
-
-        def read_quietly(part: Part) -> Iterator[Piece]:
-            return self._read(part, ProblemLog(lambda rows: None), LostSnapshots(), ReadReport())
-
-        def read_own(part: Part, begun: Any) -> Iterator[Piece]:
-            nonlocal lost
-            lost = LostSnapshots(begun)
-            return read(part)
-
-        if self._only is not None:
-            others = Neighbours(read=read_quietly, end_id=self._end_id)
-            yield from pieces_beginning_in(group.parts, self._only[1], read_own, others)
+    def _row_batches(self, given: Input) -> Iterator[RowBatch]:
+        """Yield the good rows of an input, or of the snapshots that begin in one part."""
+        self._tally.lost = LostSnapshots()
+        if self._only is None:
+            for part in given.parts:
+                yield from self._rows(part, self._tally)
         else:
-            for part in group.parts:
-                yield from read(part)
-        self.report.snapshots_lost += lost.count
+            index = self._only[1]
+            others = PartBoundaries(parts=given.parts, index=index, read=self._uncounted_rows, end_id=self._end_id)
+            begun = others.begun_id()
+            self._tally.lost = LostSnapshots(None if begun is None else begun.as_py())
+            yield from others.rows(self._rows(given.parts[index], self._tally), begun)
+        self.report.snapshots_lost += self._tally.lost.count
 
-    def _end_id(self, part: Part, place: int) -> Any:
-        """See Neighbours; a row that is set aside is no end of a snapshot."""
-        if not self._log.stops_the_run or SNAPSHOT not in self.schema.names:
+    def _rows(self, part: Part, tally: RowTally) -> Iterator[RowBatch]:
+        tally.report.rows_by_file.setdefault(part.name, 0)
+        opened = self._survey.open_tables.pop(part.name, None)
+        opened = opened or open_table(part, self._survey.table, self.options, self.scene)
+        try:
+            rows = RowConverter(opened, self.schema, self.scene, self._names, tally, all_rows=self.options.all_rows)
+            yield from filter(len, map(rows.convert, opened.file.batches()))
+            rows.checks.refuse_other_units()
+        finally:
+            opened.file.close()
+
+    def _uncounted_rows(self, part: Part) -> Iterator[RowBatch]:
+        return self._rows(part, RowTally(log=ProblemLog(lambda rows: None)))
+
+    def _end_id(self, part: Part, index: int) -> Any:
+        """See PartBoundaries: None if bad rows are set aside, since the row at the end may be one of them."""
+        if self.sets_bad_rows_aside or SNAPSHOT not in self.schema.names:
             return None
-        value = parquet_end_value(part, self._options.renames.get(SNAPSHOT, SNAPSHOT), place)
+        value = parquet_end_value(part, self.options.renames.get(SNAPSHOT, SNAPSHOT), index)
         if value is None:
             return None
         is_integer = pa.types.is_integer(self.schema.field(SNAPSHOT).type)
         return pa.scalar(int(value), pa.int64()) if is_integer else pa.scalar(str(value), pa.string())
 
-    def _read(self, part: Part, log: ProblemLog, lost: LostSnapshots, report: ReadReport) -> Iterator[Piece]:
-        opened = self._found.held.pop(part.name, None) or open_table(part, self._found.table, self._found.options)
-        normalizer = Normalizer(opened.plan, self._names, part.name, self._options.all_rows)
-        try:
-            for piece in read_pieces(opened, self.schema, normalizer, log, lost, report):
-                if len(piece.ids):
-                    yield piece
-        finally:
-            opened.source.close()
 
-    def _check_size(self, pending: Sequence[Piece], group: Input) -> None:
-        if sum(piece.starts.shape[0] for piece in pending) <= 1:
-            self._refuse_huge(sum(len(piece.ids) for piece in pending), group)
+class _Snapshots:
+    """Joins the row batches of one input to chunks of whole snapshots."""
 
-    def _refuse_huge(self, rows: int, group: Input) -> None:
-        limit = self._options.max_snapshot_rows
-        if rows > limit:
-            reason = "" if SNAPSHOT in self.schema.names else " (there is no 'snapshot' column)"
-            raise DataError(
-                f"{group.name}: a snapshot has more than {limit} rows{reason}, expected at most max_snapshot_rows; "
-                f"raise --max-snapshot-rows if that is meant"
-            )
+    def __init__(self, given: Input, survey: InputSurvey, options: ReadOptions, tally: RowTally) -> None:
+        self._input, self._survey, self._tally = given, survey, tally
+        self._column = options.renames.get(SNAPSHOT, SNAPSHOT)
+        self._most_rows = options.max_snapshot_rows
+        self._index = SnapshotIndex()
+        self._pending: list[RowBatch] = []
+        self._last: Any = None
 
-    def _chunk(self, pieces: Sequence[Piece], group: Input) -> Chunk:
-        joined = join_pieces(pieces)
-        if METHOD in joined.table.column_names and are_flags_by_method(self.column_names):
-            refuse_several_methods(joined.table, joined.starts, group.name)
-        whole = drop_duplicates(pieces, joined, self._found.table.row_key, self._log, self.report)
-        self._refuse_huge(int(np.diff(whole.starts, append=len(whole.ids)).max()), group)
+    @property
+    def span(self) -> IdSpan:
+        """The span of the snapshot ids."""
+        return self._index.span
+
+    def add(self, rows: RowBatch) -> Chunk | None:
+        """Return the snapshots that the rows complete, if any; the last one waits for more rows."""
+        starts = run_starts(rows.ids, self._last)
+        seen = self._index.add(rows.file, rows.ids.take(pa.array(starts)), rows.rows[starts])
+        if seen is not None:
+            raise DataError(self._returned(rows, int(starts[seen.at]), seen))
+        self._last = rows.ids[len(rows) - 1].as_py()
+        whole, self._pending = _split(self._pending, replace(rows, starts=starts))
+        chunk = self._chunk(whole) if whole else None
+        if sum(batch.starts.shape[0] for batch in self._pending) <= 1:
+            self._refuse_huge(sum(map(len, self._pending)))
+        return chunk
+
+    def rest(self) -> Chunk | None:
+        """Return the last snapshot, if any."""
+        return self._chunk(self._pending) if self._pending else None
+
+    def _chunk(self, batches: Sequence[RowBatch]) -> Chunk:
+        whole = join_rows(batches)
+        if are_flags_by_method(self._survey.column_names) and "method" in whole.table.column_names:
+            refuse_several_methods(whole.table, whole.starts, self._input.name)
+        whole = drop_duplicates(batches, whole, self._survey.table.row_key, self._tally)
+        self._refuse_huge(int(np.diff(whole.starts, append=len(whole)).max()))
         return Chunk(
             table=whole.table,
             snapshot=whole.ids.take(pa.array(whole.starts)),
-            offsets=np.append(whole.starts, len(whole.ids)),
+            offsets=np.append(whole.starts, len(whole)),
             columns=whole.columns,
             left_out=whole.left_out,
-            source=group.name,
+            source=self._input.name,
+        )
+
+    def _refuse_huge(self, rows: int) -> None:
+        if rows > self._most_rows:
+            reason = "" if SNAPSHOT in self._survey.schema.names else " (there is no 'snapshot' column)"
+            raise DataError(
+                f"{self._input.name}: a snapshot has more than {self._most_rows} rows{reason}, expected at most "
+                f"max_snapshot_rows; raise --max-snapshot-rows if that is meant"
+            )
+
+    def _returned(self, rows: RowBatch, index: int, earlier: SeenId) -> str:
+        return (
+            f"{rows.file}, row {rows.rows[index]}, column {self._column!r}: {rows.ids[index].as_py()!r} comes back "
+            f"after other snapshots (before: {earlier.part}, row {earlier.row}), expected the rows of a snapshot "
+            f"together; {_sort_hint(self._input, self._column)}"
         )
 
 
-def _split(pending: list[Piece], piece: Piece) -> tuple[list[Piece], list[Piece]]:
-    """Return the pieces that are whole snapshots now, and those that wait for more rows."""
+def _split(pending: list[RowBatch], rows: RowBatch) -> tuple[list[RowBatch], list[RowBatch]]:
+    """Return the rows of snapshots that ``rows`` show to be complete, and those that wait for more rows."""
     if not pending:
-        return [], [piece]
-    if piece.starts.shape[0] and piece.starts[0] == 0:
-        return pending, [piece]
-    with_starts = [place for place, held in enumerate(pending) if held.starts.shape[0]]
-    last = with_starts[-1]
-    cut = int(pending[last].starts[-1])
-    head = [*pending[:last], *([pending[last].slice(0, cut)] if cut else [])]
-    if head:
-        return head, [pending[last].slice(cut, len(pending[last].ids)), *pending[last + 1 :], piece]
-    return [], [*pending, piece]
+        return [], [rows]
+    if rows.starts.shape[0] and rows.starts[0] == 0:
+        return pending, [rows]
+    last = max(number for number, batch in enumerate(pending) if batch.starts.shape[0])
+    batch = pending[last]
+    cut = int(batch.starts[-1])
+    if last == cut == 0:
+        return [], [*pending, rows]
+    whole = [*pending[:last], *([batch.slice(0, cut)] if cut else [])]
+    return whole, [batch.slice(cut, len(batch)), *pending[last + 1 :], rows]
+
+
+def _sort_hint(given: Input, column: str) -> str:
+    """Return how to sort an input by ``column`` of the file: a command of DuckDB if it can read the format."""
+    formats = {part.format for part in given.parts}
+    if len(formats) > 1 or not formats <= _READ_BY_DUCKDB:
+        return f"sort the rows by {column!r}"
+    file, first = given.name, given.parts[0]
+    if first.path is None:
+        file = "FILE"
+    elif given.path != first.path:
+        suffixes = first.path.suffixes[-2:] if first.format.compressed else first.path.suffixes[-1:]
+        file = f"{file.rstrip('/')}/**/*{''.join(suffixes)}"
+    name = column if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", column) else '"' + column.replace('"', '""') + '"'
+    quoted = file.replace("'", "''")
+    statement = f"COPY (SELECT * FROM '{quoted}' ORDER BY {name}) TO 'sorted.parquet'"  # noqa: S608 - shown, not run
+    shell = f'"{statement}"' if not re.search(r'["$`\\!]', statement) else shlex.quote(statement)
+    return f"sort the file: duckdb -c {shell}"

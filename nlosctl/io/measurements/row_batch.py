@@ -1,9 +1,10 @@
-"""Good rows of one batch with their contract columns: what snapshots are put together from."""
+"""Row batches: the good rows of one record batch with the contract's columns, checked and in its units."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,43 +12,49 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, IntArray
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.bad_rows import BadRow, Fault, Problem, ProblemLog
-from nlosctl.io.measurements.column_mapping import SNAPSHOT
-from nlosctl.io.measurements.mapped_file import OpenedPart
-from nlosctl.io.measurements.normalize import Normalizer
-from nlosctl.io.measurements.options import ReadReport
+from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
+from nlosctl.io.measurements.row_checks import (
+    Fault,
+    ProblemLog,
+    ValueChecks,
+    bad_rows_of,
+    half_filled_faults,
+    is_null,
+    null_mask,
+)
+from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots
-from nlosctl.io.readers.base import RecordBatch, as_text, plain, text_at
+from nlosctl.io.measurements.survey import OpenTable
+from nlosctl.io.measurements.table_schemas import conformed
+from nlosctl.io.readers.base import RecordBatch, plain, text_at
 
-__all__ = ["Piece", "join_pieces", "read_pieces"]
+__all__ = ["ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Piece:
+class RowBatch:
     """Good rows (N,) of one file: table, snapshot ids, contract columns, row numbers, lines of a text file.
 
-    ``starts`` are the places where snapshots start.
+    ``starts`` (S,) are the indices of rows that begin a snapshot, once they are known.
     """
 
     file: str
     table: Any
     ids: Any
     rows: IntArray
-    columns: dict[str, npt.NDArray[Any]]
+    columns: Mapping[str, npt.NDArray[Any]]
     left_out: BoolArray
     lines: IntArray | None
     starts: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
-    def with_starts(self, starts: IntArray) -> Piece:
-        """Return the piece with the places where snapshots start."""
-        return replace(self, starts=starts)
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.ids)
 
-    def line_at(self, place: int) -> int | None:
-        """Return the line of the row at ``place``, or None where the file has no lines."""
-        return None if self.lines is None else int(self.lines[place])
-
-    def slice(self, start: int, stop: int) -> Piece:
+    def slice(self, start: int, stop: int) -> RowBatch:
         """Return the rows from ``start`` to ``stop``."""
         within = (self.starts >= start) & (self.starts < stop)
         return replace(
@@ -61,8 +68,8 @@ class Piece:
             starts=self.starts[within] - start,
         )
 
-    def kept(self, keep: BoolArray) -> Piece:
-        """Return the rows where ``keep`` is true; every snapshot must keep at least its first row."""
+    def filter(self, keep: BoolArray) -> RowBatch:
+        """Return the rows where ``keep`` (N,) is true, which must include the first of each snapshot."""
         mask = pa.array(keep)
         return replace(
             self,
@@ -75,145 +82,202 @@ class Piece:
             starts=np.cumsum(keep)[self.starts] - 1 if self.starts.shape[0] else self.starts,
         )
 
-    def texts(self, place: int) -> dict[str, str | None]:
-        """Return the row's cells as text, by column."""
-        return {name: text_at(self.table.column(name), place) for name in self.table.column_names}
+    def texts(self, index: int) -> dict[str, str | None]:
+        """Return the cells of a row as text, by column."""
+        return {name: text_at(self.table.column(name), index) for name in self.table.column_names}
 
 
-def join_pieces(pieces: Sequence[Piece]) -> Piece:
-    """Return the pieces as one, without their lines; a single one is not copied."""
-    if len(pieces) == 1:
-        return pieces[0]
-    shifts = np.cumsum([0, *(len(piece.ids) for piece in pieces[:-1])])
-    names = dict.fromkeys(name for piece in pieces for name in piece.columns)
+def join_rows(batches: Sequence[RowBatch]) -> RowBatch:
+    """Return the batches as one, without their lines; a single one is not copied.
+
+    A column that is absent from a file is NaN in its rows (only numbers can be absent).
+    """
+    if len(batches) == 1:
+        return batches[0]
+    shifts = np.cumsum([0, *(len(batch) for batch in batches[:-1])])
+    names = dict.fromkeys(name for batch in batches for name in batch.columns)
+    absent = [np.full(len(batch), np.nan) for batch in batches]
     return replace(
-        pieces[0],
-        table=pa.concat_tables([piece.table for piece in pieces]),
-        ids=pa.concat_arrays([piece.ids for piece in pieces]),
-        rows=np.concatenate([piece.rows for piece in pieces]),
+        batches[0],
+        table=pa.concat_tables([batch.table for batch in batches]),
+        ids=pa.concat_arrays([batch.ids for batch in batches]),
+        rows=np.concatenate([batch.rows for batch in batches]),
         lines=None,
-        columns={name: np.concatenate([_column(piece, name) for piece in pieces]) for name in names},
-        left_out=np.concatenate([piece.left_out for piece in pieces]),
-        starts=np.concatenate([piece.starts + shift for piece, shift in zip(pieces, shifts, strict=True)]),
+        columns={
+            name: np.concatenate([batch.columns.get(name, nan) for batch, nan in zip(batches, absent, strict=True)])
+            for name in names
+        },
+        left_out=np.concatenate([batch.left_out for batch in batches]),
+        starts=np.concatenate([batch.starts + shift for batch, shift in zip(batches, shifts, strict=True)]),
     )
 
 
-def _column(piece: Piece, name: str) -> npt.NDArray[Any]:
-    """Return a column of a piece; where its file has no such column it is NaN (only numbers can be absent)."""
-    found = piece.columns.get(name)
-    return np.full(len(piece.ids), np.nan) if found is None else found
+@dataclass(kw_only=True)
+class ReadReport:
+    """Counts of what has been read so far, and remarks for the summary.
 
-
-def read_pieces(
-    opened: OpenedPart,
-    schema: Any,
-    normalizer: Normalizer,
-    log: ProblemLog,
-    lost: LostSnapshots,
-    report: ReadReport,
-) -> Iterator[Piece]:
-    """Yield the good rows of an open file, conformed to ``schema``; bad ones go to ``log``.
-
-    Raises DataError at the end if a column plainly holds another unit.
+    ``rows`` are good (``left_out_rows`` of them are flagged by an earlier step), ``bad_rows`` are not.
+    ``snapshots`` have been returned; all rows of ``snapshots_lost`` are bad. ``rows_by_file`` counts good and bad rows.
     """
-    for raw in opened.source.batches():
-        batch = raw.table.rename_columns(list(opened.names))
-        normalized = normalizer.normalize(batch)
-        ids, id_faults = _ids(batch, opened, schema)
-        bad = _log_bad_rows(raw, batch, [*id_faults, *normalized.faults], opened, log)
-        good_rows = batch.num_rows - (0 if bad is None else int(bad.sum()))
-        report.rows += good_rows
-        report.bad_rows += batch.num_rows - good_rows + len(raw.line_faults)
-        lost.add(ids, bad)
-        piece = Piece(
-            file=opened.part.name,
-            table=_conformed(batch, schema, opened),
+
+    rows: int = 0
+    bad_rows: int = 0
+    left_out_rows: int = 0
+    snapshots: int = 0
+    snapshots_lost: int = 0
+    rows_by_file: dict[str, int] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def rows_in_all(self) -> int:
+        """The number of rows, good and bad."""
+        return self.rows + self.bad_rows
+
+
+@dataclass(kw_only=True)
+class RowTally:
+    """What is counted while rows are read: bad rows, snapshots without a good row, and all rows."""
+
+    log: ProblemLog
+    lost: LostSnapshots = field(default_factory=LostSnapshots)
+    report: ReadReport = field(default_factory=ReadReport)
+
+
+class RowConverter:
+    """Converts the record batches of one file to row batches; bad rows go to the log of ``tally``.
+
+    ``schema`` is the Arrow schema of all files; ``names`` are the codes of names by column, the same for all files.
+    """
+
+    def __init__(
+        self,
+        opened: OpenTable,
+        schema: Any,
+        scene: Scene,
+        names: dict[str, NameCodes],
+        tally: RowTally,
+        *,
+        all_rows: bool,
+    ) -> None:
+        self._opened, self._plan, self._schema, self._scene = opened, opened.plan, schema, scene
+        self._names, self._tally, self._all_rows = names, tally, all_rows
+        self._file = opened.part.name
+        self.checks = ValueChecks(opened.plan, self._file)
+
+    def convert(self, record_batch: RecordBatch) -> RowBatch:
+        """Return the good rows of a record batch."""
+        batch = record_batch.table.rename_columns(list(self._opened.names))
+        self.checks.rows += batch.num_rows
+        ids, faults = self._ids(batch)
+        columns = self._columns(batch, faults)
+        bad = self._log_bad_rows(record_batch, faults)
+        self._count(batch.num_rows, 0 if bad is None else int(bad.sum()), len(record_batch.line_faults))
+        self._tally.lost.add(ids, bad)
+        rows = RowBatch(
+            file=self._file,
+            table=self._table(batch),
             ids=ids,
-            rows=raw.row_numbers(),
-            columns=normalized.columns,
-            left_out=normalized.left_out,
-            lines=raw.lines,
+            rows=record_batch.row_numbers(),
+            columns=columns,
+            left_out=np.zeros(batch.num_rows, dtype=np.bool_) if self._all_rows else self._left_out(batch),
+            lines=record_batch.lines,
         )
-        yield piece if bad is None else piece.kept(~bad)
-    normalizer.raise_if_too_large()
+        return rows if bad is None else rows.filter(~bad)
 
+    def _count(self, rows: int, bad: int, bad_lines: int) -> None:
+        report = self._tally.report
+        report.rows += rows - bad
+        report.bad_rows += bad + bad_lines
+        report.rows_by_file[self._file] = report.rows_by_file.get(self._file, 0) + rows + bad_lines
 
-def _ids(batch: Any, opened: OpenedPart, schema: Any) -> tuple[Any, list[Fault]]:
-    if not opened.plan.has_snapshot:
-        return pa.array(np.zeros(batch.num_rows, dtype=np.int64)), []
-    wanted = schema.field(SNAPSHOT).type
-    integers = pa.types.is_integer(wanted)
-    ids = plain(batch.column(SNAPSHOT))
-    try:
-        ids = ids.cast(pa.int64() if integers else pa.string())
-    except pa.ArrowInvalid as error:
-        raise DataError(f"{opened.part.name}, column 'snapshot': beyond 64-bit integers; store it as text") from error
-    if not ids.null_count:
-        return ids, []
-    mask = np.asarray(ids.is_null().to_numpy(zero_copy_only=False), dtype=np.bool_)
-    fault = Fault(mask=mask, column=SNAPSHOT, describe=lambda _: "empty (null), expected text or an integer")
-    return ids, [fault]
+    def _table(self, batch: Any) -> Any:
+        if batch.schema.equals(self._schema):
+            return pa.Table.from_batches([batch])
+        return conformed(batch, self._schema, self._file, self._opened.file_name_of)
 
+    def _ids(self, batch: Any) -> tuple[Any, list[Fault]]:
+        """Return the snapshot ids as an Arrow array (N,), 0 in a file without, and the faults of null ones."""
+        if not self._plan.has_snapshot:
+            return pa.array(np.zeros(batch.num_rows, dtype=np.int64)), []
+        integers = pa.types.is_integer(self._schema.field(SNAPSHOT).type)
+        try:
+            ids = plain(batch.column(SNAPSHOT)).cast(pa.int64() if integers else pa.string())
+        except pa.ArrowInvalid as error:
+            raise DataError(f"{self._file}, column 'snapshot': beyond 64-bit integers; store it as text") from error
+        if not ids.null_count:
+            return ids, []
+        return ids, [Fault(mask=null_mask(ids), column=SNAPSHOT, describe=is_null("text or an integer"))]
 
-def _conformed(batch: Any, schema: Any, opened: OpenedPart) -> Any:
-    table = pa.Table.from_batches([batch])
-    if table.schema.equals(schema):
-        return table
-    columns = [
-        _cast(plain(batch.column(column.name)), column, opened)
-        if column.name in table.column_names
-        else pa.nulls(batch.num_rows, column.type)
-        for column in schema
-    ]
-    return pa.table(columns, schema=schema)
+    def _columns(self, batch: Any, faults: list[Fault]) -> dict[str, npt.NDArray[Any]]:
+        """Return the contract's columns (N,) of an Arrow batch; adds to ``faults``."""
+        columns: dict[str, npt.NDArray[Any]] = {}
+        found = self._plan.found
+        for column in self._plan.table.columns:
+            if column.carried or column.name == SNAPSHOT:
+                continue
+            values = self._column(column, batch, columns, faults)
+            if values is not None:
+                columns[column.name] = values
+        self.checks.booleans(batch, faults)
+        if "reflector" in found and self._scene.has_circles:
+            self._scene_columns.check_circles(columns, faults)
+        for group in self._plan.table.together:
+            if all(name in found for name in group):
+                faults += half_filled_faults(group, self._plan, columns)
+        return columns
 
+    def _column(
+        self, column: Column, batch: Any, done: Mapping[str, npt.NDArray[Any]], faults: list[Fault]
+    ) -> npt.NDArray[Any] | None:
+        """Return one column (N,) of the contract, None for numbers that are absent; ``done`` are those before it."""
+        found = self._plan.found.get(column.name)
+        if column.scene_axis is not None and (found is None or batch.column(found.name).null_count):
+            return self._scene_columns.positions(column, found, batch, done["sensor"], faults)
+        if found is None:
+            if column.name in self._plan.constants:
+                return np.full(batch.num_rows, self._plan.constants[column.name])
+            return None if column.type == "number" else np.full(batch.num_rows, NULL_CODE, dtype=np.int64)
+        cells = batch.column(found.name)
+        if column.names_reflector:
+            return self._scene_columns.reflectors(found, cells, faults)
+        if column.type in ("identifier", "text"):
+            codes = self._names.setdefault(column.name, NameCodes()).encode(cells)
+            if not column.nullable and (codes == NULL_CODE).any():
+                faults.append(Fault(mask=codes == NULL_CODE, column=found.name, describe=is_null("a name")))
+            return codes
+        if column.type == "integer":
+            return self.checks.integers(found, cells, faults)
+        numbers = self.checks.numbers(found, cells, faults)
+        frame = self._scene.frame
+        return from_north(numbers, done, frame) if found.from_north and frame is not None else numbers
 
-def _cast(cells: Any, column: Any, opened: OpenedPart) -> Any:
-    try:
-        return as_text(cells) if pa.types.is_string(column.type) else cells.cast(column.type)
-    except pa.ArrowInvalid as error:
-        raise DataError(
-            f"{opened.part.name}, column {opened.file_name(column.name)!r}: holds {cells.type}, and a value of it "
-            f"can't be {column.type} as in the other files; give the column one type in all of them"
-        ) from error
+    @cached_property
+    def _scene_columns(self) -> SceneColumns:
+        return SceneColumns(self._scene, self._plan, self._names.setdefault("sensor", NameCodes()))
 
+    def _left_out(self, batch: Any) -> BoolArray:
+        """Return the rows (N,) that an earlier step flagged: not line of sight, or an indirect path."""
+        out = np.zeros(batch.num_rows, dtype=np.bool_)
+        for name, leaves_out in (("los", False), ("ip", True)):
+            if name in self._plan.found:
+                cells = plain(batch.column(self._plan.found[name].name)).cast(pa.bool_())
+                out |= cells.fill_null(not leaves_out).to_numpy(zero_copy_only=False) == leaves_out
+        return out
 
-def _log_bad_rows(
-    raw: RecordBatch, batch: Any, faults: Sequence[Fault], opened: OpenedPart, log: ProblemLog
-) -> BoolArray | None:
-    """Hand the bad rows to the log, each once with its first fault; return their mask, or None if all are good."""
-    if not (raw.line_faults or raw.cell_faults or faults):
-        return None
-    first: dict[int, tuple[str, str]] = {}
-    for cell in raw.cell_faults:
-        first.setdefault(cell.index, (cell.column, cell.fault))
-    bad = np.zeros(batch.num_rows, dtype=np.bool_)
-    bad[list(first)] = True
-    wanted = log.wanted()
-    for fault in faults:
-        places = np.flatnonzero(fault.mask & ~bad)
-        for place in places[:wanted].tolist():
-            first[place] = (opened.file_name(fault.column), fault.describe(place))
-        bad |= fault.mask
-    rows = [*_bad_lines(raw, opened), *_bad_cells(raw, batch, first, opened)]
-    rows.sort(key=lambda row: row.problem.row or 0)
-    log.add(rows[:wanted], total=int(bad.sum()) + len(raw.line_faults))
-    return bad
-
-
-def _bad_cells(raw: RecordBatch, batch: Any, first: dict[int, tuple[str, str]], opened: OpenedPart) -> Iterator[BadRow]:
-    numbers = raw.row_numbers()
-    cells = batch if raw.text is None else raw.text.rename_columns(list(opened.names))
-    for place, (column, fault) in sorted(first.items()):
-        row = int(numbers[place])
-        line = None if raw.lines is None else int(raw.lines[place])
-        yield BadRow(
-            problem=Problem(file=opened.part.name, row=row, line=line, column=column, fault=fault),
-            values={name: text_at(cells.column(name), place) for name in opened.names},
-        )
-
-
-def _bad_lines(raw: RecordBatch, opened: OpenedPart) -> Iterator[BadRow]:
-    for fault in raw.line_faults:
-        problem = Problem(file=opened.part.name, row=fault.row, line=fault.line, column=None, fault=fault.fault)
-        yield BadRow(problem=problem, values={}, raw_line=fault.text)
+    def _log_bad_rows(self, batch: RecordBatch, faults: Sequence[Fault]) -> BoolArray | None:
+        """Log each bad row with its first fault; return their mask (N,), or None if all rows are good."""
+        if not (batch.line_faults or batch.cell_faults or faults):
+            return None
+        first: dict[int, tuple[str, str]] = {}
+        for cell in batch.cell_faults:
+            first.setdefault(cell.index, (cell.column, cell.fault))
+        bad = np.zeros(batch.table.num_rows, dtype=np.bool_)
+        bad[list(first)] = True
+        wanted = self._tally.log.wanted()
+        for fault in faults:
+            for index in np.flatnonzero(fault.mask & ~bad)[:wanted].tolist():
+                first[index] = (self._opened.file_name_of.get(fault.column, fault.column), fault.describe(index))
+            bad |= fault.mask
+        rows = bad_rows_of(self._file, batch, self._opened.names, first)
+        self._tally.log.add(rows[:wanted], total=int(bad.sum()) + len(batch.line_faults))
+        return bad

@@ -1,100 +1,289 @@
-"""Columns that say something only together, such as a prior's x, y and std: all of them or none."""
+"""Checks of values against the contract, and the log of the bad rows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.contract.scene import Scene
-from nlosctl.errors import DataError
-from nlosctl.io.measurements.bad_rows import Fault
-from nlosctl.io.measurements.column_mapping import ColumnPlan
-from nlosctl.models.circle_rows import circle_table, misplaced_sensors
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
+from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
+from nlosctl.errors import DataError, GatheredError, printable
+from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, FoundColumn
+from nlosctl.io.readers.base import RecordBatch, plain, text_at
 
-__all__ = ["half_filled_faults", "placement_faults", "require_together"]
+__all__ = [
+    "SHOWN_PROBLEMS",
+    "BadRow",
+    "BadRowSink",
+    "Describe",
+    "Fault",
+    "Problem",
+    "ProblemLog",
+    "ValueChecks",
+    "as_float64",
+    "bad_rows_of",
+    "got",
+    "half_filled_faults",
+    "is_null",
+    "null_mask",
+]
+
+SHOWN_PROBLEMS = 20
+_LARGEST_INTEGER = 2**63 - 1
+_SLACK = 1e-6
+_NO_LARGER = f"a finite number within {LARGEST_NUMBER:g}"
+_FEWEST_TOO_LARGE = 5
+_SHARE_TOO_LARGE = 0.1
 
 
-def require_together(plan: ColumnPlan, file: str) -> None:
-    """Raise DataError where a file has some, not all, of the columns that belong together."""
-    for group in plan.table.together:
-        there = [name for name in group if name in plan.found]
-        if there and len(there) < len(group):
-            absent = [name for name in group if name not in plan.found]
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """One fault of one row: ``row`` counts data rows from 1, ``line`` is its line in a text file.
+
+    ``row`` is None for a line of another program's file, which is not a row yet.
+    """
+
+    file: str
+    row: int | None
+    line: int | None
+    column: str | None
+    fault: str
+
+    def __str__(self) -> str:
+        """Return the problem as one line."""
+        if self.row is None:
+            line = f", line {self.line}" if self.line is not None else ""
+            field = f", field {self.column!r}" if self.column is not None else ""
+            return f"{self.file}{line}{field}: {self.fault}"
+        line = f" (line {self.line})" if self.line is not None and self.line != self.row else ""
+        column = f", column {self.column!r}" if self.column is not None else ""
+        return f"{self.file}, row {self.row}{line}{column}: {self.fault}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BadRow:
+    """A row with a fault: its first problem, and its content, by column as text or as the raw line."""
+
+    problem: Problem
+    values: dict[str, str | None]
+    raw_line: str | None = None
+
+
+BadRowSink = Callable[[Sequence[BadRow]], None]
+"""Receives bad rows, which then do not stop the run."""
+
+
+class ProblemLog:
+    """Counts bad rows and keeps the first few; a ``sink`` receives them all, and the run continues."""
+
+    def __init__(self, sink: BadRowSink | None = None) -> None:
+        self.total = 0
+        self.first: list[Problem] = []
+        self._sink = sink
+
+    @property
+    def stops_the_run(self) -> bool:
+        """Whether a bad row means that there is no result."""
+        return self._sink is None
+
+    def add(self, rows: Sequence[BadRow], total: int | None = None) -> None:
+        """Add bad rows; ``total`` counts those too that are not in ``rows``."""
+        self.total += len(rows) if total is None else total
+        self.first.extend(row.problem for row in rows[: SHOWN_PROBLEMS - len(self.first)])
+        if self._sink is not None and rows:
+            self._sink(rows)
+
+    def wanted(self) -> int | None:
+        """Return how many more bad rows need a description (None: all, for the sink)."""
+        return None if self._sink is not None else SHOWN_PROBLEMS - len(self.first)
+
+    def raise_if_stopping(self) -> None:
+        """Raise GatheredError with the problems, if there are any and they stop the run."""
+        if self.total and self.stops_the_run:
+            raise GatheredError(self.describe())
+
+    def describe(self) -> str:
+        """Return the first problems, one per line, and the total if it is larger."""
+        lines = [printable(str(problem)) for problem in self.first]
+        hint = "--bad-rows FILE sets bad rows aside and goes on"
+        if len(lines) == self.total == 1:
+            return f"{lines[0]} ({hint})"
+        hidden = self.total - len(lines)
+        more = f"... and {hidden} more; " if hidden else ""
+        return "\n".join([*lines, f"{more}{self.total} bad rows in all; {hint}"])
+
+
+def bad_rows_of(
+    file: str, batch: RecordBatch, names: Sequence[str], faults: Mapping[int, tuple[str, str]]
+) -> list[BadRow]:
+    """Return the bad rows of a batch in file order: those at the indices of ``faults``, and lines that are not rows.
+
+    ``names`` are the columns, ``faults`` the column and the message for each index.
+    """
+    rows = [
+        BadRow(
+            problem=Problem(file=file, row=line.row, line=line.line, column=None, fault=line.fault),
+            values={},
+            raw_line=line.text,
+        )
+        for line in batch.line_faults
+    ]
+    numbers = batch.row_numbers()
+    cells = batch.table if batch.text is None else batch.text
+    for index, (column, fault) in faults.items():
+        line = None if batch.lines is None else int(batch.lines[index])
+        problem = Problem(file=file, row=int(numbers[index]), line=line, column=column, fault=fault)
+        values = {name: text_at(cells.column(at), index) for at, name in enumerate(names)}
+        rows.append(BadRow(problem=problem, values=values))
+    return sorted(rows, key=lambda row: row.problem.row or 0)
+
+
+Describe = Callable[[int], str]
+"""Returns the message for the row at an index of a batch."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Rows of a batch with a fault in one column: ``mask`` (N,), and the message for a row."""
+
+    mask: BoolArray
+    column: str
+    describe: Describe
+
+
+class ValueChecks:
+    """Checks the values in the columns of one file, and converts them to the contract's units.
+
+    A value beyond the contract's largest magnitude is a fault of its row. If such values are at least 5 and a tenth
+    of the file's rows, or more than half of them, the file is in another unit.
+    """
+
+    def __init__(self, plan: ColumnPlan, file: str) -> None:
+        self._plan, self._file = plan, file
+        self._too_large: dict[str, int] = {}
+        self.rows = 0
+
+    def numbers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> FloatArray:
+        """Return numbers (N,) in the contract's unit, NaN where null; adds to ``faults``."""
+        column = found.column
+        values = as_float64(cells)
+        if cells.null_count and not column.nullable:
+            faults.append(Fault(mask=null_mask(cells), column=found.name, describe=is_null("a finite number")))
+        wrong = ~np.isfinite(values)
+        if column.nullable:
+            wrong &= ~np.isnan(values)
+        if wrong.any():
+            faults.append(Fault(mask=wrong, column=found.name, describe=got(values, "a finite number")))
+        numbers = values
+        if found.converted:
+            with ignoring_overflow():
+                numbers = values * found.scale + found.offset
+        if values.shape[0]:
+            _check_bounds(found, values, numbers, faults)
+            if column.largest_magnitude is not None and not found.converted:
+                self._check_magnitude(found, values, column.largest_magnitude, faults)
+        return numbers
+
+    def _check_magnitude(self, found: FoundColumn, values: FloatArray, limit: float, faults: list[Fault]) -> None:
+        largest = limit * (1.0 + _SLACK)
+        if values.max() <= largest and values.min() >= -largest:  # neither if there is a NaN
+            return
+        beyond = (np.abs(values) > largest) & np.isfinite(values)
+        if beyond.any():
+            name, unit = found.column.name, found.column.unit
+            self._too_large[name] = self._too_large.get(name, 0) + int(beyond.sum())
+            expected = f"{-limit:.4g} to {limit:.4g} {unit}"
+            faults.append(Fault(mask=beyond, column=found.name, describe=got(values, expected)))
+
+    def refuse_other_units(self) -> None:
+        """Raise DataError if a column is in another unit than its name states; call it at the end of the file."""
+        for name, count in self._too_large.items():
+            many = count >= _FEWEST_TOO_LARGE and count >= _SHARE_TOO_LARGE * self.rows
+            if not many and 2 * count <= self.rows:
+                continue
+            found = self._plan.found[name]
+            column = found.column
             raise DataError(
-                f"{file}: column {plan.found[there[0]].name!r} says nothing without {_listed(absent)}; "
-                f"give all of {', '.join(group)}, or drop {_listed(there)}"
+                f"{self._file}, column {found.name!r}: {count} of {self.rows} values are beyond "
+                f"{column.largest_magnitude:.4g} {column.unit}, {column.too_large_means}"
             )
 
+    def integers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> IntArray:
+        """Return integers (N,), `NULL_CODE` where null; adds to ``faults``."""
+        cells = plain(cells)
+        if pa.types.is_uint64(cells.type):
+            beyond = pc.fill_null(pc.greater(cells, pa.scalar(_LARGEST_INTEGER, pa.uint64())), False)
+            if pc.any(beyond).as_py():
+                values, mask = cells, np.asarray(beyond.to_numpy(zero_copy_only=False), dtype=np.bool_)
+                describe = lambda index: f"got {values[index].as_py()}, expected at most {_LARGEST_INTEGER}"  # noqa: E731
+                faults.append(Fault(mask=mask, column=found.name, describe=describe))
+                cells = pc.if_else(beyond, pa.scalar(None, pa.uint64()), cells)
+        cells = cells.cast(pa.int64())
+        return np.asarray(cells.fill_null(NULL_CODE).to_numpy(zero_copy_only=False), np.int64)
 
-def half_filled_faults(plan: ColumnPlan, columns: Mapping[str, npt.NDArray[Any]]) -> list[Fault]:
-    """Return the faults of rows that have some, not all, of the values that belong together.
-
-    ``columns`` are the canonical columns (N,) of a record batch, NaN where a value is missing.
-    """
-    faults = []
-    for group in plan.table.together:
-        if all(name in plan.found for name in group):
-            absent = np.array([np.isnan(columns[name]) for name in group])
-            half = absent.any(axis=0) & ~absent.all(axis=0)
-            for name, missing in zip(group, absent, strict=True):
-                if (half & missing).any():
-                    faults.append(_half_filled_fault(half & missing, plan.found[name].name, group))
-    return faults
-
-
-def _half_filled_fault(mask: BoolArray, column: str, group: Sequence[str]) -> Fault:
-    told = f"empty (null), expected all of {', '.join(group)} or none"
-    return Fault(mask=mask, column=column, describe=lambda _: told)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(map(repr, names))
-
-
-def placement_faults(scene: Scene, plan: ColumnPlan, columns: Mapping[str, npt.NDArray[Any]]) -> list[Fault]:
-    """Return the faults of rows by a circle whose sensor is not inside of it, or under its blocker.
-
-    ``columns`` are the canonical columns (N,) of a record batch.
-    """
-    if not scene.has_circles or "reflector" not in columns:
-        return []
-    place = columns["reflector"]
-    table = circle_table(scene)
-    known = (place >= 0) & np.isfinite(columns["sensor_x_m"]) & np.isfinite(columns["sensor_y_m"])
-    rows = np.flatnonzero(known)  # not those by a reflector that the scene lacks
-    rows = rows[np.isfinite(table[0])[place[rows]]]
-    center_x, center_y, radius, blocker, _ = (column[place[rows]] for column in table)
-    distance = np.hypot(columns["sensor_x_m"][rows] - center_x, columns["sensor_y_m"][rows] - center_y)
-    outside, under = misplaced_sensors(distance, radius, blocker)
-    name = plan.found["sensor_x_m"].name if "sensor_x_m" in plan.found else "sensor_x_m"
-    faults = []
-    for wrong, limit, expected in (
-        (outside, radius, "less than its radius"),
-        (under, blocker, "at least the radius of its blocker"),
-    ):
-        if wrong.any():
-            faults.append(_placement_fault(name, place.shape[0], rows[wrong], distance[wrong], limit[wrong], expected))
-    return faults
+    def booleans(self, batch: Any, faults: list[Fault]) -> None:
+        """Add a fault for integers other than 0 and 1 in the boolean columns of an Arrow batch."""
+        for found in self._plan.found.values():
+            if found.column.type != "boolean" or found.name not in batch.schema.names:
+                continue
+            cells = plain(batch.column(found.name))
+            if pa.types.is_integer(cells.type):
+                wrong = pc.invert(pc.is_in(cells, value_set=pa.array([0, 1, None], cells.type)))
+                mask = np.asarray(wrong.to_numpy(zero_copy_only=False), dtype=np.bool_)
+                if mask.any():
+                    expected = got(as_float64(cells), "true/false or 1/0")
+                    faults.append(Fault(mask=mask, column=found.name, describe=expected))
 
 
-def _placement_fault(
-    column: str,
-    size: int,
-    rows: IntArray,
-    distance: FloatArray,
-    limit: FloatArray,
-    expected: str,
-) -> Fault:
-    mask = np.zeros(size, dtype=np.bool_)
-    mask[rows] = True
-    told = {int(row): (float(d), float(r)) for row, d, r in zip(rows, distance, limit, strict=True)}
+def _check_bounds(found: FoundColumn, values: FloatArray, numbers: FloatArray, faults: list[Fault]) -> None:
+    """Add a fault for ``numbers`` (``values`` in the contract's unit) whose square or inverse square overflows."""
+    if found.column.positive and not numbers.min() >= LEAST_POSITIVE:
+        small = (values <= 0.0) | (numbers < LEAST_POSITIVE)
+        if small.any():
+            expected = f"a number larger than 0 (at least {LEAST_POSITIVE:g} {found.column.unit})"
+            faults.append(Fault(mask=small, column=found.name, describe=got(values, expected)))
+    if not np.abs(numbers).max() <= LARGEST_NUMBER:
+        beyond = np.isfinite(values) & (np.abs(numbers) > LARGEST_NUMBER)
+        if beyond.any():
+            faults.append(Fault(mask=beyond, column=found.name, describe=got(values, _NO_LARGER)))
 
-    def describe(row: int) -> str:
-        away, radius = told[row]
-        return f"the sensor is {away:.10g} m from the centre of its circle, expected {expected}, {radius:.10g} m"
 
-    return Fault(mask=mask, column=column, describe=describe)
+def half_filled_faults(group: Sequence[str], plan: ColumnPlan, columns: Mapping[str, npt.NDArray[Any]]) -> list[Fault]:
+    """Return the faults of rows with values in some, not all, of a group's ``columns`` (N,), NaN where missing."""
+    absent = np.array([np.isnan(columns[name]) for name in group])
+    half = absent.any(axis=0) & ~absent.all(axis=0)
+    describe = is_null(f"all of {', '.join(group)} or none")
+    return [
+        Fault(mask=half & missing, column=plan.found[name].name, describe=describe)
+        for name, missing in zip(group, absent, strict=True)
+        if (half & missing).any()
+    ]
+
+
+def as_float64(cells: Any) -> FloatArray:
+    """Return a column of numbers as floats (N,), NaN where null."""
+    cells = plain(cells)
+    if cells.type != pa.float64():
+        cells = cells.cast(pa.float64(), safe=False)
+    return np.asarray(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def null_mask(cells: Any) -> BoolArray:
+    """Return where a column is null (N,)."""
+    return np.asarray(pc.is_null(cells).to_numpy(zero_copy_only=False), dtype=np.bool_)
+
+
+def is_null(expected: str) -> Describe:
+    """Return the message for a null."""
+    return lambda _: f"empty (null), expected {expected}"
+
+
+def got(values: FloatArray, expected: str) -> Describe:
+    """Return the message for an unexpected number in ``values`` (N,)."""
+    return lambda index: f"got {'NaN' if np.isnan(values[index]) else f'{values[index]:g}'}, expected {expected}"

@@ -1,146 +1,208 @@
-"""All inputs opened once before reading: their kind, their scene, and the schema that holds their columns."""
+"""All inputs opened once before reading: their columns and kind, their scene, and the schema for all of them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import pyarrow as pa
+
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.column_mapping import SNAPSHOT, kind_of_columns, kind_table
-from nlosctl.io.measurements.mapped_file import OpenedPart, TableOptions, plan_table, unified_schema
+from nlosctl.io.measurements.column_mapping import (
+    SNAPSHOT,
+    ColumnPlan,
+    columns_to_read,
+    coordinate_columns,
+    kind_of_columns,
+    kind_table,
+    plan_columns,
+    rename,
+)
+from nlosctl.io.measurements.geographic import PlaneCoordinates
 from nlosctl.io.measurements.options import ReadOptions
+from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.readers.base import closed_on_failure
 from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.scene_file import find_scene, plane_of
 
-__all__ = ["LookAhead", "look_ahead"]
+__all__ = ["InputSurvey", "OpenTable", "open_table", "survey_inputs"]
 
 
-@dataclass
-class LookAhead:
+@dataclass(frozen=True, kw_only=True)
+class OpenTable:
+    """An open file of measurements, ready to be read.
+
+    ``file_names`` are the columns to be read, ``names`` the same after renaming. ``all_names`` are all columns of the
+    file, after renaming, with the positions that its latitudes and longitudes give. Results have only true ones of
+    these: ``own_names``, and of those to be read the Arrow schema ``schema``, are without the others.
+    """
+
+    part: Part
+    file: TableFile
+    plan: ColumnPlan
+    file_names: tuple[str, ...]
+    names: tuple[str, ...]
+    all_names: tuple[str, ...]
+    own_names: tuple[str, ...]
+    schema: Any
+
+    @property
+    def file_name_of(self) -> dict[str, str]:
+        """The file's own name for each column to be read."""
+        return dict(zip(self.names, self.file_names, strict=True))
+
+
+@dataclass(kw_only=True)
+class InputSurvey:
     """What is known before the first row.
 
-    ``metadata`` are those of the first file; ``column_names`` are all columns of all files, renamed. ``held`` are
-    the files that stay open, by name: streams, and a single file.
+    ``metadata`` are those of the first file; ``column_names`` are the columns of all files, after renaming.
+    ``open_tables`` are files that stay open, by name: streams, and a single file.
     """
 
     table: Table
     scene: Scene
     metadata: Mapping[bytes, bytes]
-    options: TableOptions
     schema: Any = None
     column_names: tuple[str, ...] = ()
-    held: dict[str, OpenedPart] = field(default_factory=dict)
+    open_tables: dict[str, OpenTable] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
+    def keep_or_close(self, opened: OpenTable, *, only: bool) -> None:
+        """Keep a stream open, and an ``only`` file; close any other file."""
+        if only or opened.part.stream is not None:
+            self.open_tables[opened.part.name] = opened
+        else:
+            opened.file.close()
 
-def look_ahead(inputs: Sequence[Input], options: ReadOptions) -> LookAhead:
-    """Open every file and check its columns and its scene; raises DataError or UsageError for what is wrong."""
-    table = kind_table(options.kind) if options.kind else None
-    found: LookAhead | None = None
-    opened_parts = []
-    names: dict[str, None] = {}
-    parts = [(group, part) for group in inputs for part in group.parts]
-    try:
-        for group, part in parts:
-            source = open_part(part, options.chunk_rows, options.use_threads)
-            if found is None:
-                table_options = _table_options(options, _scene_of(group, part, source, options))
-                opened = plan_table(part, source, table, table_options)
-                table = opened.plan.table
-                table_options = _with_frame(table_options, opened)
-                found = LookAhead(
-                    table=table, scene=table_options.scene, metadata=source.metadata, options=table_options
-                )
-            else:
-                if options.scene_file is None:
-                    _check_scene(found.scene, _scene_of(group, part, source, options), parts[0][1], part, source)
-                opened = plan_table(part, source, table, found.options)
-                _check_kind(opened, found.table, parts[0][1], options)
-            names.update(dict.fromkeys(opened.own_names))
-            opened_parts.append(opened.kept_schema)
-            if len(parts) == 1 or part.stream is not None:
-                found.held[part.name] = opened
-            else:
-                opened.source.close()
-    except BaseException:
-        for held in found.held.values() if found is not None else ():
-            held.source.close()
-        raise
-    assert found is not None  # noqa: S101 - there is at least one input
-    _remark_on_snapshots(found, parts[0][1].name, opened_parts)
-    found.schema = unified_schema(opened_parts)
-    found.column_names = tuple(names)
-    return found
+    def close(self) -> None:
+        """Close the files that are open."""
+        for opened in self.open_tables.values():
+            opened.file.close()
+        self.open_tables.clear()
 
 
-def _scene_of(group: Input, part: Part, source: TableFile, options: ReadOptions) -> Scene:
-    """Return the scene of one file: a part of a folder may have its own beside it where the folder has none."""
-    try:
-        scene = options.scene
-        if scene is None:
-            scene = find_scene(options.scene_file, source.metadata, group.path)
-        if scene == Scene() and options.scene is None and options.scene_file is None and part.path is not None:
-            scene = find_scene(None, source.metadata, part.path)
-        return scene if options.frame is None else replace(scene, frame=options.frame)
-    except BaseException:
-        source.close()
-        raise
+def survey_inputs(inputs: Sequence[Input], options: ReadOptions) -> InputSurvey:
+    """Open every file and check its columns and its scene; raise DataError or UsageError for a file that is wrong."""
+    parts = [(given, part) for given in inputs for part in given.parts]
+    first = parts[0][1]
+    survey, opened = _survey_first(*parts[0], options)
+    with closed_on_failure(survey):
+        names, schemas = [opened.own_names], [opened.schema]
+        survey.keep_or_close(opened, only=len(parts) == 1)
+        for given, part in parts[1:]:
+            opened = _open_next(given, part, options, survey, first)
+            names.append(opened.own_names)
+            schemas.append(opened.schema)
+            survey.keep_or_close(opened, only=False)
+        _check_snapshots(survey, first.name, schemas)
+        survey.schema = schemas[0] if len(schemas) == 1 else unified_schema(schemas)
+        survey.column_names = tuple(dict.fromkeys(name for own in names for name in own))
+    return survey
 
 
-def _with_frame(options: TableOptions, opened: OpenedPart) -> TableOptions:
-    """Return the options with the plane on earth of the first file: the scene's, else about its first place."""
-    step = opened.coordinates
-    if step is None:
-        return options
-    try:
-        if step.frame is None:
-            step.set_first_frame(opened.source, opened.part.name)
-        plane_of(step.frame)
-    except BaseException:
-        opened.source.close()
-        raise
-    return replace(options, scene=replace(options.scene, frame=step.frame))
+def _survey_first(given: Input, part: Part, options: ReadOptions) -> tuple[InputSurvey, OpenTable]:
+    """Open the first file, which determines the kind, the scene, and the plane on earth: the scene's, else its own."""
+    file = open_part(part, options.chunk_rows, options.use_threads)
+    with closed_on_failure(file):
+        scene = _scene_of(given, part, file, options)
+        table = kind_table(options.kind) if options.kind else None
+        opened, coordinates = _planned(part, file, table, options, scene)
+        if coordinates is not None:
+            if coordinates.frame is None:
+                coordinates.set_first_frame(file, part.name)
+            plane_of(coordinates.frame)  # raises an error if there is no such plane
+            scene = replace(scene, frame=coordinates.frame)
+        return InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata), opened
 
 
-def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part, source: TableFile) -> None:
+def _open_next(given: Input, part: Part, options: ReadOptions, survey: InputSurvey, first: Part) -> OpenTable:
+    file = open_part(part, options.chunk_rows, options.use_threads)
+    with closed_on_failure(file):
+        if options.scene_file is None:
+            _check_scene(survey.scene, _scene_of(given, part, file, options), first, part)
+        opened, _ = _planned(part, file, survey.table, options, survey.scene)
+        kind = kind_of_columns(opened.all_names)
+        if options.kind is None and kind != survey.table.name:
+            raise DataError(
+                f"{part.name}: contains {kind}, but {first.name} contains {survey.table.name}; "
+                f"give files of one kind, or choose it by --kind"
+            )
+        return opened
+
+
+def _scene_of(given: Input, part: Part, file: TableFile, options: ReadOptions) -> Scene:
+    """Return the scene of one file: a part of a folder without a scene may have one of its own."""
+    scene = options.scene
+    if scene is None:
+        scene = find_scene(options.scene_file, file.metadata, given.path)
+        if scene == Scene() and options.scene_file is None and part.path is not None:
+            scene = find_scene(None, file.metadata, part.path)
+    return scene if options.frame is None else replace(scene, frame=options.frame)
+
+
+def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part) -> None:
     if other.frame is None:
         other = replace(other, frame=first.frame)
     if other != first:
-        source.close()
         raise DataError(
             f"{part.name}: its scene is not that of {first_part.name}; give one for all with --scene FILE, "
             f"or run once for each file"
         )
 
 
-def _check_kind(opened: OpenedPart, table: Table, first_part: Part, options: ReadOptions) -> None:
-    kind = kind_of_columns(opened.all_names)
-    if options.kind is None and kind != table.name:
-        opened.source.close()
-        raise DataError(
-            f"{opened.part.name}: holds {kind}, but {first_part.name} holds {table.name}; "
-            f"give files of one kind, or say --kind"
-        )
-
-
-def _table_options(options: ReadOptions, scene: Scene) -> TableOptions:
-    return TableOptions(
-        renames=options.renames,
-        constants=options.constants,
-        scene=scene,
-        batch_rows=options.chunk_rows,
-        use_threads=options.use_threads,
-        extra_columns=options.extra_columns,
-    )
-
-
-def _remark_on_snapshots(found: LookAhead, name: str, schemas: Sequence[Any]) -> None:
+def _check_snapshots(survey: InputSurvey, name: str, schemas: Sequence[Any]) -> None:
     with_ids = [SNAPSHOT in schema.names for schema in schemas]
     if not all(with_ids):
-        found.remarks.append("without a 'snapshot' column each input is taken as one snapshot")
+        survey.remarks.append("without a 'snapshot' column each input is taken as one snapshot")
     if any(with_ids) and not all(with_ids):
-        raise DataError(f"{name}: some of the files have a 'snapshot' column and some don't; give all one")
+        raise DataError(f"{name}: some of the files have a 'snapshot' column and some don't; add it to the others")
+
+
+def open_table(part: Part, table: Table, options: ReadOptions, scene: Scene) -> OpenTable:
+    """Open a file of measurements; raise DataError if it is unreadable or lacks columns."""
+    file = open_part(part, options.chunk_rows, options.use_threads)
+    with closed_on_failure(file):
+        return _planned(part, file, table, options, scene)[0]
+
+
+def _planned(
+    part: Part, file: TableFile, table: Table | None, options: ReadOptions, scene: Scene
+) -> tuple[OpenTable, PlaneCoordinates | None]:
+    """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
+    pairs = coordinate_columns(file.names, options.renames)
+    coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
+    if coordinates is not None:
+        file.add_step(coordinates)
+    if not file.names:
+        raise DataError(f"{part.name}: no rows: the file has neither columns nor rows")
+    twice = sorted(name for name, count in Counter(file.names).items() if count > 1)
+    if twice:
+        raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
+    table = table or kind_table(kind_of_columns([*file.names, *options.renames]))
+    names = rename(file.names, options.renames, table, part.name)
+    plan = plan_columns(names, table, options.constants, scene, part.name)
+    kept = columns_to_read(names, plan, options.extra_columns)
+    original = dict(zip(names, file.names, strict=True))
+    schema = file.start(
+        {original[name]: wanted for name, wanted in plan.types.items()},
+        None if kept == names else [original[name] for name in kept],
+    )
+    derived = {name for pair in pairs for name in (pair.x, pair.y) if not name.startswith("truth")}
+    fields = [field.with_name(name) for name, field in zip(kept, schema, strict=True) if name not in derived]
+    opened = OpenTable(
+        part=part,
+        file=file,
+        plan=plan,
+        file_names=tuple(original[name] for name in kept),
+        names=kept,
+        all_names=names,
+        own_names=tuple(name for name in names if name not in derived),
+        schema=pa.schema(fields),
+    )
+    return opened, coordinates

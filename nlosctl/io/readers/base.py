@@ -24,6 +24,7 @@ __all__ = [
     "LineFault",
     "RecordBatch",
     "as_text",
+    "closed_on_failure",
     "expansion_fault",
     "json_default",
     "plain",
@@ -108,6 +109,20 @@ def readable(name: str, what: str) -> Iterator[None]:
             raise DataError(f"{name}: can't be read: {error.strerror}") from error
         reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
         raise DataError(f"{name}: not a readable {what}, perhaps cut short: {reason}") from error
+
+
+class _Closable(Protocol):
+    def close(self) -> object: ...
+
+
+@contextmanager
+def closed_on_failure(file: _Closable) -> Iterator[None]:
+    """Close ``file`` if the block raises."""
+    try:
+        yield
+    except BaseException:
+        file.close()
+        raise
 
 
 def expansion_fault(name: str, most: int) -> str:

@@ -16,11 +16,10 @@ from nlosctl.arrays import IntArray
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, readable
+from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, closed_on_failure, readable
 from nlosctl.io.readers.csv_records import CsvBlock, RecordBlocks
 from nlosctl.io.readers.text_files import (
     arrow_type_of,
-    closed_on_failure,
     convert_text,
     decode_utf8,
     identifier_type,

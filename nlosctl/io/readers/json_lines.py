@@ -13,9 +13,9 @@ from nlosctl.contract.limits import limit, refusal_hint, size
 from nlosctl.contract.tables import ColumnType, contract_names
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, readable
+from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, closed_on_failure, readable
 from nlosctl.io.readers.json_columns import NameSurvey, json_column, json_text
-from nlosctl.io.readers.text_files import arrow_type_of, closed_on_failure, open_bytes, shown
+from nlosctl.io.readers.text_files import arrow_type_of, open_bytes, shown
 
 __all__ = [
     "JsonBlock",

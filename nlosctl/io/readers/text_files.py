@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import IO, Any, Literal, cast
 
 import numpy as np
@@ -22,7 +20,6 @@ from nlosctl.io.readers.base import CellFault, expansion_fault
 __all__ = [
     "EXPECTED",
     "arrow_type_of",
-    "closed_on_failure",
     "convert_text",
     "decode_utf8",
     "identifier_type",
@@ -102,16 +99,6 @@ class _Counted:
         got = self.zipped.read(size)
         self.taken += len(got)
         return got
-
-
-@contextmanager
-def closed_on_failure(stream: IO[bytes]) -> Iterator[None]:
-    """Close ``stream`` if the block raises."""
-    try:
-        yield
-    except BaseException:
-        stream.close()
-        raise
 
 
 def arrow_type_of(wanted: ColumnType) -> Any:

@@ -11,7 +11,7 @@ import pyarrow as pa
 from nlosctl.contract.limits import LARGEST_NUMBER, size
 from nlosctl.contract.tables import KINDS, Table
 from nlosctl.errors import DataError, did_you_mean
-from nlosctl.io.measurements.bad_rows import BadRow, Problem, ProblemLog
+from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.base import RecordBatch, plain_type
 from nlosctl.io.readers.open_file import TableFile, open_part

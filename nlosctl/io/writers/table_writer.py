@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from nlosctl.contract.limits import size
-from nlosctl.io.measurements.bad_rows import BadRow
+from nlosctl.io.measurements.row_checks import BadRow
 from nlosctl.io.paths.file_format import FileFormat, format_of_path, known_format_of_path
 from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.readers.base import plain_type
@@ -136,7 +136,7 @@ class TableWriter:
 class BadRowWriter:
     """Writes bad rows to a table file: ``row``, ``problem``, ``line``, then the columns as text.
 
-    Call it with bad rows (it is a `nlosctl.io.measurements.bad_rows.BadRowSink`). ``line`` is the raw text of a line
+    Call it with bad rows (it is a `nlosctl.io.measurements.row_checks.BadRowSink`). ``line`` is the raw text of a line
     that can't be parsed as a row. With several inputs ``problem`` names the file.
     """
 

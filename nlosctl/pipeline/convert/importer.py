@@ -14,7 +14,7 @@ from nlosctl.contract.tables import KINDS
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.io.conversion.import_source import foreign_path, open_foreign
 from nlosctl.io.conversion.imported_table import imported_table
-from nlosctl.io.measurements.bad_rows import BadRowSink, ProblemLog
+from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
 from nlosctl.io.scenes.scene_file import find_scene
 
 __all__ = ["Import", "Imported"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
-from nlosctl.io.measurements.survey import LookAhead
+from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.run_folder import RunFolder, describe_file
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
@@ -33,7 +33,7 @@ class PartWork:
     command: str
     inputs: tuple[Input, ...]
     options: ReadOptions
-    found: LookAhead
+    found: InputSurvey
     start: Callable[[MeasurementReader], Run]
     roots: Mapping[str, str]
     names: tuple[str, ...]

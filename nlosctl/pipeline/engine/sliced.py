@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from nlosctl.contract.limits import size
 from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
-from nlosctl.io.measurements.survey import LookAhead
+from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.row_group_slices import sliced
 from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
@@ -29,7 +29,7 @@ _SLICES_PER_JOB = 2
 class _Work:
     inputs: tuple[Input, ...]
     options: ReadOptions
-    found: LookAhead
+    found: InputSurvey
     start: Callable[[MeasurementReader], Run]
 
     def solve(self, place: tuple[int, int]) -> tuple[list[ChunkTables], dict[str, Any], dict[str, int], Any] | None:

@@ -1,0 +1,132 @@
+"""Columns that refer to the scene: sensor positions, reflector names, directions from north, sensors in circles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.scene import EarthFrame, Scene
+from nlosctl.contract.tables import Column
+from nlosctl.errors import did_you_mean
+from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, FoundColumn, NameCodes
+from nlosctl.io.measurements.row_checks import Describe, Fault, as_float64, got, is_null, null_mask
+from nlosctl.io.readers.base import text_at
+from nlosctl.io.scenes.scene_file import plane_of
+from nlosctl.models.circle_rows import circle_table, misplaced_sensors
+
+__all__ = ["SceneColumns", "from_north"]
+
+
+class SceneColumns:
+    """Fills and checks the columns of one file that refer to its scene; faults are added to the list ``faults``.
+
+    ``sensors`` are the codes of the run's sensor names.
+    """
+
+    def __init__(self, scene: Scene, plan: ColumnPlan, sensors: NameCodes) -> None:
+        self._scene, self._plan, self._sensors = scene, plan, sensors
+        self._reflectors = NameCodes(scene.reflector_names, grows=False)
+        self._positions_m = {sensor.name: sensor.position for sensor in scene.sensors}
+
+    def positions(
+        self, column: Column, found: FoundColumn | None, batch: Any, sensor: IntArray, faults: list[Fault]
+    ) -> FloatArray:
+        """Return a coordinate (N,) of the sensors with the codes ``sensor`` (N,) where the column is absent or null."""
+        assert column.scene_axis is not None  # noqa: S101 - asked by the caller
+        axis = [self._positions_m.get(name, (np.nan, np.nan))[column.scene_axis] for name in self._sensors.names]
+        filled = np.array([*axis, np.nan])[sensor]
+        name = column.name if found is None else found.name
+        if found is None:
+            absent = np.ones(batch.num_rows, dtype=np.bool_)
+        else:
+            cells = batch.column(found.name)
+            own = as_float64(cells)
+            absent = null_mask(cells)
+            filled = np.where(absent, filled, own)
+            beyond = ~absent & ~(np.abs(own) <= LARGEST_NUMBER)
+            if beyond.any():
+                expected = f"a finite number within {LARGEST_NUMBER:g}"
+                faults.append(Fault(mask=beyond, column=name, describe=got(own, expected)))
+        unknown = absent & np.isnan(filled) & (sensor != NULL_CODE)
+        if unknown.any():
+            cells = batch.column(self._plan.found["sensor"].name)
+            faults.append(Fault(mask=unknown, column=name, describe=self._unknown_sensor(cells)))
+        return filled
+
+    def _unknown_sensor(self, cells: Any) -> Describe:
+        positions = self._positions_m
+        if not positions:
+            return is_null("a finite number (or a scene that has the sensor)")
+
+        def describe(index: int) -> str:
+            name = text_at(cells, index) or ""
+            return f"the row has no position, and the scene has no sensor {name!r}{did_you_mean(name, positions)}"
+
+        return describe
+
+    def reflectors(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> IntArray:
+        """Return the indices (N,) of reflectors in the scene, `NULL_CODE` where the cell is empty."""
+        indices = self._reflectors.encode(cells)
+        unknown = indices == NameCodes.UNKNOWN
+        if unknown.any():
+            known = self._scene.reflector_names
+
+            def describe(index: int) -> str:
+                name = text_at(cells, index) or ""
+                if not known:
+                    return f"got {name!r}, but there is no scene with reflectors; give one with --scene FILE"
+                return f"the scene has no reflector {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
+
+            faults.append(Fault(mask=unknown, column=found.name, describe=describe))
+        return indices
+
+    def check_circles(self, columns: Mapping[str, npt.NDArray[Any]], faults: list[Fault]) -> None:
+        """Add the faults of rows by a circle whose sensor is outside of it, or within its blocker."""
+        reflector = columns["reflector"]
+        table = circle_table(self._scene)
+        known = (reflector >= 0) & np.isfinite(columns["sensor_x_m"]) & np.isfinite(columns["sensor_y_m"])
+        rows = np.flatnonzero(known)  # without rows whose reflector is not in the scene
+        rows = rows[np.isfinite(table[0])[reflector[rows]]]
+        center_x, center_y, radius, blocker, _ = (column[reflector[rows]] for column in table)
+        distance = np.hypot(columns["sensor_x_m"][rows] - center_x, columns["sensor_y_m"][rows] - center_y)
+        outside, under = misplaced_sensors(distance, radius, blocker)
+        position = self._plan.found.get("sensor_x_m")
+        name = "sensor_x_m" if position is None else position.name
+        for wrong, limit, expected in (
+            (outside, radius, "less than its radius"),
+            (under, blocker, "at least the radius of its blocker"),
+        ):
+            if wrong.any():
+                size = known.shape[0]
+                faults.append(_circle_fault(name, size, rows[wrong], distance[wrong], limit[wrong], expected))
+
+
+def _circle_fault(
+    column: str,
+    size: int,
+    rows: IntArray,
+    distance: FloatArray,
+    limit: FloatArray,
+    expected: str,
+) -> Fault:
+    mask = np.zeros(size, dtype=np.bool_)
+    mask[rows] = True
+    numbers = {int(row): (float(d), float(r)) for row, d, r in zip(rows, distance, limit, strict=True)}
+
+    def describe(index: int) -> str:
+        away, radius = numbers[index]
+        return f"the sensor is {away:.10g} m from the centre of its circle, expected {expected}, {radius:.10g} m"
+
+    return Fault(mask=mask, column=column, describe=describe)
+
+
+def from_north(values: FloatArray, columns: Mapping[str, npt.NDArray[Any]], frame: EarthFrame) -> FloatArray:
+    """Return directions (N,) from true north as directions in the plane, by the sensor positions in ``columns``."""
+    north_rad = plane_of(frame).north_rad(columns["sensor_x_m"], columns["sensor_y_m"])
+    turned: FloatArray = values + (north_rad - 0.5 * np.pi)
+    return turned

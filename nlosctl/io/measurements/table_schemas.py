@@ -1,0 +1,65 @@
+"""One Arrow schema for the columns of several files, and tables converted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from nlosctl.contract.tables import contract_names
+from nlosctl.errors import DataError
+from nlosctl.io.readers.base import as_text, plain, plain_type
+
+__all__ = ["conformed", "unified_schema"]
+
+
+def unified_schema(schemas: Sequence[Any]) -> Any:
+    """Return the schema for the columns of all files, in order of first appearance, nullable.
+
+    Integers and floats become float64, integers of different sizes int64 (uint64 in a column that the contract does
+    not have: text), and any other mixture of types text.
+    """
+    types: dict[str, Any] = {}
+    for schema in schemas:
+        for column in schema:
+            earlier, new = types.get(column.name), plain_type(column.type)
+            in_contract = column.name in contract_names()
+            types[column.name] = new if earlier is None else _common_type(earlier, new, in_contract)
+    return pa.schema(list(types.items()))
+
+
+def _common_type(one: Any, other: Any, in_contract: bool) -> Any:
+    if one == other or pa.types.is_null(other):
+        return one
+    if pa.types.is_null(one):
+        return other
+    numeric = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in (one, other)]
+    if all(numeric) and (in_contract or not any(pa.types.is_uint64(kind) for kind in (one, other))):
+        both_integers = pa.types.is_integer(one) and pa.types.is_integer(other)
+        return pa.int64() if both_integers else pa.float64()
+    return pa.string()
+
+
+def conformed(batch: Any, schema: Any, file: str, file_names: Mapping[str, str]) -> Any:
+    """Return an Arrow batch as a table with the columns of ``schema``, null where it has none.
+
+    Raises DataError for a value of another type; ``file_names`` are the file's own names of columns, for the message.
+    """
+    columns = [
+        _cast(plain(batch.column(column.name)), column, file, file_names)
+        if column.name in batch.schema.names
+        else pa.nulls(batch.num_rows, column.type)
+        for column in schema
+    ]
+    return pa.table(columns, schema=schema)
+
+
+def _cast(cells: Any, column: Any, file: str, file_names: Mapping[str, str]) -> Any:
+    try:
+        return as_text(cells) if pa.types.is_string(column.type) else cells.cast(column.type)
+    except pa.ArrowInvalid as error:
+        raise DataError(
+            f"{file}, column {file_names[column.name]!r}: contains {cells.type}, and a value of it "
+            f"can't be {column.type} as in the other files; give the column one type in all of them"
+        ) from error
