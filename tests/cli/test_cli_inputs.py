@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 from cli_support import FIXTURES, GOOD, SCENE, Outcome, crossing_rows, good_table, plain_csv, read_parquet
 
-from nlosctl.io.paths.file_format import FileFormat, format_of_bytes
+from nlosctl.io.paths.locations import FileFormat, format_of_bytes
 
 pytestmark = pytest.mark.extensive
 

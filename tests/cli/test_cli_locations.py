@@ -261,7 +261,7 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
             1,
             "the scene can't be read: No such file",
         ),
-        (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "the extension tells no format"),
+        (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "unknown file extension"),
     ],
 )
 def test_what_a_url_can_be_wrong_about_is_one_line(

@@ -14,8 +14,8 @@ from reading_support import FIXTURES, bearings, pa, read, scene_of, whole
 
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.writers.table_writer import TableWriter
 
 SCENE = scene_of(FIXTURES / "good_bearings.csv")

@@ -14,8 +14,8 @@ from reading_support import FIXTURES, bearings, read, save, scene_of, whole
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
-from nlosctl.io.paths.file_format import FileFormat, format_named, format_of_bytes, format_of_path
 from nlosctl.io.paths.inputs import expand_inputs
+from nlosctl.io.paths.locations import FileFormat, format_named, format_of_bytes, format_of_path
 
 FORMATS = ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"]
 SCENE = scene_of(FIXTURES / "good_bearings.parquet")

@@ -15,8 +15,8 @@ import pytest
 from reading_support import FIXTURES, read
 
 from nlosctl.errors import DataError
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Part
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.open_file import open_part
 from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
 

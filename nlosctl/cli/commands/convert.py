@@ -176,8 +176,8 @@ class _Conversion:
     def read_table(self, input_format: str | None) -> None:
         """Read a table as it is."""
         from nlosctl.io.conversion.table_copy import TableCopy
-        from nlosctl.io.paths.file_format import format_named
         from nlosctl.io.paths.inputs import expand_inputs
+        from nlosctl.io.paths.locations import format_named
 
         chosen = None if input_format is None else format_named(input_format)
         try:
@@ -201,7 +201,7 @@ class _Conversion:
     ) -> tuple[int, int]:
         """Write all rows; return how many, and how many were bad."""
         from nlosctl.contract.limits import size
-        from nlosctl.io.paths.file_format import FileFormat, format_named, format_of_path
+        from nlosctl.io.paths.locations import FileFormat, format_named, format_of_path
         from nlosctl.io.writers.table_writer import TableWriter
         from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 
@@ -249,7 +249,7 @@ class _Conversion:
 
 def _list(json: bool) -> None:
     from nlosctl import registry
-    from nlosctl.io.paths.file_format import FileFormat
+    from nlosctl.io.paths.locations import FileFormat
 
     rows = [
         {"way": entry.kind, "name": entry.name, "distribution": entry.distribution, "version": entry.version}

@@ -79,8 +79,8 @@ def evaluate(
     with --format text), a pipe or -o a table with a row per method and swept values, as plot draws it. Exit codes: 0
     done, 1 bad data or files, 2 the words of the command line, 4 a --fail-if condition is met.
     """
-    from nlosctl.io.paths.file_format import format_named
     from nlosctl.io.paths.inputs import expand_inputs
+    from nlosctl.io.paths.locations import format_named
     from nlosctl.io.results.evaluation_arrays import TruthTable
     from nlosctl.io.writers.output_set import OutputSet, check_targets
     from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs

@@ -162,8 +162,8 @@ def _opened(
     if not inputs:
         yield []
         return
-    from nlosctl.io.paths.file_format import format_named
     from nlosctl.io.paths.inputs import expand_inputs
+    from nlosctl.io.paths.locations import format_named
     from nlosctl.io.results.plot_inputs import open_drawn
 
     given = expand_inputs(inputs, None if input_format is None else format_named(input_format))

@@ -103,7 +103,7 @@ def complete_column(ctx: typer.Context, incomplete: str) -> list[Offer]:
 
 def complete_format(incomplete: str) -> list[Offer]:
     """Offer the formats of table files."""
-    from nlosctl.io.paths.file_format import FileFormat
+    from nlosctl.io.paths.locations import FileFormat
 
     return list(_starting(incomplete, ((format.value, format.title) for format in FileFormat)))
 

@@ -115,8 +115,8 @@ def added_columns(words: str) -> tuple[str, ...]:
 def open_measurements(words: ReadWords) -> Iterator[Opened]:
     """Open the inputs; all outputs are checked before anything is written."""
     from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
-    from nlosctl.io.paths.file_format import format_named
     from nlosctl.io.paths.inputs import expand_inputs
+    from nlosctl.io.paths.locations import format_named
     from nlosctl.io.writers.output_set import check_targets
 
     input_format = None if words.input_format is None else format_named(words.input_format)
@@ -156,7 +156,7 @@ def open_output(
     Where extension or format name an exporter of maps, it takes estimates; any other table is told as its fault.
     """
     from nlosctl.contract.limits import size
-    from nlosctl.io.paths.file_format import format_named
+    from nlosctl.io.paths.locations import format_named
     from nlosctl.io.writers.table_writer import TableWriter
     from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 

@@ -214,7 +214,7 @@ def _check_engine(outputs: Outputs) -> None:
 
 
 def _write_folders(run: Run, opened: Opened, outputs: Outputs, command: str, terminal: Terminal) -> None:
-    from nlosctl.io.paths.file_format import format_named
+    from nlosctl.io.paths.locations import format_named
     from nlosctl.io.writers.output_set import OutputSet, is_folder_target
     from nlosctl.pipeline.engine.folder_run import FolderRun
     from nlosctl.pipeline.engine.parts import BAD_ROWS

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow.compute as pc
 
 from nlosctl.io.measurements.row_batch import RowBatch
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Part
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.parquet_arrow import parquet_metadata
 
 __all__ = ["PartBoundaries"]

@@ -22,8 +22,8 @@ from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
 from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SeenId, SnapshotIndex, run_starts
 from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_inputs
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
 
 __all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 
-from nlosctl.io.paths.file_format import FileFormat, known_extension
 from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.paths.locations import FileFormat, known_extension
 
 __all__ = ["part_names"]
 

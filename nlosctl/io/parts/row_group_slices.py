@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.parquet_arrow import parquet_metadata
 
 __all__ = ["sliced"]

@@ -11,7 +11,7 @@ from typing import Any
 
 from nlosctl.errors import DataError, in_one_line
 from nlosctl.io.parts.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest, sealed_record
-from nlosctl.io.paths.locations import Location, RemotePath, location
+from nlosctl.io.paths.locations import Location, is_local, location
 from nlosctl.io.writers.byte_output import write_text, writing
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
@@ -141,7 +141,7 @@ class RunFolder:
             changed = [name for name, when in modified.items() if told.get("modified", {}).get(name) != when]
         else:
             finished = (self.main / MANIFEST).stat().st_mtime_ns
-            slack = _STORE_CLOCK_NS if isinstance(self.main, RemotePath) else 0
+            slack = _STORE_CLOCK_NS if not is_local(self.main) else 0
             changed = [name for name, when in modified.items() if finished and when > finished + slack]
         return f"the input {changed[0]} has changed since" if changed else None
 
@@ -212,7 +212,7 @@ class RunFolder:
 def _check_root(root: Location) -> None:
     if root.exists() and not root.is_dir():
         raise DataError(f"{root}: is a file, expected a folder")
-    if isinstance(root, RemotePath):
+    if not is_local(root):
         if not root.has_bucket():
             raise DataError(f"{root}: there is no {str(root.top)!r}; make it first")
     elif not root.exists() and not root.parent.is_dir():
@@ -221,7 +221,7 @@ def _check_root(root: Location) -> None:
 
 def _entries(folder: Location) -> list[Location]:
     """Return what is in a folder, nothing where there is none."""
-    if isinstance(folder, RemotePath):
+    if not is_local(folder):
         return [*folder.iterdir()]
     return [*folder.iterdir()] if folder.is_dir() else []
 
@@ -247,7 +247,7 @@ def _inside(root: Location, name: str) -> bool:
     steps = PurePosixPath(name)
     if steps.is_absolute() or ".." in steps.parts or not steps.parts:
         return False
-    return isinstance(root, RemotePath) or (root / name).parent.resolve().is_relative_to(root.resolve())
+    return not is_local(root) or (root / name).parent.resolve().is_relative_to(root.resolve())
 
 
 def _remove_empty_folders(root: Location, name: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from nlosctl.io.paths.locations import RemotePath, location
+from nlosctl.io.paths.locations import is_local, location
 from nlosctl.io.writers.byte_output import writing
 
 __all__ = ["read_part", "scratch_folder"]
@@ -21,7 +21,7 @@ __all__ = ["read_part", "scratch_folder"]
 def read_part(path: str) -> Any:
     """Return an Arrow file as a table without metadata, and remove the file."""
     place = location(path)
-    with pa.OSFile(path) if isinstance(place, Path) else place.open_native() as file, pa.ipc.open_file(file) as reader:
+    with pa.OSFile(path) if is_local(place) else place.open_native() as file, pa.ipc.open_file(file) as reader:
         table = reader.read_all().replace_schema_metadata(None)
     place.unlink()
     return table
@@ -34,7 +34,7 @@ def scratch_folder(target: str) -> Iterator[str]:
     Raises DataError where it can't be made.
     """
     place = location(target)
-    if isinstance(place, RemotePath):
+    if not is_local(place):
         folder = place.with_name(f".nlosctl.{secrets.token_hex(8)}.parts")
         try:
             yield str(folder)

@@ -1,4 +1,4 @@
-"""What the user named as input, expanded to groups of files: one group is one logical table."""
+"""The inputs of a run, expanded to files: each input is one logical table, with one or more parts."""
 
 from __future__ import annotations
 
@@ -14,11 +14,15 @@ from typing import IO, Any
 from urllib.parse import unquote
 
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.paths.file_format import FileFormat, format_of_bytes, format_of_path, known_format_of_path
 from nlosctl.io.paths.locations import (
+    FileFormat,
     Location,
     Mark,
     RemotePath,
+    format_of_bytes,
+    format_of_path,
+    is_local,
+    known_format_of_path,
     location,
     mark_of,
     mark_of_status,
@@ -35,11 +39,10 @@ _HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One file of a group: its name as messages give it, its format, and a path or an open byte stream.
+    """One file of an input: its name for messages, its format, and a path or an open byte stream.
 
-    ``row_groups`` (first, behind the last) are those that count, of a Parquet file; None: all. ``keys`` are the
-    columns that the names of its folders tell (``year=2026``), None for a null. ``mark`` tells the file that is read
-    later from another that took its place.
+    ``row_groups`` (start, stop) restricts a Parquet file to some of its row groups. ``keys`` are the columns in the
+    names of its folders (``year=2026``), None for a null. ``mark`` (see `mark_of`) is checked when the file is read.
     """
 
     name: str
@@ -48,52 +51,52 @@ class Part:
     stream: IO[bytes] | None = None
     row_groups: tuple[int, int] | None = None
     keys: tuple[tuple[str, str | None], ...] = ()
-    mark: tuple[int, int, int] | None = None
+    mark: Mark | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """One logical table: a file, or the parts of a folder; ``name`` is what the user called it."""
+    """One logical table: a file, or the parts of a folder; ``name`` is the name given by the user."""
 
     name: str
     parts: tuple[Part, ...]
 
     @property
     def path(self) -> Location | None:
-        """The file or folder beside which a scene may lie; None for stdin."""
+        """The file or folder, None for stdin; a scene may be in the same folder."""
         return None if self.parts[0].path is None else location(self.name)
 
 
 def expand_inputs(
     words: Sequence[str], input_format: FileFormat | None = None, stdin: IO[bytes] | None = None
 ) -> list[Input]:
-    """Return the groups that ``words`` name: files, folders, globs, and ``-`` for stdin.
+    """Return the inputs that ``words`` name: files, folders, globs, and ``-`` for stdin.
 
-    ``input_format`` overrides what extensions and first bytes tell; ``stdin`` replaces the real one. Raises
-    DataError for what is not there or holds no table, UsageError for an unknown extension or a file given twice.
+    ``input_format`` overrides extensions and first bytes; ``stdin`` replaces the real one. Raises DataError for a
+    missing file or a folder without tables, UsageError for an unknown extension or an input given twice.
     """
-    groups = [group for word in words for group in _expand_word(word, input_format, stdin)]
-    if not groups:
+    inputs = [given for word in words for given in _expand_word(word, input_format, stdin)]
+    if not inputs:
         raise UsageError("no input is given; name a file, a folder, a glob, or - for stdin")
-    names = [group.name for group in groups]
+    names = [given.name for given in inputs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UsageError(f"input given twice: {', '.join(twice)}")
-    return groups
+    return inputs
 
 
 def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | None) -> list[Input]:
     if word == "-":
         return [_standard_input(input_format, stdin)]
     path = location(word)
-    if isinstance(path, RemotePath):
+    if not is_local(path):
         return _remote(path, input_format)
     word = str(path) if "://" in word else word
     if path.is_dir():
         return [_folder(word, input_format)]
     if path.is_file():
         return [_file(word, input_format)]
-    if path.exists():  # a named pipe, as of <(...) in a shell
+    if path.exists():  # a named pipe, such as <(...) in a shell
         require_utf8(word)
         return [_stream(word, word, path.open("rb"), input_format)]
     if has_magic(word):
@@ -102,14 +105,14 @@ def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | 
 
 
 def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
-    """Return what a URL names: a file, a folder (a prefix of names), or a pattern."""
+    """Return the inputs that a URL names: a file, a folder (a prefix of names), or a pattern."""
     name = str(path)
     try:
         if path.has_magic:
-            found = [(match, mark_of_status(status)) for match, status in path.glob_files()]
-            if not found:
+            matches = path.glob_files()
+            if not matches:
                 raise DataError(f"{name}: no file matches this pattern")
-            return [_remote_file(match, mark, input_format) for match, mark in found]
+            return [_remote_file(match, mark_of_status(status), input_format) for match, status in matches]
         if path.is_file():
             return [_remote_file(path, mark_of_status(path.stat()), input_format)]
         files = path.files(recursive=True)
@@ -145,7 +148,7 @@ def _folder(name: str, input_format: FileFormat | None) -> Input:
 def _of_parts(
     name: str, files: Sequence[tuple[Location, PurePosixPath, Mark | None]], input_format: FileFormat | None
 ) -> Input:
-    """Return a folder whose files are these, each with its path below the folder, and its mark where it is known."""
+    """Return the input of a folder with these files, each with its path below the folder, and its mark if known."""
     parts = []
     for path, relative, mark in sorted(files, key=lambda file: str(file[1])):
         known = known_format_of_path(path.name)
@@ -154,12 +157,12 @@ def _of_parts(
             part = Part(name=str(path), format=input_format or known, path=path, mark=mark or mark_of(path))
             parts.append(replace(part, keys=_keys(relative.parts[:-1])))
     if not parts:
-        raise DataError(f"{name}: the folder holds no table file (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
+        raise DataError(f"{name}: no table file in the folder (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
     return Input(name=name, parts=tuple(parts))
 
 
 def _keys(folders: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
-    """Return the columns that folders named ``key=value`` tell, as Hive and Spark write them."""
+    """Return the columns in the names of folders (``key=value``), as Hive and Spark write them."""
     pairs = [folder.partition("=") for folder in folders if "=" in folder.lstrip("=")]
     return tuple((unquote(key), None if value == _HIVE_NULL else unquote(value)) for key, _, value in pairs)
 
@@ -169,7 +172,7 @@ def _is_hidden(relative: PurePosixPath) -> bool:
 
 
 def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
-    found = glob(pattern, recursive=True)  # noqa: PTH207 - the pattern may start anywhere, and names stay as given
+    found = glob(pattern, recursive=True)  # noqa: PTH207 - absolute patterns too, and names stay as given
     matches = sorted(match for match in found if Path(match).is_file())
     if not matches:
         raise DataError(f"{pattern}: no file matches this pattern")
@@ -183,18 +186,18 @@ def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) ->
 
 
 def _stream(input_name: str, name: str, source: IO[bytes], input_format: FileFormat | None) -> Input:
-    head = source.read(_HEAD_BYTES)  # as many as there are, however slowly they come
-    told = format_of_bytes(head)
-    found = input_format or told
-    if found is FileFormat.ARROW and told is FileFormat.ARROW_STREAM:
-        found = told
+    head = source.read(_HEAD_BYTES)  # waits for a slow writer
+    detected = format_of_bytes(head)
+    format = input_format or detected
+    if format is FileFormat.ARROW and detected is FileFormat.ARROW_STREAM:
+        format = detected
     buffered: Any = io.BufferedReader(_Replayed(head, source, owned=input_name != "-"))
-    stream = _spool(buffered) if found.needs_seeking else buffered
-    return Input(name=input_name, parts=(Part(name=name, format=found, stream=stream),))
+    stream = _spool(buffered) if format.needs_seeking else buffered
+    return Input(name=input_name, parts=(Part(name=name, format=format, stream=stream),))
 
 
 class _Replayed(io.RawIOBase):
-    """A stream whose head was read already, from its beginning; closing it closes the stream if that is ``owned``."""
+    """A stream from its beginning although its ``head`` has been read; closing it closes an ``owned`` stream too."""
 
     def __init__(self, head: bytes, rest: IO[bytes], *, owned: bool) -> None:
         self._head, self._rest, self._owned = head, rest, owned

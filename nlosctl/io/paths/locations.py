@@ -1,24 +1,36 @@
-"""Where a file is: a path on this machine, or a URL (``s3://bucket/key``) that does what reading asks of a path.
+"""Names of files: local paths or URLs (``s3://bucket/key``), which readers use alike, and the format of a file.
 
-A path on this machine imports nothing.
+Local paths import nothing.
 """
 
 from __future__ import annotations
 
 import re
+import zlib
+from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.paths.remote_path import RemotePath
 
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
 __all__ = [
+    "FileFormat",
     "Location",
     "Mark",
     "RemotePath",
+    "format_named",
+    "format_of_bytes",
+    "format_of_path",
+    "is_local",
     "is_remote",
+    "known_extension",
+    "known_format_of_path",
     "location",
     "mark_of",
     "mark_of_status",
@@ -31,12 +43,18 @@ __all__ = [
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://([^?]*)(\?\w+=.*)?", re.DOTALL)
 
 Location = Path | RemotePath
+Mark = tuple[int, int, int]
 
 
 def is_remote(word: str) -> bool:
-    """Return whether a word names a file elsewhere: a URL of another scheme than ``file``."""
+    """Return whether a name is a URL of another scheme than ``file``."""
     found = _URL.fullmatch(word)
     return found is not None and found[1].lower() != "file"
+
+
+def is_local(path: Location) -> TypeIs[Path]:
+    """Return whether a location is on this machine."""
+    return isinstance(path, Path)
 
 
 def names_folder(word: str) -> bool:
@@ -46,12 +64,12 @@ def names_folder(word: str) -> bool:
 
 
 def location(word: str) -> Location:
-    """Return the place that a path or URL names; ``file://`` URLs are paths.
+    """Return the location that a path or URL names; ``file://`` URLs are local paths.
 
-    Raises UsageError for what can't be a name: nothing, or with a zero byte or a password in it.
+    Raises UsageError for an empty name, or one with a zero byte or a password in it.
     """
     if not word or "\0" in word:
-        raise UsageError(f"{word!r} names no file; expected a path or a URL")
+        raise UsageError(f"{word!r} is not the name of a file; expected a path or a URL")
     found = _URL.fullmatch(word)
     if found is None:
         return Path(word)
@@ -59,50 +77,159 @@ def location(word: str) -> Location:
     if scheme.lower() == "file":
         split = urlsplit(word)
         if split.netloc not in ("", "localhost"):
-            raise UsageError(f"{word}: expected file:///FOLDER/NAME, a path of this machine")
+            raise UsageError(f"{word}: expected file:///FOLDER/NAME, a local path")
         return Path(url2pathname(split.path))
     if ":" in rest.split("/")[0].rpartition("@")[0]:
         raise UsageError(
-            f"{scheme}://...@{rest.split('/')[0].rpartition('@')[2]}: a password in a name would end up in results and "
+            f"{scheme}://...@{rest.split('/')[0].rpartition('@')[2]}: a password in a name is recorded in results and "
             f"logs; give it in the environment or the store's own configuration file"
         )
     return RemotePath(f"{scheme}://{rest.rstrip('/')}", query)
 
 
 def require_utf8(name: str) -> None:
-    """Raise DataError where the name of an input is not UTF-8: results, which are, tell it."""
+    """Raise DataError if the name of an input is not UTF-8: it can't be recorded in results."""
     try:
         name.encode("utf-8")
     except UnicodeEncodeError:
         raise DataError(
-            f"{name}: the name is not UTF-8, and results tell the names of their inputs; rename it"
+            f"{name}: the name is not UTF-8, and results record the names of their inputs; rename it"
         ) from None
 
 
 def near_name(path: Location) -> str:
-    """Return `` (did you mean ...?)`` for the name in the same folder of this machine that is nearest, or nothing."""
-    if isinstance(path, RemotePath) or not path.parent.is_dir():
+    """Return `` (did you mean ...?)`` with the most similar name in the same local folder, or an empty text."""
+    if not is_local(path) or not path.parent.is_dir():
         return ""
     return did_you_mean(path.name, [entry.name for entry in path.parent.iterdir()])
 
 
 def pyarrow_source(path: Location) -> Any:
-    """Return what pyarrow opens: the name of a file of this machine, else the open file."""
-    return str(path) if isinstance(path, Path) else path.open_native()
-
-
-Mark = tuple[int, int, int]
+    """Return the argument for pyarrow's readers: the name of a local file, else the open file."""
+    return str(path) if is_local(path) else path.open_native()
 
 
 def mark_of(path: Location) -> Mark | None:
-    """Return what changes when a file does: its place on the disk, size and time; None where it is not there."""
+    """Return a value that changes with the file: inode, size and time; None if it does not exist."""
     try:
-        found = path.stat()
+        return mark_of_status(path.stat())
     except OSError:
         return None
-    return mark_of_status(found)
 
 
-def mark_of_status(found: Any) -> Mark:
-    """Return the mark of what a ``stat`` has told."""
-    return found.st_ino, found.st_size, found.st_mtime_ns
+def mark_of_status(status: Any) -> Mark:
+    """Return the value of `mark_of` for the result of ``stat``."""
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+class FileFormat(Enum):
+    """A file format; its value is its name for users."""
+
+    PARQUET = "parquet"
+    CSV = "csv"
+    CSV_GZ = "csv.gz"
+    ARROW = "arrow"
+    ARROW_STREAM = "arrows"
+    JSON_LINES = "jsonl"
+    JSON_LINES_GZ = "jsonl.gz"
+
+    @property
+    def title(self) -> str:
+        """The name for messages."""
+        return _TITLES[self]
+
+    @property
+    def compressed(self) -> bool:
+        """Whether the file is gzipped text."""
+        return self in (FileFormat.CSV_GZ, FileFormat.JSON_LINES_GZ)
+
+    @property
+    def needs_seeking(self) -> bool:
+        """Whether a reader needs random access, so that a pipe has to be spooled first."""
+        return self in (FileFormat.PARQUET, FileFormat.ARROW)
+
+    @property
+    def carries_metadata(self) -> bool:
+        """Whether the file can contain a scene and provenance."""
+        return self in (FileFormat.PARQUET, FileFormat.ARROW, FileFormat.ARROW_STREAM)
+
+
+_TITLES = {
+    FileFormat.PARQUET: "Parquet",
+    FileFormat.CSV: "CSV",
+    FileFormat.CSV_GZ: "gzipped CSV",
+    FileFormat.ARROW: "an Arrow file",
+    FileFormat.ARROW_STREAM: "an Arrow stream",
+    FileFormat.JSON_LINES: "JSON Lines",
+    FileFormat.JSON_LINES_GZ: "gzipped JSON Lines",
+}
+
+_EXTENSIONS = {
+    ".parquet": FileFormat.PARQUET,
+    ".pq": FileFormat.PARQUET,
+    ".csv": FileFormat.CSV,
+    ".csv.gz": FileFormat.CSV_GZ,
+    ".arrow": FileFormat.ARROW,
+    ".feather": FileFormat.ARROW,
+    ".ipc": FileFormat.ARROW,
+    ".arrows": FileFormat.ARROW_STREAM,
+    ".jsonl": FileFormat.JSON_LINES,
+    ".ndjson": FileFormat.JSON_LINES,
+    ".jsonl.gz": FileFormat.JSON_LINES_GZ,
+    ".ndjson.gz": FileFormat.JSON_LINES_GZ,
+}
+
+
+def format_of_path(path: str) -> FileFormat:
+    """Return the format by the extension of ``path``; raise UsageError with the known ones if there is none."""
+    found = known_format_of_path(path)
+    if found is None:
+        raise UsageError(
+            f"{path}: unknown file extension; known: {' '.join(_EXTENSIONS)} "
+            f"(or name the format: --input-format for an input, --format for the output)"
+        )
+    return found
+
+
+def known_format_of_path(path: str) -> FileFormat | None:
+    """Return the format by the extension of ``path``, or None if it is unknown."""
+    extension = known_extension(path)
+    return _EXTENSIONS[extension.lower()] if extension else None
+
+
+def known_extension(path: str) -> str:
+    """Return the longest known extension at the end of ``path``, as it is written there, or an empty text."""
+    matches = [extension for extension in _EXTENSIONS if path.lower().endswith(extension)]
+    return path[-max(map(len, matches)) :] if matches else ""
+
+
+def format_named(name: str) -> FileFormat:
+    """Return the format called ``name``; raise UsageError with the nearest name if there is none."""
+    names = [known.value for known in FileFormat]
+    if name.lower() not in names:
+        raise UsageError(f"no format {name!r}{did_you_mean(name.lower(), names)}; there are: {', '.join(names)}")
+    return FileFormat(name.lower())
+
+
+def format_of_bytes(head: bytes) -> FileFormat:
+    """Return the format by the first bytes of a file (some hundred, for gzip); text that is not JSON is CSV."""
+    if head.startswith(b"PAR1"):
+        return FileFormat.PARQUET
+    if head.startswith(b"ARROW1"):
+        return FileFormat.ARROW
+    if head.startswith(b"\xff\xff\xff\xff"):
+        return FileFormat.ARROW_STREAM
+    if head.startswith(b"\x1f\x8b"):
+        return FileFormat.JSON_LINES_GZ if _is_json(_unzipped(head)) else FileFormat.CSV_GZ
+    return FileFormat.JSON_LINES if _is_json(head) else FileFormat.CSV
+
+
+def _is_json(head: bytes) -> bool:
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"{", b"["))
+
+
+def _unzipped(head: bytes) -> bytes:
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, 64)
+    except zlib.error:
+        return b""

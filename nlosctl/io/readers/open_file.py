@@ -12,9 +12,8 @@ import pyarrow as pa
 from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
-from nlosctl.io.paths.file_format import FileFormat, format_of_bytes
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.paths.locations import mark_of
+from nlosctl.io.paths.locations import FileFormat, format_of_bytes, mark_of
 from nlosctl.io.readers.base import FormatReader, RecordBatch, readable
 from nlosctl.io.readers.csv_reader import CsvReader
 from nlosctl.io.readers.json_lines import JsonLinesReader

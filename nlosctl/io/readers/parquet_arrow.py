@@ -12,9 +12,8 @@ import pyarrow.parquet
 from nlosctl.contract.limits import limit
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Part
-from nlosctl.io.paths.locations import Location, pyarrow_source
+from nlosctl.io.paths.locations import FileFormat, Location, pyarrow_source
 from nlosctl.io.readers.base import RecordBatch, expansion_fault, readable
 
 __all__ = ["ArrowReader", "ParquetReader", "fits_type", "parquet_end_value", "parquet_metadata"]

@@ -7,8 +7,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.base import plain_type
 
 __all__ = ["gather", "input_of_table"]

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import IO
 
 from nlosctl.errors import DataError
-from nlosctl.io.paths.locations import RemotePath, location
+from nlosctl.io.paths.locations import is_local, location
 
 __all__ = ["AtomicFile", "ByteOutput", "is_written_through", "write_bytes", "write_text", "writing"]
 
@@ -113,7 +113,7 @@ class AtomicFile:
 
     def __init__(self, target: str) -> None:
         self._target = location(target).resolve()
-        folder = Path(tempfile.gettempdir()) if isinstance(self._target, RemotePath) else self._target.parent
+        folder = Path(tempfile.gettempdir()) if not is_local(self._target) else self._target.parent
         self._temporary: Path = folder / f".{self._target.name[:100]}.{secrets.token_hex(4)}.part"
         self._remove_temporary = weakref.finalize(self, _remove, self._temporary, os.getpid())
         self.sink: IO[bytes] = self._temporary.open("xb")
@@ -128,7 +128,7 @@ class AtomicFile:
     def keep(self) -> None:
         """Rename the complete file to its final name; an existing file is replaced."""
         self.complete()
-        if isinstance(self._target, RemotePath):
+        if not is_local(self._target):
             self._target.take(self._temporary)
             self._remove_temporary()
         else:
@@ -156,7 +156,7 @@ def writing(target: str) -> Iterator[None]:
 def is_written_through(target: str) -> bool:
     """Return whether the target exists and is not a regular file: a pipe or device, which is written directly."""
     path = location(target)
-    return isinstance(path, Path) and path.exists() and not path.is_file() and not path.is_dir()
+    return is_local(path) and path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _remove(path: Path, creator: int) -> None:

@@ -5,13 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, TypeVar
 
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.paths.file_format import known_format_of_path
-from nlosctl.io.paths.locations import Location, RemotePath, is_remote, location, names_folder
+from nlosctl.io.paths.locations import (
+    Location,
+    RemotePath,
+    is_local,
+    is_remote,
+    known_format_of_path,
+    location,
+    names_folder,
+)
 from nlosctl.io.writers.byte_output import ByteOutput, is_written_through, writing
 
 __all__ = ["OutputSet", "check_targets", "is_folder_target"]
@@ -63,7 +69,7 @@ def _check_folder(target: str, inputs: Sequence[Location]) -> None:
 
 def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> None:
     path = location(target).resolve()
-    if isinstance(path, RemotePath):
+    if not is_local(path):
         _check_remote(target, path, overwrite, inputs)
         return
     if path.is_dir():
@@ -72,7 +78,7 @@ def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> N
         raise DataError(f"{target}: there is no folder {str(location(target).parent)!r}; make it first")
     if is_written_through(target):
         return
-    for given in (given for given in inputs if isinstance(given, Path)):
+    for given in filter(is_local, inputs):
         if path.exists() and given.exists() and given.samefile(path):
             raise DataError(f"{target}: is the input; write to another file")
         if given.is_dir() and given.resolve() in path.parents:
@@ -84,7 +90,7 @@ def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> N
 
 
 def _check_remote(target: str, path: RemotePath, overwrite: bool, inputs: Sequence[Location]) -> None:
-    for given in (given for given in inputs if isinstance(given, RemotePath)):
+    for given in (given for given in inputs if not is_local(given)):
         if given == path:
             raise DataError(f"{target}: is the input; write to another file")
         if given in path.parents:

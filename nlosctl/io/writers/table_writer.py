@@ -15,8 +15,7 @@ import pyarrow.parquet
 
 from nlosctl.contract.limits import size
 from nlosctl.io.measurements.row_checks import BadRow
-from nlosctl.io.paths.file_format import FileFormat, format_of_path, known_format_of_path
-from nlosctl.io.paths.locations import Location, location
+from nlosctl.io.paths.locations import FileFormat, Location, format_of_path, known_format_of_path, location
 from nlosctl.io.readers.base import plain_type
 from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets

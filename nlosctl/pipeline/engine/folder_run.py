@@ -9,8 +9,8 @@ from typing import Any
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.parts.part_names import part_names
 from nlosctl.io.parts.run_folder import RunFolder
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.scenes.scene_file import scene_to_toml
 from nlosctl.pipeline.engine.id_order import IdOrder
 from nlosctl.pipeline.engine.parts import PartWork

@@ -9,9 +9,8 @@ from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.parts.row_group_slices import sliced
 from nlosctl.io.parts.scratch import read_part
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.paths.locations import location
+from nlosctl.io.paths.locations import FileFormat, location
 from nlosctl.pipeline.engine.folder_run import Engine
 from nlosctl.pipeline.engine.id_order import IdOrder
 from nlosctl.pipeline.engine.parts import PartWork

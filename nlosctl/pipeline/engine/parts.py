@@ -10,9 +10,8 @@ from typing import Any
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.run_folder import RunFolder, describe_file
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.paths.locations import location
+from nlosctl.io.paths.locations import FileFormat, location
 from nlosctl.io.writers.output_set import OutputSet
 from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
 from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables

@@ -11,8 +11,7 @@ from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, MethodError
 from nlosctl.io.parts.row_group_slices import sliced
 from nlosctl.io.parts.scratch import read_part, scratch_folder
-from nlosctl.io.paths.file_format import FileFormat
-from nlosctl.io.paths.locations import location
+from nlosctl.io.paths.locations import FileFormat, location
 from nlosctl.pipeline.engine.folder_run import Engine, Records
 from nlosctl.pipeline.engine.id_order import IdOrder
 from nlosctl.pipeline.engine.parts import BAD_ROWS, PartWork

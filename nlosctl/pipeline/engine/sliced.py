@@ -14,8 +14,8 @@ from nlosctl.errors import MethodError, NlosctlError
 from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
 from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.row_group_slices import sliced
-from nlosctl.io.paths.file_format import FileFormat
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.pipeline.engine.id_order import IdOrder
 from nlosctl.pipeline.engine.workers import CAN_FORK, map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, Run
