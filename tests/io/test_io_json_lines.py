@@ -30,13 +30,13 @@ def save_lines(path: Path, *lines: str) -> Path:
 @pytest.mark.parametrize(
     ("line", "column", "told"),
     [
-        (row()[:-1] + ', "sensor": "b"}', None, "'sensor' is there twice"),
+        (row()[:-1] + ', "sensor": "b"}', None, "duplicate name 'sensor'"),
         ("[" * 100_000, None, "nested too deeply"),
         (row(bearing_rad=10**400), "bearing_rad", "expected a number within 1e308"),
         (row(snapshot=2**70), "snapshot", "an integer within 64 bits; store it as text"),
         (row(path=2**70), "path", "an integer within 64 bits"),
         (row(sensor="\ud800"), "sensor", "half a surrogate pair"),
-        (row(**{"\udfff": 1}), None, "a name holds half of a surrogate pair"),
+        (row(**{"\udfff": 1}), None, "a name contains half of a surrogate pair"),
         (row(snapshot="1"), "snapshot", "got '1', expected an integer as before: text or an integer"),
         (row(snapshot=0.0), "snapshot", "got 0.0, expected text or an integer"),
         (row(snapshot=True), "snapshot", "got True, expected text or an integer"),
@@ -87,7 +87,7 @@ def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pyt
     found = whole(read([path])).table
     assert found.column("own").to_pylist()[-3:] == ["19", "x", None]
     assert found.column("late").to_pylist()[-2:] == [None, 1]
-    for odd, told in ((lines[20], "'own': got 'x'"), (lines[21], "'late': 1 comes under a new name")):
+    for odd, told in ((lines[20], "'own': got 'x'"), (lines[21], "'late': got 1 under a new name")):
         data = "\n".join([*lines[:20], odd]).encode()
         reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), ReadOptions())
         with pytest.raises(DataError, match=f"line 21, column {told}.*save it as a file"):

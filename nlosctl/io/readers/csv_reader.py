@@ -1,4 +1,4 @@
-"""Reader of CSV, plain or gzipped: streamed, every cell first taken as text, so that a fault has a row and column."""
+"""Reader of CSV, plain or gzipped: every cell is read as text first, so that a fault has a row and a column."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = ["CsvReader"]
 
 @dataclass(frozen=True, kw_only=True)
 class _Parsed:
-    """A block as columns of bytes, the line of each row, and lines that are no rows (by their place in the block)."""
+    """A block as columns of bytes, the lines (R,) of its records, and bad lines as (index, fault, text)."""
 
     table: Any
     lines: IntArray
@@ -44,10 +44,10 @@ class _Parsed:
 class CsvReader:
     """A CSV file.
 
-    Columns that the contract does not know get the narrowest type that all their cells fit: a large file is read
-    once more for that if such columns are wanted. A stream can't be, so the first block (4 MiB of text) decides,
-    and a later cell that does not fit is an error of the file. The first block also decides whether an identifier
-    holds integers; a later one that does not fit is a bad row.
+    A column that is not in the contract gets the narrowest type for all of its cells, for which a large file is read
+    twice. A stream can't be read twice: its first block (4 MiB of text) determines the type, and a later cell of
+    another type is an error. The first block also determines whether an identifier is an integer; a later cell that
+    is not one is a bad row.
     """
 
     metadata: Mapping[bytes, bytes] = {}
@@ -68,7 +68,7 @@ class CsvReader:
         self._first: _Parsed | None = None
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See FormatReader; reads the first block to decide the types that the contract leaves open."""
+        """See FormatReader; reads the first block to infer the types that the contract leaves open."""
         self._kept = list(self.names if columns is None else columns)
         with readable(self._part.name, self._what):
             self._blocks = self._records.blocks()
@@ -89,23 +89,23 @@ class CsvReader:
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
 
     def _survey(self, unknown: Sequence[str]) -> dict[str, ColumnType]:
-        """Return the types of columns that the contract does not know: text where there is nothing in them."""
+        """Return the types of columns that are not in the contract: text if they are empty."""
         if self._first is None or not unknown:
             return dict.fromkeys(unknown, "text")
-        found: dict[str, ColumnType | None] = dict.fromkeys(unknown)
+        types: dict[str, ColumnType | None] = dict.fromkeys(unknown)
         if self._records.at_end or self._part.path is None:
             self._guessed = frozenset() if self._records.at_end else frozenset(unknown)
-            _widen(found, self._first.table)
+            _widen(types, self._first.table)
         else:
             with open_bytes(self._part) as stream:
                 records = RecordBlocks(stream, self._part.name)
                 records.header()
                 for block in records.blocks():
-                    open_yet = [name for name, kind in found.items() if kind != "text"]
-                    if not open_yet:
+                    undecided = [name for name, kind in types.items() if kind != "text"]
+                    if not undecided:
                         break
-                    _widen(found, self._parse(block, open_yet).table)
-        return {name: kind or "text" for name, kind in found.items()}
+                    _widen(types, self._parse(block, undecided).table)
+        return {name: kind or "text" for name, kind in types.items()}
 
     def _parse(self, block: CsvBlock, columns: list[str]) -> _Parsed:
         bad: list[tuple[int, str, str]] = []
@@ -128,7 +128,7 @@ class CsvReader:
                     use_threads=False,
                     block_size=2 * len(block.content) + 1,
                     column_names=list(self.names),
-                    encoding="utf8" if utf8 else "latin-1",  # each byte as a character: pyarrow can't tell of others
+                    encoding="utf8" if utf8 else "latin-1",  # for bad lines: pyarrow needs text
                 ),
                 parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True, invalid_row_handler=take_bad_line),
                 convert_options=pyarrow.csv.ConvertOptions(
@@ -141,7 +141,7 @@ class CsvReader:
                 ),
             ).combine_chunks()
         if table.num_rows + len(bad) != block.lines.shape[0]:
-            raise DataError(f"{self._part.name}: after line {block.lines[0]}: cells in quotes can't be told apart")
+            raise DataError(f"{self._part.name}: after line {block.lines[0]}: quoted cells are ambiguous")
         return _Parsed(table=table if utf8 else _as_bytes(table), lines=block.lines, bad=bad)
 
     def batches(self) -> Iterator[RecordBatch]:
@@ -156,24 +156,24 @@ class CsvReader:
                 parsed = None if block is None else self._parse(block, self._kept)
 
     def _in_batches(self, parsed: _Parsed, before: int) -> Iterator[RecordBatch]:
-        """Yield the rows of a block, which ``before`` rows precede, good or not; a bad line goes with the next rows."""
+        """Yield the rows of a block after ``before`` rows, good or bad; a bad line goes with the rows after it."""
         bad = [
-            LineFault(row=before + place + 1, line=int(parsed.lines[place]), fault=fault, text=text)
-            for place, fault, text in parsed.bad
+            LineFault(row=before + index + 1, line=int(parsed.lines[index]), fault=fault, text=text)
+            for index, fault, text in parsed.bad
         ]
         good = np.ones(parsed.lines.shape[0], dtype=np.bool_)
-        good[[place for place, _, _ in parsed.bad]] = False
-        places = np.flatnonzero(good)
+        good[[index for index, _, _ in parsed.bad]] = False
+        indices = np.flatnonzero(good)
         count = parsed.table.num_rows
         for start in range(0, max(count, 1), self._batch_rows):
-            here = places[start : start + self._batch_rows]
+            here = indices[start : start + self._batch_rows]
             rows = before + here + 1
             ends = start + self._batch_rows >= count
-            told = [line for line in bad if ends or line.row < rows[-1]]
-            bad = bad[len(told) :]
-            yield self._converted(parsed.table.slice(start, self._batch_rows), rows, parsed.lines[here], told)
+            passed = [line for line in bad if ends or line.row < rows[-1]]
+            bad = bad[len(passed) :]
+            yield self._converted(parsed.table.slice(start, self._batch_rows), rows, parsed.lines[here], passed)
 
-    def _converted(self, table: Any, rows: IntArray, lines: IntArray, told: Sequence[LineFault]) -> RecordBatch:
+    def _converted(self, table: Any, rows: IntArray, lines: IntArray, bad_lines: Sequence[LineFault]) -> RecordBatch:
         texts, columns, faults = [], [], list[CellFault]()
         for name in self._kept:
             cells, unreadable = decode_utf8(_one_chunk(table.column(name)), name)
@@ -190,13 +190,13 @@ class CsvReader:
             lines=lines,
             text=pa.RecordBatch.from_arrays(texts, names=self._kept),
             cell_faults=faults,
-            line_faults=told,
+            line_faults=bad_lines,
         )
 
     def _misguessed(self, fault: CellFault, line: int) -> DataError:
         return DataError(
             f"{self._part.name}, line {line}, column {fault.column!r}: {fault.fault} as before; the type of a column "
-            f"of your own is told by the first 4 MiB of a stream: save it as a file, and all of it is looked at"
+            f"that is not in the contract is inferred from the first 4 MiB of a stream: save it as a file to use all"
         )
 
     def close(self) -> None:
@@ -206,7 +206,7 @@ class CsvReader:
 
 @contextmanager
 def _signals_left_to_python() -> Iterator[None]:
-    """Keep Arrow from taking Ctrl-C while it parses: one that comes as it ends is lost. A block is short."""
+    """Keep Arrow from handling Ctrl-C while it parses a block: one that arrives as it ends would be lost."""
     pa.enable_signal_handlers(False)
     try:
         yield
@@ -223,7 +223,7 @@ def _is_utf8(content: bytes) -> bool:
 
 
 def _as_bytes(table: Any) -> Any:
-    """Return a table that was read as Latin-1 with the bytes that were in the file."""
+    """Return a table that was read as Latin-1 with the original bytes."""
     columns = [
         pa.array(
             [None if cell is None else cell.decode().encode("latin-1") for cell in column.to_pylist()], column.type
@@ -233,11 +233,12 @@ def _as_bytes(table: Any) -> Any:
     return pa.table(columns, names=table.column_names)
 
 
-def _widen(found: dict[str, ColumnType | None], table: Any) -> None:
+def _widen(types: dict[str, ColumnType | None], table: Any) -> None:
+    """Widen the types so that they fit the cells of a table."""
     for name in table.column_names:
-        if name in found:
+        if name in types:
             cells, _ = decode_utf8(_one_chunk(table.column(name)), name)
-            found[name] = wider_type(found[name], infer_type(cells))
+            types[name] = wider_type(types[name], infer_type(cells))
 
 
 def _one_chunk(column: Any) -> Any:
@@ -253,22 +254,22 @@ def _names(header: bytes, name: str) -> tuple[str, ...]:
     except UnicodeDecodeError as error:
         raise DataError(f"{name}, line 1: byte 0x{header[error.start]:02x} is not UTF-8; save it as UTF-8") from None
     if not line.strip():
-        raise DataError(f"{name}: there is no header: the first line is empty")
+        raise DataError(f"{name}: no header: the first line is empty")
     try:
         names = [field.strip() for field in next(csv.reader([line]))]
     except csv.Error as error:
         raise DataError(f"{name}, line 1: the header can't be read: {error}") from error
     if len(names) == 1:
         _refuse_single(names[0], name)
-    return tuple(field or f"unnamed_{place}" for place, field in enumerate(names, start=1))
+    return tuple(field or f"unnamed_{number}" for number, field in enumerate(names, start=1))
 
 
 def _refuse_single(header: str, name: str) -> None:
     if header.startswith("#"):
-        raise DataError(f"{name}, line 1: begins with '#', expected the header; take the comments out: grep -v '^#'")
-    for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        raise DataError(f"{name}, line 1: begins with '#', expected the header; remove the comments: grep -v '^#'")
+    for separator, name_of in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if separator in header:
             raise DataError(
-                f"{name}: the columns are separated by {word}, expected commas (and a point within numbers); "
-                f"save it so, such as by: mlr --icsv --ifs {separator!r} --ocsv cat"
+                f"{name}: the columns are separated by {name_of}, expected commas (and decimal points); "
+                f"convert it, for example: mlr --icsv --ifs {separator!r} --ocsv cat"
             )

@@ -1,4 +1,4 @@
-"""CSV text cut into blocks of whole records, each record with its line; quotes may hold line ends."""
+"""CSV text in blocks of whole records with their line numbers; quoted cells may contain line ends."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlosctl.errors import DataError
 
 __all__ = ["CsvBlock", "RecordBlocks"]
 
-_LOOKED_AT = 4096
+_HEAD_BYTES = 4096
 
 _QUOTE, _LINE_FEED, _RETURN = ord('"'), ord("\n"), ord("\r")
 _AT_EDGE = np.isin(np.arange(256), list(b',\r\n"'))
@@ -25,7 +25,7 @@ _QUOTED = re.compile(rb'(?:(?<=[,\r\n])|\A)"[^"]*(?:""[^"]*)*("?)')
 
 @dataclass(frozen=True, kw_only=True)
 class CsvBlock:
-    """Whole records, and the line (R,) where each of those that are not blank begins."""
+    """Whole records, and the lines (R,) where those that are not blank begin."""
 
     content: bytes
     lines: IntArray
@@ -33,7 +33,7 @@ class CsvBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class _Layout:
-    """Where lines end (the last byte of each line end), where records stop, and the quote that is still open."""
+    """The indices of bytes where lines end (the last of a line end) and records stop, and of a quote that is open."""
 
     line_ends: IntArray
     stops: IntArray
@@ -41,31 +41,30 @@ class _Layout:
 
 
 class RecordBlocks:
-    """Cuts a CSV stream into a header and blocks of 4 MiB (the limit ``line_bytes``); lines end with LF, CR LF or CR.
+    """Splits a CSV stream into a header and blocks of 4 MiB (the limit ``line_bytes``); lines end with LF, CR LF or CR.
 
-    A quote opens a quoted cell only where the cell begins, as in pyarrow. Raises DataError with its line for a
-    quote that is not closed: at the end of the file, within 4 MiB, or where what closes it on a later line does
-    not end the cell.
+    A quote opens a quoted cell only at its beginning, as in pyarrow. Raises DataError with the line of a quote that is
+    not closed before the end of the file or within 4 MiB, or that is closed on a later line in the middle of a cell.
     """
 
     def __init__(self, stream: IO[bytes], name: str) -> None:
         self._stream, self._name = stream, name
         self._block_bytes = max(limit("line_bytes"), 1)
-        self._held = b""
+        self._buffer = b""
         self._line = 1
         self._ended = False
 
     @property
     def at_end(self) -> bool:
-        """Whether everything has been given out."""
-        return self._ended and not self._held
+        """Whether all records have been returned."""
+        return self._ended and not self._buffer
 
     def header(self) -> bytes:
-        """Return the first record without its line end; empty where there is none."""
+        """Return the first record without its line end; empty if there is no record."""
         if not self._fill():
             return b""
-        if b"\0" in self._held[:_LOOKED_AT] and not self._held.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise DataError(f"{self._name}: holds zero bytes: this is no CSV file")
+        if b"\0" in self._buffer[:_HEAD_BYTES] and not self._buffer.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise DataError(f"{self._name}: contains zero bytes: not a CSV file")
         layout = self._layout()
         return self._take(layout, int(layout.stops[0])).rstrip(b"\r\n")
 
@@ -78,15 +77,15 @@ class RecordBlocks:
             yield CsvBlock(content=content, lines=_record_lines(content, layout, first_line))
 
     def _fill(self) -> bool:
-        parts = [self._held]
-        size = len(self._held)
+        parts = [self._buffer]
+        size = len(self._buffer)
         while size < self._block_bytes and not self._ended:
             part = self._stream.read(self._block_bytes - size)
             self._ended = not part
             parts.append(part)
             size += len(part)
-        self._held = b"".join(parts)
-        return bool(self._held)
+        self._buffer = b"".join(parts)
+        return bool(self._buffer)
 
     def _layout(self) -> _Layout:
         layout = self._scan()
@@ -94,13 +93,13 @@ class RecordBlocks:
             raise self._unclosed(layout.line_ends, layout.open_quote)
         if not layout.stops.shape[0]:
             raise DataError(
-                f"{self._name}, line {self._line}: the line is longer than {self._block_bytes} bytes: this is no "
+                f"{self._name}, line {self._line}: the line is longer than {self._block_bytes} bytes: not a "
                 f"CSV file; {refusal_hint('line_bytes')}"
             )
         return layout
 
     def _scan(self) -> _Layout:
-        data, array = self._held, np.frombuffer(self._held, np.uint8)
+        data, array = self._buffer, np.frombuffer(self._buffer, np.uint8)
         line_ends = _line_ends(data, array, self._ended)
         quotes = np.flatnonzero(array == _QUOTE)
         if not _plain_quotes(array, quotes):
@@ -115,33 +114,33 @@ class RecordBlocks:
         )
 
     def _exact_quotes(self, line_ends: IntArray) -> IntArray:
-        """Return the quotes that open and close quoted cells, in turn; others are text."""
-        data = self._held
-        places = []
+        """Return the indices of quotes that open and close quoted cells, in turn; other quotes are text."""
+        data = self._buffer
+        indices = []
         for match in _QUOTED.finditer(data):
-            places.append(match.start())
+            indices.append(match.start())
             if match[1]:
-                places.append(match.end() - 1)
+                indices.append(match.end() - 1)
                 after = data[match.end() : match.end() + 1]
-                if after not in (b"", b",", b"\r", b"\n") and np.diff(np.searchsorted(line_ends, places[-2:]))[0]:
+                if after not in (b"", b",", b"\r", b"\n") and np.diff(np.searchsorted(line_ends, indices[-2:]))[0]:
                     raise self._unclosed(line_ends, match.start())
-        return np.array(places, dtype=np.int64)
+        return np.array(indices, dtype=np.int64)
 
-    def _unclosed(self, line_ends: IntArray, place: int) -> DataError:
-        line = self._line + int(np.searchsorted(line_ends, place))
+    def _unclosed(self, line_ends: IntArray, index: int) -> DataError:
+        line = self._line + int(np.searchsorted(line_ends, index))
         return DataError(
             f"{self._name}, line {line}: a quote opens here and is not closed; "
-            f'close it, or write a quote within a quoted cell twice ("")'
+            f'close it, or double a quote within a quoted cell ("")'
         )
 
     def _take(self, layout: _Layout, stop: int) -> bytes:
-        taken, self._held = self._held[:stop], self._held[stop:]
+        taken, self._buffer = self._buffer[:stop], self._buffer[stop:]
         self._line += int(np.searchsorted(layout.line_ends, stop))
         return taken
 
 
 def _line_ends(data: bytes, array: npt.NDArray[np.uint8], ended: bool) -> IntArray:
-    """Return the last byte of every line end; a CR at the very end may be half of one."""
+    """Return the index of the last byte of every line end; a CR at the very end may be half of one."""
     if b"\r" not in data:
         return np.flatnonzero(array == _LINE_FEED)
     following = np.append(array[1:], _LINE_FEED if not ended else 0)
@@ -149,7 +148,7 @@ def _line_ends(data: bytes, array: npt.NDArray[np.uint8], ended: bool) -> IntArr
 
 
 def _plain_quotes(array: npt.NDArray[np.uint8], quotes: IntArray) -> bool:
-    """Return whether each quote that is first, third... begins a cell, and each other one ends its cell."""
+    """Return whether the first, third, ... quote begins a cell, and each other one ends its cell."""
     if quotes.shape[0] == 0:
         return True
     opening, closing = quotes[::2], quotes[1::2]
@@ -166,5 +165,5 @@ def _record_lines(content: bytes, layout: _Layout, first_line: int) -> IntArray:
     sizes = layout.stops - starts - np.isin(last, (_LINE_FEED, _RETURN))
     sizes -= (last == _LINE_FEED) & (sizes > 0) & (array[np.maximum(layout.stops - 2, 0)] == _RETURN)
     lines = first_line + np.searchsorted(layout.line_ends, starts)
-    found: IntArray = lines[sizes > 0].astype(np.int64)
-    return found
+    of_records: IntArray = lines[sizes > 0].astype(np.int64)
+    return of_records

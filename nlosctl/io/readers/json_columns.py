@@ -1,4 +1,4 @@
-"""Values of JSON turned into columns; every value that doesn't fit is told by its row."""
+"""JSON values converted to columns of the contract's types; every value that does not fit is a fault of its row."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
 class NameSurvey:
-    """The values seen under one name: their types, and whether the integers fit 64 bits and a float."""
+    """The values of one name: their types, and whether the integers fit 64 bits and a float."""
 
     def __init__(self) -> None:
         self._kinds: set[type] = set()
@@ -27,7 +27,7 @@ class NameSurvey:
         self._in_int64 = self._in_float = True
 
     def add(self, values: Sequence[Any]) -> None:
-        """Take more values."""
+        """Add values."""
         kinds = {type(value) for value in values} - {type(None)}
         if self._first is None and kinds & {int, str}:
             self._first = next(type(value) for value in values if type(value) in (int, str))
@@ -39,11 +39,11 @@ class NameSurvey:
         self._kinds |= kinds
 
     def identifier_type(self) -> ColumnType:
-        """Return integer where the first text or integer is one, else identifier."""
+        """Return integer if the first text or integer is an integer, else identifier."""
         return "integer" if self._first is int else "identifier"
 
     def own_type(self) -> ColumnType:
-        """Return the narrowest type that holds all values unchanged, for a column that the contract lacks."""
+        """Return the narrowest type for all values without loss, for a column that is not in the contract."""
         if self._kinds == {int} and self._in_int64:
             return "integer"
         if self._kinds in ({float}, {int, float}) and self._in_float:
@@ -54,20 +54,19 @@ class NameSurvey:
 def json_column(
     values: Sequence[Any], wanted: ColumnType, name: str, contract: ColumnType | None
 ) -> tuple[Any, list[CellFault]]:
-    """Return values as a column of type ``wanted``, null where they don't fit, and a fault for each of these.
+    """Return values as a column of type ``wanted``, null where they don't fit, and the faults of those.
 
-    ``contract`` is the contract's type of the column, None where the contract lacks it: text then holds
-    anything, as JSON.
+    ``contract`` is the contract's type of the column, None if it has no such column: any value then fits text, as JSON.
     """
     read = _read_any if wanted == "text" and contract is None else _READERS[wanted]
     kept, faults = [], []
-    for place, value in enumerate(values):
+    for index, value in enumerate(values):
         try:
             kept.append(None if value is None else read(value))
         except (ValueError, OverflowError):
             kept.append(None)
             fault = f"got {shown(value)}, expected {_expected(value, wanted, contract)}"
-            faults.append(CellFault(index=place, column=name, fault=fault))
+            faults.append(CellFault(index=index, column=name, fault=fault))
     return pa.array(kept, type=arrow_type_of(wanted)), faults
 
 
@@ -139,7 +138,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
 
 
 def json_text(value: Any) -> str | None:
-    """Return text as it is and other values as JSON; what UTF-8 can't hold is escaped."""
+    """Return text as it is and other values as JSON; lone surrogates, which UTF-8 has not, are escaped."""
     if value is None:
         return None
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

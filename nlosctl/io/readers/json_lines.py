@@ -24,7 +24,7 @@ __all__ = [
 
 
 class JsonBlock:
-    """Lines that parsed as objects, with their line numbers, and those that did not."""
+    """The objects on some lines, with their line numbers, and the faults of other lines."""
 
     def __init__(self, first_line: int, lines: Sequence[bytes]) -> None:
         self.objects: list[dict[str, Any]] = []
@@ -40,11 +40,11 @@ class JsonBlock:
             if b"\\u" in line and isinstance(parsed, dict):
                 "".join(parsed).encode()
         except _TwiceError as error:
-            self._refuse(number, line, f"the name {shown(error.args[0])} is there twice, expected it once")
+            self._refuse(number, line, f"duplicate name {shown(error.args[0])}, expected each name once")
         except UnicodeDecodeError as error:
             self._refuse(number, line, f"byte 0x{line[error.start]:02x} is not UTF-8; save the file as UTF-8")
         except UnicodeEncodeError:
-            self._refuse(number, line, "a name holds half of a surrogate pair, expected Unicode text")
+            self._refuse(number, line, "a name contains half of a surrogate pair, expected Unicode text")
         except json.JSONDecodeError as error:
             self._refuse(number, line, f"not JSON at character {error.colno}: {error.msg}")
         except RecursionError:
@@ -83,11 +83,11 @@ _FEWEST_WRONG = 5
 
 
 class JsonLinesReader:
-    """A JSON Lines file; a row's number is its line.
+    """A JSON Lines file; the number of a row is its line.
 
-    A file of more than a block (32768 lines or 64 MiB) is read once more beforehand, for the names and types in all
-    of it. A stream can't be: its first block decides, and what does not fit later is a bad row in a column of the
-    contract, an error of the file in another.
+    A file of more than a block (32768 lines or 64 MiB) is read twice, first for the names and types in all of it. A
+    stream can't be read twice: its first block determines them, and a later value of another type is a bad row in a
+    column of the contract, an error in any other.
     """
 
     metadata: Mapping[bytes, bytes] = {}
@@ -100,7 +100,7 @@ class JsonLinesReader:
             self._blocks = _read_blocks(self._stream, part.name)
             self._first = next(self._blocks, None)
             if self._first is not None:
-                self._refuse_other_text(self._first)
+                self._check_format(self._first)
             self._second = next(self._blocks, None)
             self._guessed = self._second is not None and part.path is None
             self._surveys = self._survey()
@@ -110,30 +110,30 @@ class JsonLinesReader:
         self._contract: Mapping[str, ColumnType] = {}
         self._types: dict[str, ColumnType] = {}
 
-    def _refuse_other_text(self, first: JsonBlock) -> None:
+    def _check_format(self, first: JsonBlock) -> None:
         if not first.faults or (first.numbers and first.faults[0].line > first.numbers[0]):
             return
         fault = first.faults[0]
-        begun = fault.text.lstrip("\ufeff \t")
-        if begun.startswith("[") and (begun.rstrip() in ("[", "[]") or begun.lstrip("[ ").startswith("{")):
+        start = fault.text.lstrip("\ufeff \t")
+        if start.startswith("[") and (start.rstrip() in ("[", "[]") or start.lstrip("[ ").startswith("{")):
             raise DataError(
-                f"{self._part.name}: holds a JSON array, expected JSON Lines: an object on each line; "
+                f"{self._part.name}: contains a JSON array, expected JSON Lines: an object on each line; "
                 f"convert it: jq -c '.[]' FILE"
             )
         if not first.objects:
-            hint = "; if this is CSV, say --input-format csv" if "," in begun and begun[:1] not in "{[" else ""
+            hint = "; if this is CSV, give --input-format csv" if "," in start and start[:1] not in "{[" else ""
             raise DataError(f"{self._part.name}, line {fault.line}: {fault.fault}{hint}")
 
     def _survey(self) -> dict[str, NameSurvey]:
-        """Return what is under each name, names in the order of their first appearance."""
-        found: dict[str, NameSurvey] = {}
+        """Return the survey of each name, in the order of their first appearance."""
+        surveys: dict[str, NameSurvey] = {}
         if self._second is None or self._guessed:
-            _add(found, self._first)
-            return found
+            _add(surveys, self._first)
+            return surveys
         with open_bytes(self._part) as stream:
             for block in _read_blocks(stream, self._part.name):
-                _add(found, block)
-        return found
+                _add(surveys, block)
+        return surveys
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """See FormatReader."""
@@ -179,7 +179,7 @@ class JsonLinesReader:
             yield self._converted(block, slice(start, stop), faults)
             faults = ()
 
-    def _converted(self, block: JsonBlock, part: slice, told: Sequence[LineFault]) -> RecordBatch:
+    def _converted(self, block: JsonBlock, part: slice, bad_lines: Sequence[LineFault]) -> RecordBatch:
         objects = block.objects[part]
         numbers = np.array(block.numbers[part], dtype=np.int64)
         columns, faults = [], self._unknown_names(objects, numbers)
@@ -201,28 +201,28 @@ class JsonLinesReader:
             lines=numbers,
             text=text,
             cell_faults=faults,
-            line_faults=told,
+            line_faults=bad_lines,
         )
 
     def _unknown_names(self, objects: Sequence[dict[str, Any]], numbers: Any) -> list[CellFault]:
-        """Return a fault for each row with a name that is new and the contract's; others matter if all are wanted."""
+        """Return the faults of rows with a new name of the contract; other new names are an error if all are wanted."""
         known = self._surveys.keys()
         faults = []
-        for place, row in enumerate(objects):
+        for index, row in enumerate(objects):
             new = sorted(row.keys() - known) if not row.keys() <= known else []
             for name in new:
                 if name in contract_names():
                     fault = f"the name is not among those of the first {size('json_block_lines')} lines"
-                    faults.append(CellFault(index=place, column=name, fault=fault))
+                    faults.append(CellFault(index=index, column=name, fault=fault))
                     break
                 if self._all_names:
-                    raise self._misguessed(name, f"{shown(row[name])} comes under a new name", int(numbers[place]))
+                    raise self._misguessed(name, f"got {shown(row[name])} under a new name", int(numbers[index]))
         return faults
 
     def _misguessed(self, name: str, fault: str, line: int) -> DataError:
         return DataError(
-            f"{self._part.name}, line {line}, column {name!r}: {fault}; columns of your own are told by the first "
-            f"{size('json_block_lines')} lines of a stream: save it as a file, and all of it is looked at"
+            f"{self._part.name}, line {line}, column {name!r}: {fault}; columns that are not in the contract are "
+            f"inferred from the first {size('json_block_lines')} lines of a stream: save it as a file to use all rows"
         )
 
     def close(self) -> None:
@@ -254,7 +254,7 @@ def _some_lines(stream: IO[bytes], name: str, first: int) -> Iterator[bytes]:
             return
 
 
-def _add(found: dict[str, NameSurvey], block: JsonBlock | None) -> None:
+def _add(surveys: dict[str, NameSurvey], block: JsonBlock | None) -> None:
     objects = block.objects if block is not None else []
     for name in dict.fromkeys(name for row in objects for name in row):
-        found.setdefault(name, NameSurvey()).add([row[name] for row in objects if name in row])
+        surveys.setdefault(name, NameSurvey()).add([row[name] for row in objects if name in row])

@@ -1,4 +1,4 @@
-"""Readers of the formats that carry types: Parquet, Arrow IPC file and Arrow IPC stream."""
+"""Readers of the typed formats: Parquet, Arrow IPC file and Arrow IPC stream."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _EXPECTED = {
 
 
 def fits_type(arrow_type: Any, wanted: ColumnType) -> bool:
-    """Return whether a column of ``arrow_type`` can hold what the contract wants."""
+    """Return whether a column of ``arrow_type`` fits a type of the contract."""
     if pa.types.is_dictionary(arrow_type):
         arrow_type = arrow_type.value_type
     kinds = pa.types
@@ -50,7 +50,7 @@ def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> Non
         wanted = types.get(column.name)
         if wanted is not None and not fits_type(column.type, wanted):
             raise DataError(
-                f"{name}, column {column.name!r}: wrong type: holds {column.type}, expected {_EXPECTED[wanted]}; "
+                f"{name}, column {column.name!r}: wrong type: contains {column.type}, expected {_EXPECTED[wanted]}; "
                 f"convert the column, or read another under this name with --column"
             )
 
@@ -89,7 +89,7 @@ def _joined(batches: list[Any]) -> Any:
 
 
 def parquet_metadata(path: Location) -> Any:
-    """Return what the end of a Parquet file tells of it; it is read once for a number of openings of the same file."""
+    """Return the metadata at the end of a Parquet file, cached while the file is the same."""
     status = path.stat()
     return _parquet_metadata(path, status.st_size, status.st_mtime_ns)
 
@@ -110,20 +110,20 @@ class ParquetReader:
             self.names: tuple[str, ...] = tuple(self._schema.names)
             self.metadata: Mapping[bytes, bytes] = {
                 **(self._schema.metadata or {}),
-                **(self._file.metadata.metadata or {}),  # what was added at the end of writing is here alone
+                **(self._file.metadata.metadata or {}),  # metadata added at the end of writing is only here
             }
         self._columns: list[str] | None = None
         self._refuse_bomb()
 
     def _refuse_bomb(self) -> None:
-        """Refuse pages that unpack to far more than they are, before any is unpacked."""
+        """Refuse pages that expand too much, before any is decompressed."""
         metadata, most = self._file.metadata, limit("expansion")
-        groups = [metadata.row_group(place) for place in range(metadata.num_row_groups)]
+        groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
         unpacked = sum(group.total_byte_size for group in groups)
         if unpacked <= limit("unchecked_expansion_mb") << 20:
             return
         columns = range(metadata.num_columns)
-        packed = sum(group.column(place).total_compressed_size for group in groups for place in columns)
+        packed = sum(group.column(index).total_compressed_size for group in groups for index in columns)
         if unpacked > most * packed:
             raise DataError(expansion_fault(self._part.name, most))
 
@@ -138,7 +138,7 @@ class ParquetReader:
         )
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See FormatReader; text is read dictionary-encoded where the contract knows the column."""
+        """See FormatReader; text is read dictionary-encoded in columns of the contract."""
         _check_types(self._part.name, self._schema, types)
         self._columns = list(columns) if columns is not None else None
         encoded = [
@@ -161,13 +161,13 @@ class ParquetReader:
 
     def batches(self) -> Iterator[RecordBatch]:
         """See FormatReader."""
-        first, behind = self._part.row_groups or (0, self._file.metadata.num_row_groups)
-        row = 1 + sum(self._file.metadata.row_group(place).num_rows for place in range(first))
+        start, stop = self._part.row_groups or (0, self._file.metadata.num_row_groups)
+        row = 1 + sum(self._file.metadata.row_group(index).num_rows for index in range(start))
         with readable(self._part.name, "Parquet file"):
             for batch in _rebatch(
                 self._file.iter_batches(
                     self._batch_rows,
-                    row_groups=range(first, behind),
+                    row_groups=range(start, stop),
                     columns=self._columns,
                     use_threads=self._use_threads,
                 ),
@@ -185,23 +185,26 @@ class ParquetReader:
             self._part.stream.close()
 
 
-def parquet_end_value(part: Part, column: str, place: int) -> Any:
-    """Return the value of ``column`` in the first (0) or last (-1) row of a part, or None where that takes more.
+def parquet_end_value(part: Part, column: str, index: int) -> Any:
+    """Return the value of ``column`` in the first (0) or last (-1) row of a part; None if it is null.
 
-    That is where the part is no Parquet file on disk, has no row, or the column is not there or null in that row.
+    It is None too if the part is not a Parquet file with a path, or has no row or no such column.
     """
     if part.format is not FileFormat.PARQUET or part.path is None:
         return None
-    told = parquet_metadata(part.path)
-    first, behind = part.row_groups or (0, told.num_row_groups)
-    if first == behind or column not in told.schema.to_arrow_schema().names:
+    metadata = parquet_metadata(part.path)
+    start, stop = part.row_groups or (0, metadata.num_row_groups)
+    if start == stop or column not in metadata.schema.to_arrow_schema().names:
         return None
-    with readable(part.name, "Parquet file"), pa.parquet.ParquetFile(pyarrow_source(part.path), metadata=told) as file:
-        if place == 0:
-            batch = next(file.iter_batches(1, row_groups=[first], columns=[column], use_threads=False), None)
+    with (
+        readable(part.name, "Parquet file"),
+        pa.parquet.ParquetFile(pyarrow_source(part.path), metadata=metadata) as file,
+    ):
+        if index == 0:
+            batch = next(file.iter_batches(1, row_groups=[start], columns=[column], use_threads=False), None)
         else:
-            batch = file.read_row_group(behind - 1, columns=[column], use_threads=False)
-        return None if batch is None or not batch.num_rows else batch.column(0)[place].as_py()
+            batch = file.read_row_group(stop - 1, columns=[column], use_threads=False)
+        return None if batch is None or not batch.num_rows else batch.column(0)[index].as_py()
 
 
 def _opened(path: Location | None) -> Any:
@@ -215,7 +218,7 @@ class ArrowReader:
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "Arrow file"):
-            # not mapped into memory: a file that is cut short meanwhile would end the process
+            # not memory-mapped: truncating the file meanwhile would kill the process
             self._handle = part.stream if part.stream is not None else _opened(part.path)
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
@@ -241,11 +244,11 @@ class ArrowReader:
 
     def _record_batches(self) -> Iterator[Any]:
         if self._part.format is FileFormat.ARROW:
-            found: Iterator[Any] = (self._reader.get_batch(place) for place in range(self._reader.num_record_batches))
+            batches: Iterator[Any] = map(self._reader.get_batch, range(self._reader.num_record_batches))
         else:
-            found = iter(self._reader)
-        for batch in found:
-            batch.validate(full=True)  # offsets that point outside would be read as they are
+            batches = iter(self._reader)
+        for batch in batches:
+            batch.validate(full=True)  # offsets out of range would be read unchecked
             batch = batch if self._columns is None else batch.select(self._columns)
             wanted = _without_views(batch.schema)
             yield batch if batch.schema.equals(wanted) else batch.cast(wanted)

@@ -55,7 +55,7 @@ _ARROW_TYPES = {
 
 
 def open_bytes(part: Part) -> IO[bytes]:
-    """Return the bytes of ``part``, unzipped where its format says so; raises OSError where it can't be opened."""
+    """Open a file as bytes, unzipped if its format is gzipped; raises OSError if it can't be opened."""
     stream: Any = part.stream if part.stream is not None else cast(Location, part.path).open("rb")
     if part.format.compressed:
         stream = io.BufferedReader(_Unzipped(stream, part.name), _BUFFER_BYTES)
@@ -63,12 +63,12 @@ def open_bytes(part: Part) -> IO[bytes]:
 
 
 class _Unzipped(io.RawIOBase):
-    """The content of a gzipped stream; raises DataError where it grows beyond the limit ``expansion``."""
+    """The content of a gzipped stream; raises DataError if it is larger than the limit ``expansion`` allows."""
 
     def __init__(self, zipped: IO[bytes], name: str) -> None:
         self._counted = _Counted(zipped)
         self._file = gzip.GzipFile(fileobj=cast(Any, self._counted))
-        self._name, self._most, self._given = name, limit("expansion"), 0
+        self._name, self._most, self._unpacked = name, limit("expansion"), 0
         self._unchecked = limit("unchecked_expansion_mb") << 20
 
     def readable(self) -> bool:
@@ -77,8 +77,8 @@ class _Unzipped(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         got = self._file.read1(len(buffer))
         buffer[: len(got)] = got
-        self._given += len(got)
-        if self._given > self._unchecked and self._given > self._most * self._counted.taken:
+        self._unpacked += len(got)
+        if self._unpacked > self._unchecked and self._unpacked > self._most * self._counted.taken:
             raise DataError(expansion_fault(self._name, self._most))
         return len(got)
 
@@ -89,7 +89,7 @@ class _Unzipped(io.RawIOBase):
 
 
 class _Counted:
-    """A stream that counts what is read from it."""
+    """A stream that counts the bytes read from it."""
 
     def __init__(self, zipped: IO[bytes]) -> None:
         self.zipped = zipped
@@ -102,32 +102,32 @@ class _Counted:
 
 
 def arrow_type_of(wanted: ColumnType) -> Any:
-    """Return the Arrow type that a text column of this contract type becomes."""
+    """Return the Arrow type for a text column of this contract type."""
     return _ARROW_TYPES[wanted]
 
 
 def shown(value: object) -> str:
-    """Return a value as messages show it: quoted if text, cut where it is long."""
+    """Return a value for messages: text in quotes, long values shortened."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def identifier_type(cells: Any) -> ColumnType:
-    """Return integer where all ``cells`` are integers written plainly (no leading zero or plus), else identifier."""
+    """Return integer if all ``cells`` are integers without leading zero or plus sign, else identifier."""
     filled = cells.drop_null()
     return "integer" if len(filled) and _integers(filled) == "plain" else "identifier"
 
 
 def infer_type(cells: Any) -> ColumnType | None:
-    """Return the narrowest type that holds all ``cells`` (text, null where empty) unchanged; None if all are null.
+    """Return the narrowest type for all ``cells`` (text, null where empty) without loss; None if all are null.
 
-    Numbers with leading zeros and integers that a float can't hold are text.
+    Numbers with leading zeros and integers that a float can't represent are text.
     """
     filled = cells.drop_null()
     if len(filled) == 0:
         return None
-    found = _infer(filled)
-    return found if found != "text" else _infer(_trimmed(filled))
+    inferred = _infer(filled)
+    return inferred if inferred != "text" else _infer(_trimmed(filled))
 
 
 def _infer(filled: Any) -> ColumnType:
@@ -143,14 +143,14 @@ def _infer(filled: Any) -> ColumnType:
 
 
 def wider_type(one: ColumnType | None, other: ColumnType | None) -> ColumnType | None:
-    """Return the type that holds what both hold; None is that of nothing."""
+    """Return the type for the values of both types; None stands for no values."""
     if one is None or other is None or one == other:
         return one or other
     return "number" if {one, other} == {"integer", "number"} else "text"
 
 
 def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) -> None:
-    """Raise DataError where there are several ``cells`` and none of them fits the contract's type."""
+    """Raise DataError if there are several ``cells`` and none of them fits the contract's type."""
     if wanted in ("text", "identifier"):
         return
     for some in (cells.slice(0, _TRIED), cells):
@@ -158,13 +158,13 @@ def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) 
             return
     example = cells.drop_null()[0].as_py()
     raise DataError(
-        f"{file}, column {column!r}: wrong type: holds text such as {shown(example)}, "
+        f"{file}, column {column!r}: wrong type: contains text such as {shown(example)}, "
         f"expected {_EXPECTED_ALL[wanted]}; convert the column, or read another under this name with --column"
     )
 
 
 def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") -> tuple[Any, list[CellFault]]:
-    """Return the cells as the wanted type, null where they don't fit, and a fault for each of these."""
+    """Return the cells as the wanted type, null where they don't fit, and the faults of those."""
     target = _ARROW_TYPES[wanted]
     if wanted in ("text", "identifier"):
         return cells, []
@@ -180,38 +180,37 @@ def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") ->
             return whole, []
         converted = pa.array([_one(value, target) for value in cells.to_pylist()], type=target)
     unfit = pc.and_(pc.is_valid(cells), pc.is_null(converted))
-    places = np.flatnonzero(unfit.to_numpy(zero_copy_only=False))
     faults = [
         CellFault(
-            index=int(place),
+            index=index,
             column=column,
-            fault=f"got {shown(cells[int(place)].as_py())}, expected {EXPECTED[wanted]}{hint}",
+            fault=f"got {shown(cells[index].as_py())}, expected {EXPECTED[wanted]}{hint}",
         )
-        for place in places
+        for index in np.flatnonzero(unfit.to_numpy(zero_copy_only=False)).tolist()
     ]
     return converted, faults
 
 
 def decode_utf8(cells: Any, column: str) -> tuple[Any, list[CellFault]]:
-    """Return binary cells as text, null where they are not UTF-8, and a fault for each of these."""
+    """Return binary cells as text, null where they are not UTF-8, and the faults of those."""
     try:
         return cells.cast(pa.string()), []
     except pa.ArrowInvalid:
         pass
     decoded: list[str | None] = []
     faults = []
-    for place, value in enumerate(cells.to_pylist()):
+    for index, value in enumerate(cells.to_pylist()):
         try:
             decoded.append(None if value is None else value.decode("utf-8"))
         except UnicodeDecodeError as error:
             decoded.append(None)
             fault = f"got {shown(value)}, byte 0x{value[error.start]:02x} is not UTF-8; save the file as UTF-8"
-            faults.append(CellFault(index=place, column=column, fault=fault))
+            faults.append(CellFault(index=index, column=column, fault=fault))
     return pa.array(decoded, type=pa.string()), faults
 
 
 def _integers(filled: Any) -> Literal["plain", "odd"] | None:
-    """Return whether all are 64-bit integers, and written as such: plain is what the integer is as text again."""
+    """Return plain if all cells are 64-bit integers in decimal, odd if other text of integers; None if not integers."""
     integers = _cast(filled, pa.int64())
     if integers is None:
         return None
@@ -224,7 +223,7 @@ def _cast(cells: Any, target: Any) -> Any:
     except pa.ArrowInvalid:
         return None
     if target == pa.int64() and pc.any(pc.match_substring(cells, "x", ignore_case=True)).as_py():
-        return None  # pyarrow takes 0x10 for 16: no other reader of such files would
+        return None  # pyarrow reads 0x10 as 16, unlike other readers of CSV
     return converted
 
 
@@ -236,7 +235,7 @@ def _one(value: str | None, target: Any) -> Any:
 
 
 def _trimmed(cells: Any) -> Any:
-    """Return text without the blanks around it; control characters, which Unicode counts as blanks too, stay."""
+    """Return text without surrounding blanks; control characters, which Unicode counts as blanks, are kept."""
     return pc.utf8_trim(cells, _BLANKS)
 
 
