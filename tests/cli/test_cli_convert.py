@@ -158,7 +158,7 @@ def test_a_folder_is_one_table(cli: Any, tmp_path: Path) -> None:
         pyarrow.parquet.write_table(pa.table({"snapshot": [number], "sensor": ["a"]}), folder / f"{number}.parquet")
     assert cli("convert", folder, "--format", "csv").table.column("snapshot").to_pylist() == [0, 1]
     pyarrow.parquet.write_table(pa.table({"other": [1]}), folder / "2.parquet")
-    assert "its columns are not those of" in cli("convert", folder, "--format", "csv").err
+    assert "its columns differ from those of" in cli("convert", folder, "--format", "csv").err
 
 
 def test_a_foreign_file_taken_for_a_table_leads_to_the_importers(cli: Any) -> None:

@@ -15,10 +15,10 @@ from nlosctl.io.paths.remote_path import answering
 @pytest.mark.parametrize(
     ("raised", "told"),
     [
-        (ValueError("AWS Error ACCESS_DENIED during HeadObject\nrequest 4711"), "are there credentials"),
-        (RuntimeError("Anonymous caller does not have storage.objects.get"), "are there credentials"),
+        (ValueError("AWS Error ACCESS_DENIED during HeadObject\nrequest 4711"), "check the credentials"),
+        (RuntimeError("Anonymous caller does not have storage.objects.get"), "check the credentials"),
         (OSError("Unable to load libjvm\nlibjvm.so"), "hdfs:// needs Java and Hadoop's client"),
-        (OSError("When resolving region for bucket 'a': AWS Error NETWORK_CONNECTION"), "is the name right"),
+        (OSError("When resolving region for bucket 'a': AWS Error NETWORK_CONNECTION"), "check the name"),
         (KeyError(), "KeyError"),
         (ConnectionError("the   store is\tgone"), "the store is gone"),
     ],

@@ -1,24 +1,30 @@
-"""Opening files of other programs."""
+"""Files of other programs: opened as bytes for an importer, and the importer's rows as an Arrow table."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import IO, Any
 
-from nlosctl.errors import DataError
+import pyarrow as pa
+
+from nlosctl.contract.formats import BadLine, Row
+from nlosctl.contract.tables import ColumnType, Table
+from nlosctl.errors import DataError, MethodError
+from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.locations import Location, location, near_name, require_utf8
 
-__all__ = ["foreign_path", "open_foreign"]
+__all__ = ["import_path", "imported_table", "open_import"]
 
 _IN_MEMORY_BYTES = 64 << 20
+_TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
 
 
-def foreign_path(word: str) -> Location | None:
-    """Return the path of a file, None for stdin (``-``); raise DataError where there is no such file."""
+def import_path(word: str) -> Location | None:
+    """Return the path of a file, None for stdin (``-``); raise DataError if there is no such file."""
     if word == "-":
         return None
     path = location(word)
@@ -31,9 +37,9 @@ def foreign_path(word: str) -> Location | None:
 
 
 @contextmanager
-def open_foreign(word: str) -> Iterator[IO[bytes]]:
-    """Open a file, or stdin, as bytes in which a reader can go back; raise DataError where it can't be read."""
-    path = foreign_path(word)
+def open_import(word: str) -> Iterator[IO[bytes]]:
+    """Open a file, or stdin, as a seekable stream of bytes; raise DataError if it can't be read."""
+    path = import_path(word)
     try:
         if path is not None and path.is_file():
             with path.open("rb") as file:
@@ -46,3 +52,45 @@ def open_foreign(word: str) -> Iterator[IO[bytes]]:
             yield spooled
     except OSError as error:
         raise DataError(f"{word}: can't be read: {error.strerror or error}") from error
+
+
+def imported_table(
+    rows: Iterable[Row | BadLine], table: Table, extra: Mapping[str, ColumnType], file: str, log: ProblemLog
+) -> Any:
+    """Return the rows as a table: the contract's columns first, in its order, without columns that are empty.
+
+    Bad lines go to ``log``. Raises DataError if a bad line stops the run or no row is good, MethodError for a column
+    of neither the contract nor the importer.
+    """
+    types: dict[str, ColumnType] = {}
+    for column in table.columns:
+        types.update(dict.fromkeys(column.accepted_names, column.type))
+    types.update(extra)
+    columns: dict[str, list[Any]] = {name: [] for name in types}
+    count = 0
+    for row in rows:
+        if isinstance(row, BadLine):
+            problem = Problem(file=file, row=None, line=row.line, column=row.column, fault=row.fault)
+            log.add([BadRow(problem=problem, values={}, raw_line=row.text)])
+            continue
+        unknown = [name for name in row.values if name not in types]
+        if unknown:
+            raise MethodError(f"the importer gives a column {unknown[0]!r} that it does not declare")
+        for name, cells in columns.items():
+            cells.append(row.values.get(name))
+        count += 1
+    log.raise_if_stopping()
+    if not count:
+        raise DataError(f"{file}: no row: nothing in it is a measurement")
+    filled = {name: cells for name, cells in columns.items() if any(cell is not None for cell in cells)}
+    return pa.table({name: _array(name, cells, types[name]) for name, cells in filled.items()})
+
+
+def _array(name: str, cells: list[Any], kind: ColumnType) -> Any:
+    if kind == "identifier":
+        whole = all(isinstance(cell, int) for cell in cells)
+        return pa.array(cells if whole else [None if cell is None else str(cell) for cell in cells])
+    try:
+        return pa.array(cells, _TYPES[kind])
+    except (pa.ArrowInvalid, pa.ArrowTypeError, TypeError) as error:
+        raise MethodError(f"the importer's column {name!r} has values of another type than {kind}: {error}") from error

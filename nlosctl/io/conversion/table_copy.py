@@ -1,4 +1,4 @@
-"""Tables from one format to another: rows pass as they are, in bounded memory, and the scene goes with them."""
+"""Tables converted from one format to another, rows unchanged, in bounded memory, with their scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["TableCopy"]
 
 @dataclass
 class TableCopy:
-    """Copies the parts of one input; ``rows`` counts what has been copied."""
+    """Copies the parts of one input; ``rows`` counts the rows that have been copied."""
 
     given: Input
     scene_file: str | None = None
@@ -57,7 +57,7 @@ class TableCopy:
 
     @property
     def metadata(self) -> dict[str, str]:
-        """What the input says of itself, and its scene."""
+        """The provenance of the input, and its scene."""
         kept = {
             key.decode(): value.decode("utf-8", "replace")
             for key, value in self._source.metadata.items()
@@ -66,7 +66,7 @@ class TableCopy:
         return kept if self.scene == Scene() else {**kept, SCENE_KEY.decode(): scene_to_toml(self.scene)}
 
     def tables(self) -> Iterator[Any]:
-        """Yield the rows; raise DataError at the end where some can't be read and nobody takes them."""
+        """Yield the rows; raise DataError at the end if some can't be read and are not set aside."""
         for part in self.given.parts:
             source = self._source
             if part is not self.given.parts[0]:
@@ -74,7 +74,7 @@ class TableCopy:
                 if source.names != self._source.names:
                     source.close()
                     raise DataError(
-                        f"{part.name}: its columns are not those of {self.given.parts[0].name}; convert it by itself"
+                        f"{part.name}: its columns differ from those of {self.given.parts[0].name}; convert it alone"
                     )
                 source.start(self._types(source), None)
             try:
@@ -85,7 +85,7 @@ class TableCopy:
         self.log.raise_if_stopping()
 
     def set_bad_rows_aside(self, sink: BadRowSink) -> None:
-        """Hand bad rows to ``sink`` and go on with the rest; call it before the rows are read."""
+        """Send bad rows to ``sink`` and continue with the others; call it before the rows are read."""
         self.log = ProblemLog(sink)
 
     def close(self) -> None:
@@ -97,13 +97,12 @@ class TableCopy:
         return scene if self.frame is None else replace(scene, frame=self.frame)
 
     def _types(self, source: TableFile) -> dict[str, Any]:
-        """Return the contract's types of the columns, of the table that they are."""
+        """Return the contract's types of the columns, those of estimates or of a kind of measurements."""
         estimates = all(column.name in source.names for column in ESTIMATES.required)
         table: Table = ESTIMATES if estimates else KINDS[kind_of_columns(source.names)]
         types: dict[str, Any] = {}
         for column in table.columns:
-            names = (column.name, *(spelling.name for spelling in column.spellings))
-            types.update({name: column.type for name in names if name in source.names})
+            types.update({name: column.type for name in column.accepted_names if name in source.names})
         return types
 
     def _good(self, file: str, batch: RecordBatch) -> Any:

@@ -1,4 +1,4 @@
-"""A file or folder of a store, named by a URL, that does what `io` asks of a path."""
+"""A file or folder in a store, named by a URL, with the methods of `pathlib.Path` that this package uses."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ __all__ = ["SHOWING_AT_CLOSE", "RemotePath", "answering", "filesystem_of"]
 
 SHOWING_AT_CLOSE = ("s3", "gcs", "abfs")
 
-"""pyarrow's names of the stores in which a file is there when it is closed, whole, and folders are parts of names."""
+"""pyarrow's names of the stores in which a file appears complete when it is closed, and folders are parts of names."""
 
-_OF_PYARROW = ("s3", "gs", "gcs", "hdfs", "viewfs", "abfs", "abfss")
+_PYARROW_SCHEMES = ("s3", "gs", "gcs", "hdfs", "viewfs", "abfs", "abfss")
 
 
 @lru_cache(maxsize=64)
 def filesystem_of(process: int, scheme: str, authority: str, query: str) -> tuple[Any, str]:
-    """Return the filesystem of a bucket or host, and the path of its top; connections are not shared by processes."""
+    """Return the filesystem of a bucket or host, and the path of its root; processes don't share connections."""
     from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
 
     root = f"{scheme}://{authority}"
-    if scheme in _OF_PYARROW:
+    if scheme in _PYARROW_SCHEMES:
         region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
-        if scheme == "s3" and region and "region=" not in query:  # else AWS is asked where the bucket is
+        if scheme == "s3" and region and "region=" not in query:  # otherwise the region is looked up
             query = f"{query}&region={region}" if query else f"?region={region}"
         filesystem, base = FileSystem.from_uri(root + query)
         return filesystem, str(base)
@@ -43,10 +43,10 @@ def filesystem_of(process: int, scheme: str, authority: str, query: str) -> tupl
         fsspec: Any = import_module("fsspec")
     except ImportError:
         raise MissingExtraError(f"reading {scheme}:// URLs", "fsspec", "dask") from None
-    known = {*_OF_PYARROW, "file", *fsspec.available_protocols()}
+    known = {*_PYARROW_SCHEMES, "file", *fsspec.available_protocols()}
     if scheme not in known:
         raise UsageError(
-            f"{root}: unknown scheme {scheme!r}{did_you_mean(scheme, sorted(known))}; there are s3, gs, hdfs, abfs, "
+            f"{root}: unknown scheme {scheme!r}{did_you_mean(scheme, sorted(known))}; known: s3, gs, hdfs, abfs, "
             f"file and those of fsspec"
         )
     filesystem, base = fsspec.core.url_to_fs(root)
@@ -55,7 +55,7 @@ def filesystem_of(process: int, scheme: str, authority: str, query: str) -> tupl
 
 @contextmanager
 def answering(name: str) -> Iterator[None]:
-    """Turn whatever a store or its library raises into an OSError of one line."""
+    """Turn any error of a store or its library into an OSError of one line."""
     try:
         yield
     except (NlosctlError, FileExistsError):
@@ -65,17 +65,17 @@ def answering(name: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.filename == name:
             raise
-        said = " ".join((str(error).strip().splitlines() or [type(error).__name__])[0].split())
-        raise OSError(errno.EIO, f"{said}{_cure(said)}", name) from error
+        reason = " ".join((str(error).strip().splitlines() or [type(error).__name__])[0].split())
+        raise OSError(errno.EIO, f"{reason}{_cure(reason)}", name) from error
 
 
-def _cure(said: str) -> str:
-    if re.search(r"ACCESS_DENIED|credential|anonymous|forbidden|\b40[13]\b", said, re.IGNORECASE):
-        return "; are there credentials in the environment or the store's configuration file?"
-    if "libjvm" in said or "libhdfs" in said:
+def _cure(reason: str) -> str:
+    if re.search(r"ACCESS_DENIED|credential|anonymous|forbidden|\b40[13]\b", reason, re.IGNORECASE):
+        return "; check the credentials in the environment or the store's configuration file"
+    if "libjvm" in reason or "libhdfs" in reason:
         return "; hdfs:// needs Java and Hadoop's client: set JAVA_HOME, HADOOP_HOME and CLASSPATH"
-    if "resolving region" in said or "NETWORK_CONNECTION" in said:
-        return "; is the name right, and the network there? AWS_REGION and AWS_ENDPOINT_URL name a store of one's own"
+    if "resolving region" in reason or "NETWORK_CONNECTION" in reason:
+        return "; check the name and the network; AWS_REGION and AWS_ENDPOINT_URL name another store"
     return ""
 
 
@@ -83,7 +83,7 @@ _BUFFER_BYTES = 1 << 20
 
 
 class _Status(NamedTuple):
-    """What `os.stat_result` tells, as far as a store knows it; ``st_ino`` is made of what else changes with a file."""
+    """The fields of `os.stat_result` that a store knows; ``st_ino`` is a hash of the file's version."""
 
     st_size: int
     st_mtime_ns: int
@@ -92,11 +92,10 @@ class _Status(NamedTuple):
 
 @dataclass(frozen=True)
 class RemotePath:
-    """A file or folder of a store, named as `pathlib.Path` names things.
+    """A file or folder in a store, with the interface of `pathlib.Path`.
 
     ``url`` has no slash at its end; ``query`` (``?region=...``) goes to the filesystem. It can be pickled: a process
-    opens its own connection. Methods raise OSError where the store does not answer as hoped, UsageError for an unknown
-    scheme.
+    opens its own connection. Methods raise OSError for an error of the store, UsageError for an unknown scheme.
     """
 
     url: str
@@ -127,18 +126,18 @@ class RemotePath:
 
     @property
     def parent(self) -> RemotePath:
-        """The folder that it is in; a bucket is its own."""
+        """The folder; a bucket is its own parent."""
         return self if len(self.parts) == 1 else RemotePath(self.url.rpartition("/")[0], self.query)
 
     def __truediv__(self, step: str) -> RemotePath:
         return RemotePath(f"{self.url}/{step}", self.query)
 
     def with_name(self, name: str) -> RemotePath:
-        """Return what stands beside it under another name."""
+        """Return the location with this name in the same folder."""
         return self.parent / name
 
     def absolute(self) -> RemotePath:
-        """Return itself: a URL depends on no current folder."""
+        """Return itself: a URL does not depend on the current folder."""
         return self
 
     def resolve(self) -> RemotePath:
@@ -170,13 +169,13 @@ class RemotePath:
 
     def stat(self) -> _Status:
         """Return size and time of a file."""
-        found = self._information()
-        if not found.is_file:
+        information = self._information()
+        if not information.is_file:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self))
-        return _status(found, self._entity_tag() if found.mtime_ns is None else "")
+        return _status(information, self._entity_tag() if information.mtime_ns is None else "")
 
     def samefile(self, other: object) -> bool:
-        """Return whether the other is the same place."""
+        """Return whether the other is the same file."""
         return self == other
 
     def open(self, mode: str = "rb") -> io.BufferedReader:
@@ -186,30 +185,30 @@ class RemotePath:
 
     def open_native(self) -> Any:
         """Open the file for pyarrow."""
-        filesystem, place = self._place()
+        filesystem, path = self._filesystem_path()
         with answering(str(self)):
-            return filesystem.open_input_file(place)
+            return filesystem.open_input_file(path)
 
     def files(self, *, recursive: bool) -> list[tuple[RemotePath, tuple[str, ...], _Status]]:
-        """Return the files of the folder, sorted by name: each with its steps below the folder, and its status."""
+        """Return the files in the folder, sorted by name: each with its steps below the folder, and its status."""
         from pyarrow.fs import FileSelector
 
-        filesystem, place = self._place()
+        filesystem, path = self._filesystem_path()
         with answering(str(self)):
-            found = filesystem.get_file_info(FileSelector(place, recursive=recursive, allow_not_found=True))
+            infos = filesystem.get_file_info(FileSelector(path, recursive=recursive, allow_not_found=True))
         listed = []
-        for information in found:
+        for information in infos:
             if information.is_file:
-                steps = tuple(information.path.removeprefix(place).strip("/").split("/"))
-                path = RemotePath("/".join((self.url, *steps)), self.query)
-                tag = path._entity_tag() if information.mtime_ns is None else ""
-                listed.append((path, steps, _status(information, tag)))
+                steps = tuple(information.path.removeprefix(path).strip("/").split("/"))
+                file = RemotePath("/".join((self.url, *steps)), self.query)
+                tag = file._entity_tag() if information.mtime_ns is None else ""
+                listed.append((file, steps, _status(information, tag)))
         return sorted(listed, key=lambda entry: entry[1])
 
     def glob_files(self) -> list[tuple[RemotePath, _Status]]:
-        """Return the files that this name, taken as a pattern (``*``, ``**``, ``[ab]``), matches, sorted."""
+        """Return the files that match this name as a pattern (``*``, ``**``, ``[ab]``), sorted."""
         steps = list(self.parts)
-        first = next(place for place, step in enumerate(steps) if _has_magic(step))
+        first = next(index for index, step in enumerate(steps) if _has_magic(step))
         scheme = self.url.partition("://")[0]
         folder, pattern = RemotePath(f"{scheme}://{'/'.join(steps[:first])}", self.query), steps[first:]
         listed = folder.files(recursive=len(pattern) > 1 or pattern == ["**"])
@@ -221,30 +220,30 @@ class RemotePath:
         return any(map(_has_magic, self.parts[1:]))
 
     def has_bucket(self) -> bool:
-        """Return whether there is the bucket, or the host, that it is in; fsspec's stores are trusted to make it."""
+        """Return whether its bucket or host exists; fsspec's stores may create it."""
         from pyarrow.fs import PyFileSystem
 
-        return isinstance(self._place()[0], PyFileSystem) or self.top.is_dir()
+        return isinstance(self._filesystem_path()[0], PyFileSystem) or self.top.is_dir()
 
     def take(self, file: Path) -> None:
-        """Put a whole file of this machine under this name; what was there stays until the new one is whole."""
+        """Upload a complete local file to this name; an existing file stays until the new one is complete."""
         from pyarrow.fs import LocalFileSystem, PyFileSystem, copy_files
 
-        filesystem, place = self._place()
+        filesystem, path = self._filesystem_path()
         with answering(str(self)):
             if isinstance(filesystem, PyFileSystem):
-                filesystem.handler.fs.put_file(str(file), place)
+                filesystem.handler.fs.put_file(str(file), path)
                 return
-            # one call without a word of Python in it: an interrupt comes before or after, never in its midst
+            # one call without Python code in it, so that an interrupt comes before or after it
             shows_at_close = filesystem.type_name in SHOWING_AT_CLOSE
             hidden = self.with_name(f".{self.name[:100]}.{os.getpid()}.part")
-            first = place if shows_at_close else hidden._place()[1]
+            first = path if shows_at_close else hidden._filesystem_path()[1]
             local = LocalFileSystem()
             copy_files(str(file), first, source_filesystem=local, destination_filesystem=filesystem)
             if not shows_at_close:
                 if self.is_file():
-                    filesystem.delete_file(place)
-                filesystem.move(first, place)
+                    filesystem.delete_file(path)
+                filesystem.move(first, path)
 
     def read_text(self, encoding: str) -> str:
         """Return the text of a file."""
@@ -252,53 +251,53 @@ class RemotePath:
             return file.read().decode(encoding)
 
     def iterdir(self) -> list[RemotePath]:
-        """Return what is in the folder, sorted by name."""
+        """Return the content of the folder, sorted by name."""
         from pyarrow.fs import FileSelector
 
-        filesystem, place = self._place()
+        filesystem, path = self._filesystem_path()
         with answering(str(self)):
-            found = filesystem.get_file_info(FileSelector(place, allow_not_found=True))
-        return [self / name for name in sorted(information.base_name for information in found)]
+            infos = filesystem.get_file_info(FileSelector(path, allow_not_found=True))
+        return [self / name for name in sorted(information.base_name for information in infos)]
 
     def mkdir(self, *, parents: bool = True, exist_ok: bool = True) -> None:
-        """Make the folder, and those above, where a store has folders; in others they are parts of names."""
-        filesystem, place = self._place()
+        """Make the folder and its parents in stores that have folders."""
+        filesystem, path = self._filesystem_path()
         if filesystem.type_name not in SHOWING_AT_CLOSE:
             with answering(str(self)):
-                filesystem.create_dir(place, recursive=True)
+                filesystem.create_dir(path, recursive=True)
 
     def unlink(self, *, missing_ok: bool = True) -> None:
-        """Remove the file if it is there."""
-        filesystem, place = self._place()
+        """Remove the file if it exists."""
+        filesystem, path = self._filesystem_path()
         if self.is_file():
             with answering(str(self)):
-                filesystem.delete_file(place)
+                filesystem.delete_file(path)
 
     def rmdir(self) -> None:
-        """Remove the folder; raise OSError where something is in it."""
+        """Remove the folder; raise OSError if it is not empty."""
         if self.iterdir():
             raise OSError(errno.ENOTEMPTY, os.strerror(errno.ENOTEMPTY), str(self))
         self.remove_all()
 
     def remove_all(self) -> None:
-        """Remove the folder and all that is in it."""
-        filesystem, place = self._place()
+        """Remove the folder and its content."""
+        filesystem, path = self._filesystem_path()
         if self.is_dir():
             with answering(str(self)):
-                filesystem.delete_dir(place)
+                filesystem.delete_dir(path)
 
     def _information(self) -> Any:
-        filesystem, place = self._place()
+        filesystem, path = self._filesystem_path()
         with answering(str(self)):
-            return filesystem.get_file_info(place)
+            return filesystem.get_file_info(path)
 
     def _entity_tag(self) -> str:
-        """Return what fsspec tells of the version of a file, for stores that tell pyarrow no time."""
-        filesystem, place = self._place()
+        """Return fsspec's identifier of the version of a file, for stores without modification times in pyarrow."""
+        filesystem, path = self._filesystem_path()
         with answering(str(self)):
-            return str(filesystem.handler.fs.ukey(place)) if hasattr(filesystem, "handler") else ""
+            return str(filesystem.handler.fs.ukey(path)) if hasattr(filesystem, "handler") else ""
 
-    def _place(self) -> tuple[Any, str]:
+    def _filesystem_path(self) -> tuple[Any, str]:
         scheme, _, rest = self.url.partition("://")
         authority, _, below = rest.partition("/")
         with answering(str(self)):
@@ -316,7 +315,7 @@ def _has_magic(step: str) -> bool:
 
 
 def _matches(steps: tuple[str, ...], pattern: tuple[str, ...]) -> bool:
-    """Return whether the steps of a path match those of a pattern; hidden ones only where it says so, as in a shell."""
+    """Return whether the steps of a path match those of a pattern; hidden names need a leading dot, as in a shell."""
     if not pattern or not steps:
         return not steps and all(step == "**" for step in pattern)
     if pattern[0] == "**" and _matches(steps, pattern[1:]):

@@ -12,8 +12,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import MethodError, NlosctlError
-from nlosctl.io.conversion.import_source import foreign_path, open_foreign
-from nlosctl.io.conversion.imported_table import imported_table
+from nlosctl.io.conversion.import_source import import_path, imported_table, open_import
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
 from nlosctl.io.scenes.scene_file import find_scene
 
@@ -50,12 +49,12 @@ class Import:
 
     def read(self, word: str) -> Imported:
         """Return a file (``-`` is stdin) as a table. Raises DataError, with the lines that do not fit."""
-        scene = find_scene(self._scene_file, {}, foreign_path(word))
+        scene = find_scene(self._scene_file, {}, import_path(word))
         if self._frame is not None:
             scene = replace(scene, frame=self._frame)
         kind = self._spec.kind(self._options)
         name = "stdin" if word == "-" else word
-        with open_foreign(word) as stream:
+        with open_import(word) as stream:
             rows = self._rows(ForeignFile(name=name, stream=stream, scene=scene))
             table = imported_table(rows, KINDS[kind], self._spec.extra, name, self.log)
         return Imported(table=table, kind=kind, scene=scene)
