@@ -201,7 +201,7 @@ def test_a_run_into_a_store_is_gone_on_with(
         told = cli(*words, more)
         assert (told.code, made) == (0, expected), told.err
         assert content(f"{place}/out") == on_disk(tmp_path / "local")
-    assert "holds results already" in cli(*words).err
+    assert "contains results already" in cli(*words).err
     assert "method" in cli(*words, "-m", "ls", "--resume").err
 
 
@@ -236,11 +236,11 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
     (tmp_path / "mine").write_bytes(b"mine")
     (location(f"{place}/out") / "deep").mkdir()
     (location(f"{place}/out") / "deep" / "mine").take(tmp_path / "mine")
-    assert "holds other files already ('deep')" in cli(*words).err
+    assert "contains other files ('deep')" in cli(*words).err
     assert content(f"{place}/out") == {"deep/mine": b"mine"}
     assert cli("localize", "in", "-o", f"{place}/free/").code == 0
     (location(f"{place}/free") / "key=1" / "mine").take(tmp_path / "mine")
-    assert "holds other files already" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
+    assert "contains other files" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
     assert content(f"{place}/free") == {"key=1/mine": b"mine"}
 
 

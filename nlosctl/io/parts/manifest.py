@@ -1,4 +1,4 @@
-"""The manifest of a folder output: what was done, with what, and what each part file holds."""
+"""The manifest of an output folder: inputs, options, and the content of each part file."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def make_manifest(
     *,
     is_main: bool,
 ) -> dict[str, Any]:
-    """Return the manifest of one table's folder as plain values; nothing in it differs between equal runs.
+    """Return the manifest of one table's folder as plain values, the same for equal runs.
 
-    ``plan`` is all that the results depend on, ``records`` are the parts in order. The first table's manifest holds
-    all that `records_of_manifest` gives back.
+    ``plan`` is all that the results depend on, ``records`` are the parts in order. The first table's manifest
+    contains all that `records_of_manifest` returns.
     """
     parts = []
     for record in records:
@@ -59,7 +59,7 @@ def make_manifest(
 
 
 def plan_of_manifest(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the plan that a manifest was made of."""
+    """Return the plan that a manifest was made from."""
     plan = {name: value for name, value in manifest.items() if name not in _OWN}
     plan["inputs"] = [{name: value for name, value in given.items() if name != "rows"} for given in plan["inputs"]]
     plan["parts"] = [part["name"] for part in plan["parts"]]
@@ -67,13 +67,13 @@ def plan_of_manifest(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def records_of_manifest(manifest: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
-    """Return the records of the parts by their numbers, as far as the manifest has them."""
-    found = {number: record_of(part.get("record")) for number, part in enumerate(manifest["parts"])}
-    return {number: record for number, record in found.items() if record is not None}
+    """Return the records in a manifest by the numbers of their parts."""
+    records = {number: record_of(part.get("record")) for number, part in enumerate(manifest["parts"])}
+    return {number: record for number, record in records.items() if record is not None}
 
 
 def record_of(content: Any) -> dict[str, Any] | None:
-    """Return what was read as the record of a part, or None where it is none, or was changed since it was written."""
+    """Return the record of a part, or None if the content is not one or was changed since it was written."""
     try:
         msgspec.convert(content, _Record)
     except msgspec.ValidationError:
@@ -83,7 +83,7 @@ def record_of(content: Any) -> dict[str, Any] | None:
 
 
 def sealed_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the record of a part as it is written: with the SHA-256 of what it tells."""
+    """Return the record of a part as it is written: with the SHA-256 of its content."""
     return {**record, _SEAL: _seal(record)}
 
 

@@ -1,4 +1,4 @@
-"""The names of the part files of a folder output: those of the input's parts, made safe."""
+"""The names of the part files in an output folder, from those of the input's parts."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["part_names"]
 
 
 def part_names(inputs: Sequence[Input], format: FileFormat) -> list[str]:
-    """Return a relative path for each part of ``inputs``, all different, none of which leads out of a folder.
+    """Return a relative path for each part of ``inputs``, all different and within the folder.
 
-    ``year=2026/a.csv`` of a folder becomes ``year=2026/a.parquet``; where that would be there twice the input's whole
-    name stays in it. Names that begin with ``.`` or ``_``, which readers of folders leave out, get ``part`` before.
+    ``year=2026/a.csv`` of a folder becomes ``year=2026/a.parquet``, or keeps the input's extension too if another part
+    has that name. Names that begin with ``.`` or ``_``, which readers of folders ignore, get the prefix ``part``.
     """
     paths = [_relative(given, part) for given in inputs for part in given.parts]
     stems = [path.removesuffix(known_extension(path)) for path in paths]

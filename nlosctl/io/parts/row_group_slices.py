@@ -1,4 +1,4 @@
-"""Long Parquet files as slices of whole row groups: what can be read apart from the rest."""
+"""Long Parquet files as slices of whole row groups, which can be read separately."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ def sliced(inputs: Sequence[Input], rows: int) -> tuple[Input, ...]:
     Other files stay whole.
     """
     return tuple(
-        replace(given, parts=tuple(piece for part in given.parts for piece in _pieces(part, rows))) for given in inputs
+        replace(given, parts=tuple(piece for part in given.parts for piece in _slices(part, rows))) for given in inputs
     )
 
 
-def _pieces(part: Part, rows: int) -> Iterator[Part]:
+def _slices(part: Part, rows: int) -> Iterator[Part]:
     if part.format is not FileFormat.PARQUET or part.path is None or part.row_groups is not None:
         yield part
         return
-    told = parquet_metadata(part.path)
-    begin, gathered = 0, 0
-    for place in range(told.num_row_groups):
-        gathered += told.row_group(place).num_rows
-        if gathered >= rows or place == told.num_row_groups - 1:
-            yield replace(part, row_groups=(begin, place + 1))
-            begin, gathered = place + 1, 0
-    if not told.num_row_groups:
+    metadata = parquet_metadata(part.path)
+    start, count = 0, 0
+    for index in range(metadata.num_row_groups):
+        count += metadata.row_group(index).num_rows
+        if count >= rows or index == metadata.num_row_groups - 1:
+            yield replace(part, row_groups=(start, index + 1))
+            start, count = index + 1, 0
+    if not metadata.num_row_groups:
         yield part

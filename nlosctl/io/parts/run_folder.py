@@ -1,4 +1,4 @@
-"""A folder that a run fills part by part: what is done survives any interruption, the manifest comes last."""
+"""The output folder of a run, written part by part: complete parts survive an interruption, the manifest is last."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MANIFEST = "_manifest.json"
 _STATE = "_unfinished"
 _PLAN = "plan.json"
 _STORE_CLOCK_NS = 1_000_000_000
-"""The times that stores tell are cut to the second; some tell none (0)."""
+"""Stores report times to the second, or no time (0)."""
 
 
 def describe_file(root: str, name: str, rows: int) -> dict[str, Any]:
@@ -32,10 +32,10 @@ def describe_file(root: str, name: str, rows: int) -> dict[str, Any]:
 
 
 class RunFolder:
-    """The folders of one run: table name -> folder, the first of which also keeps what has been done so far.
+    """The folders of one run: table name -> folder; the first also keeps the state of an unfinished run.
 
-    While the run is unfinished ``_unfinished/`` holds its plan and a record of each part that is done; at the end
-    ``_manifest.json`` is written into each folder and ``_unfinished/`` goes.
+    Until the run is finished ``_unfinished/`` contains its plan and a record of each part that is complete; at the end
+    ``_manifest.json`` is written into each folder and ``_unfinished/`` is removed.
     """
 
     def __init__(self, roots: Mapping[str, str]) -> None:
@@ -46,11 +46,11 @@ class RunFolder:
     def open(
         self, plan: Mapping[str, Any], modified: Mapping[str, int], *, resume: bool, overwrite: bool
     ) -> dict[int, dict[str, Any]]:
-        """Make the folders ready and return the records of the parts that are done, by number.
+        """Prepare the folders and return the records of the parts that are complete, by number.
 
-        ``plan`` is all that the results depend on, as plain values, its ``parts`` their names; ``modified`` tells when
-        each input was changed (ns). Raises DataError where a folder holds something else, or (with ``resume``) was
-        begun with another plan or on other inputs.
+        ``plan`` is all that the results depend on, as plain values, its ``parts`` their names; ``modified`` is the time
+        of the last change of each input (ns). Raises DataError if a folder contains something else, or (with
+        ``resume``) was begun with another plan or on other inputs.
         """
         for root in self.roots.values():
             with writing(root):
@@ -60,7 +60,7 @@ class RunFolder:
                 return self._opened(plan, modified, resume=resume, overwrite=overwrite)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError(
-                f"{self.main}: its {MANIFEST} or {_STATE}/{_PLAN} is not what a run writes ({in_one_line(error)}); "
+                f"{self.main}: its {MANIFEST} or {_STATE}/{_PLAN} was not written by a run ({in_one_line(error)}); "
                 f"name another folder"
             ) from error
 
@@ -75,19 +75,19 @@ class RunFolder:
         if begun is not None:
             self._clear()
         for root in self.roots.values():
-            _refuse_strangers(location(root))
+            _refuse_other_files(location(root))
         self._begin(plan, modified)
         return {}
 
     def keep(self, number: int, record: Mapping[str, Any]) -> None:
-        """Remember that a part is done, where a plan was begun."""
+        """Record that a part is complete, if a plan was begun."""
         if self._state.is_dir():
             write_text(str(self._record_path(number)), json.dumps(sealed_record(record)))
 
     def finish(
         self, plan: Mapping[str, Any], records: Mapping[int, Mapping[str, Any]], report: Mapping[str, Any]
     ) -> None:
-        """Write the manifest of each table's folder, that of the first last; the run is finished then."""
+        """Write the manifest of each table's folder, that of the first table last, which finishes the run."""
         parts = [records[number] for number in sorted(records)]
         with writing(str(self.main)):
             self.remove_temporary_files(plan.get("parts", []))
@@ -104,10 +104,10 @@ class RunFolder:
         write_text(str(self._state / _PLAN), json.dumps({"plan": plan, "modified": dict(modified)}))
 
     def _plan_begun(self) -> dict[str, Any] | None:
-        """Return the plan of the run that is in the folder, finished or not, or None where there is none."""
-        told = _read_json(self._state / _PLAN)
-        if told is not None:
-            return dict(told["plan"])
+        """Return the plan of the run in the folder, finished or not, or None if there is none."""
+        state = _read_json(self._state / _PLAN)
+        if state is not None:
+            return dict(state["plan"])
         manifest = self._manifest()
         return None if manifest is None else plan_of_manifest(manifest)
 
@@ -121,8 +121,8 @@ class RunFolder:
         difference = _difference(begun, plan) or self._changed_input(modified)
         if difference is not None:
             raise DataError(
-                f"{self.main}: --resume: {difference}; run it with the same words on the same inputs, or begin anew "
-                f"with --overwrite"
+                f"{self.main}: --resume: {difference}; run it with the same options on the same inputs, or start "
+                f"again with --overwrite"
             )
         records = {number: record for number, record in self._records().items() if self._is_whole(record)}
         if not (self.main / MANIFEST).exists() or len(records) < len(plan["parts"]):
@@ -135,10 +135,10 @@ class RunFolder:
         return records
 
     def _changed_input(self, modified: Mapping[str, int]) -> str | None:
-        """Return in words which input has been written to since the run was begun, or since it was finished."""
-        told = _read_json(self._state / _PLAN)
-        if told is not None:
-            changed = [name for name, when in modified.items() if told.get("modified", {}).get(name) != when]
+        """Return a message about an input that has changed since the run was begun, or finished; None without one."""
+        state = _read_json(self._state / _PLAN)
+        if state is not None:
+            changed = [name for name, when in modified.items() if state.get("modified", {}).get(name) != when]
         else:
             finished = (self.main / MANIFEST).stat().st_mtime_ns
             slack = _STORE_CLOCK_NS if not is_local(self.main) else 0
@@ -156,24 +156,24 @@ class RunFolder:
         return records
 
     def _is_whole(self, record: Mapping[str, Any]) -> bool:
-        """Return whether all files of a part are there as they were written."""
+        """Return whether all files of a part are as they were written."""
         for table, root in self.roots.items():
-            told = record["files"].get(table)
-            if told is None or not _inside(location(root), told["name"]):
+            written = record["files"].get(table)
+            if written is None or not _inside(location(root), written["name"]):
                 return False
-            path = location(root) / told["name"]
-            if not path.is_file() or describe_file(root, told["name"], told["rows"]) != told:
+            path = location(root) / written["name"]
+            if not path.is_file() or describe_file(root, written["name"], written["rows"]) != written:
                 return False
         return True
 
     def _clear(self) -> None:
-        """Remove what the earlier run wrote, its manifest first; nothing else."""
+        """Remove the files of the earlier run, its manifest first; nothing else."""
         records = self._records()
         plan = self._plan_begun() or {}
         self.remove_temporary_files(plan.get("parts", []))
         for root in self.roots.values():
             (location(root) / MANIFEST).unlink(missing_ok=True)
-        names = [told["name"] for record in records.values() for told in record["files"].values()]
+        names = [file["name"] for record in records.values() for file in record["files"].values()]
         for root in self.roots.values():
             for name in [*names, *plan.get("parts", [])]:
                 if _inside(location(root), name):
@@ -182,7 +182,7 @@ class RunFolder:
         self._forget_state()
 
     def remove_temporary_files(self, parts: Sequence[str]) -> None:
-        """Remove what a process that was stopped has left of the files of these parts that it was writing."""
+        """Remove the temporary files of these parts that a stopped process has left behind."""
         for root in map(location, self.roots.values()):
             paths = [root / name for name in parts if _inside(root, name)]
             begins = {f".{path.name[:100]}." for path in paths}
@@ -205,8 +205,8 @@ class RunFolder:
 
     def _is_there(self) -> str:
         if (self.main / MANIFEST).exists():
-            return f"{self.main}: holds results already; --overwrite replaces them"
-        return f"{self.main}: holds an unfinished run; --resume goes on with it, --overwrite begins anew"
+            return f"{self.main}: contains results already; --overwrite replaces them"
+        return f"{self.main}: contains an unfinished run; --resume continues it, --overwrite starts again"
 
 
 def _check_root(root: Location) -> None:
@@ -220,21 +220,21 @@ def _check_root(root: Location) -> None:
 
 
 def _entries(folder: Location) -> list[Location]:
-    """Return what is in a folder, nothing where there is none."""
+    """Return the content of a folder; nothing if it does not exist."""
     if not is_local(folder):
         return [*folder.iterdir()]
     return [*folder.iterdir()] if folder.is_dir() else []
 
 
-def _refuse_strangers(root: Location) -> None:
+def _refuse_other_files(root: Location) -> None:
     if root.is_dir():
         found = sorted(path.name for path in root.iterdir() if path.name != _STATE)
         if found:
-            raise DataError(f"{root}: the folder holds other files already ({found[0]!r}); name an empty or a new one")
+            raise DataError(f"{root}: the folder contains other files ({found[0]!r}); name an empty or a new one")
 
 
 def _read_json(path: Location) -> dict[str, Any] | None:
-    """Return a JSON object, or None where there is none that is whole."""
+    """Return a JSON object, or None if it is missing or incomplete."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError, ValueError, RecursionError):
@@ -243,7 +243,7 @@ def _read_json(path: Location) -> dict[str, Any] | None:
 
 
 def _inside(root: Location, name: str) -> bool:
-    """Return whether a name leads to a place within the folder, symbolic links followed."""
+    """Return whether a name leads to a file within the folder, symbolic links followed."""
     steps = PurePosixPath(name)
     if steps.is_absolute() or ".." in steps.parts or not steps.parts:
         return False
@@ -257,7 +257,7 @@ def _remove_empty_folders(root: Location, name: str) -> None:
 
 
 def _difference(begun: Any, now: Any, where: str = "") -> str | None:
-    """Return in words the first difference of two plans, or None."""
+    """Return a message about the first difference of two plans, or None."""
     if isinstance(begun, dict) and isinstance(now, dict):
         for key in [*begun, *(key for key in now if key not in begun)]:
             found = _difference(begun.get(key), now.get(key), f"{where}.{key}" if where else key)
@@ -265,8 +265,8 @@ def _difference(begun: Any, now: Any, where: str = "") -> str | None:
                 return found
         return None
     if isinstance(begun, list) and isinstance(now, list) and len(begun) == len(now):
-        for place, (earlier, later) in enumerate(zip(begun, now, strict=True)):
-            name = later.get("name", place) if isinstance(later, dict) else place
+        for index, (earlier, later) in enumerate(zip(begun, now, strict=True)):
+            name = later.get("name", index) if isinstance(later, dict) else index
             found = _difference(earlier, later, f"{where}[{name}]")
             if found is not None:
                 return found

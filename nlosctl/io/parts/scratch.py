@@ -1,4 +1,4 @@
-"""Part files that are on their way into a single one: read back as they were written, and taken away."""
+"""Temporary part files whose tables go into a single output: read back and removed."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ __all__ = ["read_part", "scratch_folder"]
 
 def read_part(path: str) -> Any:
     """Return an Arrow file as a table without metadata, and remove the file."""
-    place = location(path)
-    with pa.OSFile(path) if is_local(place) else place.open_native() as file, pa.ipc.open_file(file) as reader:
+    source = location(path)
+    with pa.OSFile(path) if is_local(source) else source.open_native() as file, pa.ipc.open_file(file) as reader:
         table = reader.read_all().replace_schema_metadata(None)
-    place.unlink()
+    source.unlink()
     return table
 
 
 @contextmanager
 def scratch_folder(target: str) -> Iterator[str]:
-    """Give a new hidden folder beside ``target`` (``-``: in the current folder); it goes at its end.
+    """Make a new hidden folder beside ``target`` (``-``: in the current folder), removed at the end of the block.
 
-    Raises DataError where it can't be made.
+    Raises DataError if it can't be made.
     """
-    place = location(target)
-    if not is_local(place):
-        folder = place.with_name(f".nlosctl.{secrets.token_hex(8)}.parts")
+    beside = location(target)
+    if not is_local(beside):
+        folder = beside.with_name(f".nlosctl.{secrets.token_hex(8)}.parts")
         try:
             yield str(folder)
         finally:
@@ -44,7 +44,7 @@ def scratch_folder(target: str) -> Iterator[str]:
         return
     with writing(target):
         scratch = tempfile.mkdtemp(
-            prefix=".nlosctl.", suffix=".parts", dir=Path.cwd() if target == "-" else place.resolve().parent
+            prefix=".nlosctl.", suffix=".parts", dir=Path.cwd() if target == "-" else beside.resolve().parent
         )
     try:
         yield scratch
