@@ -22,7 +22,7 @@ def test_circles_read_back_equal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "message"),
     [
         ("center = [0, 0]\n", "reflector[0].radius: missing, expected a number"),
         ("radius = 5\n", "reflector[0].center: missing, expected two numbers"),
@@ -38,11 +38,11 @@ def test_circles_read_back_equal() -> None:
         ("center = [0, 0]\nradius = 5\nblocker = 4\n", "reflector[0].blocker: unknown key"),
     ],
 )
-def test_a_fault_of_a_circle_is_told_by_its_key(keys: str, told: str) -> None:
+def test_a_fault_of_a_circle_is_reported_with_its_key(keys: str, message: str) -> None:
     """Each fault of a circle names the key, what came and what was expected."""
     with pytest.raises(DataError) as caught:
         scene_from_toml(CIRCLE + keys, "s.toml")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def read(x: list[float], reflector: list[str | None]) -> list[int]:
@@ -82,7 +82,7 @@ def test_sensors_in_their_place_are_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("x", "reflector", "told"),
+    ("x", "reflector", "message"),
     [
         (150.0, "layer", "the sensor is 150 m from the centre of its circle, expected less than its radius, 150 m"),
         (60.0, "open", "the sensor is 60 m from the centre of its circle, expected less than its radius, 50 m"),
@@ -93,9 +93,9 @@ def test_sensors_in_their_place_are_taken() -> None:
         ),
     ],
 )
-def test_a_sensor_that_cannot_be_there_is_a_bad_row(x: float, reflector: str, told: str) -> None:
-    """A row whose sensor is not inside its circle, or under the blocker, is told with row and column."""
+def test_a_sensor_outside_its_circle_is_a_bad_row(x: float, reflector: str, message: str) -> None:
+    """A row whose sensor is not inside its circle, or within the blocker, is reported with row and column."""
     with pytest.raises(DataError) as caught:
         read([120.0, x], ["layer", reflector])
     assert "row 2, column 'sensor_x_m'" in str(caught.value)
-    assert told in str(caught.value)
+    assert message in str(caught.value)

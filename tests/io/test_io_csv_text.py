@@ -158,7 +158,7 @@ def test_extra_columns_are_named_by_their_beginning_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("header", "told"),
+    ("header", "message"),
     [
         (HEADER.replace(",", ";"), "separated by semicolons, expected commas"),
         (HEADER.replace(",", "\t"), "separated by tabs, expected commas"),
@@ -168,9 +168,9 @@ def test_extra_columns_are_named_by_their_beginning_too(tmp_path: Path) -> None:
         ('"' + HEADER, "line 1: a quote opens here"),
     ],
 )
-def test_a_header_that_is_none_is_told(tmp_path: Path, header: str, told: str) -> None:
+def test_a_missing_header_is_an_error(tmp_path: Path, header: str, message: str) -> None:
     """Another separator and comments are called what they are."""
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=message):
         read([save_csv(tmp_path / "a.csv", good(1), header=header)])
 
 
@@ -224,9 +224,9 @@ def test_own_columns_of_any_type_stay_with_the_rows(tmp_path: Path) -> None:
 
 def handler_of(number: int) -> bytes:
     """Return what the system calls at a signal: the first word of the C library's ``struct sigaction``."""
-    told = ctypes.create_string_buffer(256)
-    assert ctypes.CDLL(None).sigaction(number, None, told) == 0
-    return told.raw[: ctypes.sizeof(ctypes.c_void_p)]
+    action = ctypes.create_string_buffer(256)
+    assert ctypes.CDLL(None).sigaction(number, None, action) == 0
+    return action.raw[: ctypes.sizeof(ctypes.c_void_p)]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the layout of the struct is that of Linux")

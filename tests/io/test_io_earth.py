@@ -107,7 +107,7 @@ def test_other_headers_and_true_places_in_degrees(tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_place_is_a_bad_row(tmp_path: Path, lat: str, lon: str, says: str) -> None:
-    """A latitude or longitude that is none is told with its row and column."""
+    """An invalid latitude or longitude is reported with its row and column."""
     name = write(tmp_path, HEADER + lines()[0] + f"1,b,{lat},{lon},10,1\n")
     with pytest.raises(DataError) as caught:
         read(name)
@@ -145,7 +145,7 @@ def test_the_scene_carries_the_frame(tmp_path: Path) -> None:
     ],
 )
 def test_a_frame_that_is_none_is_refused(text: str, says: str) -> None:
-    """Faults of a frame are told by their key."""
+    """Faults of a frame are reported with their key."""
     with pytest.raises(DataError, match=says):
         scene_from_toml(text, "s.toml")
 

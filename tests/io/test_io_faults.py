@@ -69,7 +69,7 @@ def test_a_bad_file_gives_one_clear_line(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROW_FAULTS)
 def test_bad_rows_are_set_aside(name: str) -> None:
-    """With a sink the one bad row goes there and the rest goes on."""
+    """With a sink the bad row goes there and the others are read."""
     aside = Gathered()
     chunks = read([FIXTURES / name], aside, scene=scene_of(FIXTURES / name), chunk_rows=3)
     expected = 12 if "duplicate" in name else 11
@@ -86,7 +86,7 @@ def test_what_could_not_be_converted_is_set_aside_as_it_came() -> None:
 
 
 def test_problems_are_gathered_and_counted(tmp_path: Path) -> None:
-    """The first 20 are told, then the total; no chunk follows a bad row."""
+    """The first 20 are shown, then the total; no chunk follows a bad row."""
     path = save(bearings([1] * 50, bearing_std_rad=[0.0] * 30 + [0.1] * 20), tmp_path / "a.parquet")
     with pytest.raises(DataError) as caught:
         read([path], chunk_rows=7)
@@ -134,7 +134,7 @@ def test_a_column_that_is_there_twice_is_told(tmp_path: Path, extension: str) ->
 
 
 def test_malformed_json_lines_are_row_problems(tmp_path: Path) -> None:
-    """A line that is not JSON, text for a number and an array are told by their line."""
+    """A line that is not JSON, text for a number and an array are reported with their line."""
     lines = (FIXTURES / "good_bearings.jsonl").read_text().splitlines()[:6]
     lines[1] = lines[1][:-5]
     lines[3] = lines[3].replace('"bearing_std_rad": 0', '"bearing_std_rad": "x", "was": 0')
@@ -151,12 +151,12 @@ def test_malformed_json_lines_are_row_problems(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "message"),
     [("good_bearing.csv", "did you mean"), ("builders", "no table file"), ("*.nope", "no file matches")],
 )
-def test_inputs_that_are_not_there(word: str, told: str) -> None:
+def test_inputs_that_are_not_there(word: str, message: str) -> None:
     """A missing file, an empty folder and an unmatched pattern are errors with a cure."""
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=message):
         expand_inputs([str(FIXTURES / word)])
 
 
@@ -213,7 +213,7 @@ def test_what_comes_back_is_what_a_plain_search_finds(ids: list[object], cuts: l
 
 
 @pytest.mark.parametrize("name", ["{}", "s{:04d}"])
-def test_an_id_of_long_ago_is_told_with_its_row(name: str) -> None:
+def test_an_id_of_long_ago_is_found_with_its_row(name: str) -> None:
     """In rising ids that are disordered late, the last so many are known; those before may be forgotten."""
     ids = [name.format(place) if name != "{}" else place for place in range(1000)]
     for place, expected in ((995, (1001, 996)), (901, (1001, 902)), (400, None)):

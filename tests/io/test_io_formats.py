@@ -1,4 +1,4 @@
-"""Which format a file or stream is in, told by its bytes; columns of any type written as text."""
+"""The format of a file or stream by its first bytes; columns of any type written as text."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_an_empty_pipe_is_told() -> None:
     "data", [b"\n\n", b'\0\x99"\n' * 5000, b"[]\n", b"{}\n", b"\xff\xfea\0", b"\r", b'"', b"\xff" * 64]
 )
 def test_what_is_no_table_is_one_line(tmp_path: Path, name: str, data: bytes) -> None:
-    """Blank, binary and meaningless files are told in one line that names the file, in every format."""
+    """Blank, binary and random files give an error of one line that names the file, in every format."""
     path = tmp_path / name
     for content in (data, gzip.compress(data)):
         path.write_bytes(content)

@@ -28,7 +28,7 @@ def save_lines(path: Path, *lines: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("line", "column", "told"),
+    ("line", "column", "fault"),
     [
         (row()[:-1] + ', "sensor": "b"}', None, "duplicate name 'sensor'"),
         ("[" * 100_000, None, "nested too deeply"),
@@ -46,13 +46,13 @@ def save_lines(path: Path, *lines: str) -> Path:
         (row(bearing_rad=0)[:-1] + ', "n": ' + "9" * 5000 + "}", None, "thousands of digits"),
     ],
 )
-def test_a_value_that_is_none_is_a_problem_of_its_row(tmp_path: Path, line: str, column: str, told: str) -> None:
-    """What can't be converted is told by row and column, and the rest goes on."""
+def test_an_invalid_value_is_a_problem_of_its_row(tmp_path: Path, line: str, column: str, fault: str) -> None:
+    """An invalid value is reported with row and column, and the other rows are read."""
     path = save_lines(tmp_path / "a.jsonl", row(1, los=True, path=1), line, row(2))
     aside = Gathered()
     assert whole(read([path], aside)).counts == [2]
     assert [(bad.problem.row, bad.problem.column) for bad in aside] == [(2, column)]
-    assert told in aside[0].problem.fault
+    assert fault in aside[0].problem.fault
 
 
 def test_booleans_may_be_words(tmp_path: Path) -> None:
@@ -87,10 +87,10 @@ def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pyt
     found = whole(read([path])).table
     assert found.column("own").to_pylist()[-3:] == ["19", "x", None]
     assert found.column("late").to_pylist()[-2:] == [None, 1]
-    for odd, told in ((lines[20], "'own': got 'x'"), (lines[21], "'late': got 1 under a new name")):
+    for odd, fault in ((lines[20], "'own': got 'x'"), (lines[21], "'late': got 1 under a new name")):
         data = "\n".join([*lines[:20], odd]).encode()
         reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), ReadOptions())
-        with pytest.raises(DataError, match=f"line 21, column {told}.*save it as a file"):
+        with pytest.raises(DataError, match=f"line 21, column {fault}.*save it as a file"):
             list(reader.chunks())
     inputs = expand_inputs(["-"], stdin=io.BytesIO(path.read_bytes()))
     assert len(list(MeasurementReader(inputs, ReadOptions(extra_columns=())).chunks())) > 0

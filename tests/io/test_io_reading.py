@@ -116,7 +116,7 @@ def test_a_null_position_is_filled_by_row(tmp_path: Path) -> None:
 
 
 def test_renamed_and_constant_columns(tmp_path: Path) -> None:
-    """--column reads a column under another name; a constant stands in for a missing one."""
+    """--column reads a column under another name; a constant replaces a missing one."""
     table = (
         bearings([1, 1])
         .rename_columns(["snapshot", "sensor", "sensor_x_m", "sensor_y_m", "AZ", "old_std"])

@@ -41,7 +41,7 @@ def test_slope_and_intercept_are_a_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("[[reflector]\n", "line 1"),
         ("[[reflectors]]\n", "did you mean 'reflector'"),
@@ -59,12 +59,12 @@ def test_slope_and_intercept_are_a_line() -> None:
         ('[sensor]\nname = "a"\n', "[[sensor]]"),
     ],
 )
-def test_a_malformed_scene_names_the_key(text: str, told: str) -> None:
+def test_a_malformed_scene_names_the_key(text: str, message: str) -> None:
     """The error names file and key, what came and what was expected."""
     with pytest.raises(DataError) as caught:
         scene_from_toml(text, "my.scene.toml")
     assert str(caught.value).startswith("my.scene.toml: ")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_the_nearest_scene_wins(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_the_nearest_scene_wins(tmp_path: Path) -> None:
 
 
 def test_schemas_are_fresh(tmp_path: Path) -> None:
-    """schemas/ holds what the table definitions say; `write_schemas` makes it anew."""
+    """schemas/ follows from the table definitions; `write_schemas` generates it."""
     assert {path.name for path in (ROOT / "schemas").iterdir()} == {path.name for path in write_schemas(tmp_path)}
     for name, table in TABLES.items():
         assert (ROOT / "schemas" / f"{name}.json").read_text(encoding="utf-8") == schema_text(table)
@@ -123,7 +123,7 @@ def test_frictionless_validates_by_the_schema(name: str, valid: bool) -> None:
 
 @pytest.mark.parametrize("name", ["build_bearings", "build_triplets"])
 def test_fixtures_are_what_the_builder_makes(name: str, tmp_path: Path) -> None:
-    """Building the fixtures anew gives the files that are there."""
+    """Building the fixtures again gives the same files."""
     for path in sorted((FIXTURES / "builders").glob("build_*.py")):
         spec = importlib.util.spec_from_file_location(path.stem, path)
         assert spec is not None

@@ -89,7 +89,7 @@ def test_own_columns_of_two_types_meet(tmp_path: Path, one: Any, other: Any, kep
 
 
 @pytest.mark.parametrize(
-    ("name", "renames", "told"),
+    ("name", "renames", "hint"),
     [
         ("a.parquet", {}, """duckdb -c "COPY (SELECT * FROM '{folder}/a.parquet' ORDER BY snapshot) TO"""),
         ("a.parquet", {"snapshot": "id"}, "ORDER BY id) TO"),
@@ -99,7 +99,7 @@ def test_own_columns_of_two_types_meet(tmp_path: Path, one: Any, other: Any, kep
         ("", {}, "FROM '{folder}/**/*.parquet' ORDER BY"),
     ],
 )
-def test_how_to_sort_is_told(tmp_path: Path, name: str, renames: dict[str, str], told: str) -> None:
+def test_a_message_shows_how_to_sort(tmp_path: Path, name: str, renames: dict[str, str], hint: str) -> None:
     """The command works for this input: its name, its parts, its own name of the column."""
     table = bearings([1, 2, 1])
     table = table.rename_columns([renames.get("snapshot", "snapshot"), *table.column_names[1:]])
@@ -109,7 +109,7 @@ def test_how_to_sort_is_told(tmp_path: Path, name: str, renames: dict[str, str],
             writer.write_table(table)
     with pytest.raises(DataError, match="comes back") as caught:
         read([path if name else tmp_path], renames=renames)
-    assert told.format(folder=tmp_path) in str(caught.value).replace("""'"'"'""", "'")
+    assert hint.format(folder=tmp_path) in str(caught.value).replace("""'"'"'""", "'")
     assert f"column '{renames.get('snapshot', 'snapshot')}'" in str(caught.value)
 
 
@@ -133,7 +133,7 @@ def test_lost_snapshots_are_those_without_a_good_row(rows: list[tuple[int, bool]
 
 
 def test_a_snapshot_of_bad_rows_alone_is_counted(tmp_path: Path) -> None:
-    """Nothing vanishes silently: rows, bad rows and lost snapshots add up, and a remark tells."""
+    """No row vanishes silently: rows, bad rows and lost snapshots add up, and a remark reports them."""
     std = [0.1, 0.0, 0.0, 0.0, 0.1, 0.1]
     table = bearings([1, 1, 2, 2, 3, 3], sensor=["a", "b", "a", "b", "c", "c"], bearing_std_rad=std)
     path = save(table.set_column(2, "sensor_x_m", pa.array([0.0] * 6)), tmp_path / "a.parquet")

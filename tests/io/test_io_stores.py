@@ -13,7 +13,7 @@ from nlosctl.io.paths.remote_path import answering
 
 
 @pytest.mark.parametrize(
-    ("raised", "told"),
+    ("raised", "message"),
     [
         (ValueError("AWS Error ACCESS_DENIED during HeadObject\nrequest 4711"), "check the credentials"),
         (RuntimeError("Anonymous caller does not have storage.objects.get"), "check the credentials"),
@@ -23,11 +23,11 @@ from nlosctl.io.paths.remote_path import answering
         (ConnectionError("the   store is\tgone"), "the store is gone"),
     ],
 )
-def test_whatever_a_store_raises_is_one_line(raised: Exception, told: str) -> None:
-    """An OSError that names the file, with the first line of what was said and a cure where one is known."""
+def test_whatever_a_store_raises_is_one_line(raised: Exception, message: str) -> None:
+    """An OSError that names the file, with the first line of the error and a cure if one is known."""
     with pytest.raises(OSError, match=r"s3://bucket/a\.csv") as caught, answering("s3://bucket/a.csv"):
         raise raised
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

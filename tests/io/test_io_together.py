@@ -1,4 +1,4 @@
-"""What says something only together, and what must not stand together: half a prior, flags of several methods."""
+"""Groups of columns that are complete or absent, and flags of several methods, which can't be solved together."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ def test_a_whole_prior_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("columns", "told"),
+    ("columns", "message"),
     [
         ("prior_x_m", "column 'prior_x_m' needs 'prior_y_m' and 'prior_std_m'"),
         ("prior_x_m,prior_y_m", "column 'prior_x_m' needs 'prior_std_m'"),
         ("prior_std_m", "column 'prior_std_m' needs 'prior_x_m' and 'prior_y_m'"),
     ],
 )
-def test_half_a_prior_is_an_error(tmp_path: Path, columns: str, told: str) -> None:
-    """Some of the columns of a prior without the others are told, with what to add or drop."""
+def test_half_a_prior_is_an_error(tmp_path: Path, columns: str, message: str) -> None:
+    """An incomplete prior is an error that names the columns to add or drop."""
     cells = [",".join("1" for _ in columns.split(","))] * 4
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=message):
         read(write(tmp_path / "m.csv", columns, cells))
 
 
 @pytest.mark.parametrize(("cell", "column"), [("1,,3", "prior_y_m"), (",2,3", "prior_x_m"), (",,3", "prior_x_m")])
 def test_a_half_filled_row_is_told(tmp_path: Path, cell: str, column: str) -> None:
-    """A row with some of the values is a bad row, told with the first column that is empty."""
+    """A row with some of the values is a bad row; the message names the first empty column."""
     path = write(tmp_path / "m.csv", "prior_x_m,prior_y_m,prior_std_m", ["1,2,3", cell, ",,", ",,"])
     with pytest.raises(DataError, match=rf"row 2 \(line 3\), column '{column}': empty \(null\), expected all of"):
         read(path)
@@ -57,7 +57,7 @@ def test_a_half_filled_row_is_told(tmp_path: Path, cell: str, column: str) -> No
 
 @pytest.mark.parametrize("chunk_rows", [1, 3, 1000])
 def test_flags_of_several_methods_are_refused(tmp_path: Path, chunk_rows: int) -> None:
-    """Flags of two methods within a snapshot are told as such, not as duplicates, wherever the file is cut."""
+    """Flags of two methods within a snapshot are reported as such, not as duplicates, at any chunk size."""
     path = write(tmp_path / "f.csv", "method,used", ["ml,true", "ml,true", "ml,true", "ls,true"])
     with pytest.raises(DataError, match=r"f.csv, column 'method': flags of several methods \((ml, )?ls"):
         read(path, chunk_rows=chunk_rows)

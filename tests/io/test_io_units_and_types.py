@@ -25,15 +25,15 @@ def with_bearings(path: Path, values: Sequence[Any], kind: Any = None) -> Path:
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 7.0, -100.0])
 @pytest.mark.parametrize("aside", [True, False])
 def test_a_lone_wild_bearing_is_a_row_problem(tmp_path: Path, value: float, aside: bool) -> None:
-    """One infinite or too large bearing is told by its row, or set aside."""
+    """An infinite or too large bearing is reported with its row, or set aside."""
     path = with_bearings(tmp_path / "a.parquet", [0.1] * 10 + [value] + [0.2] * 9)
-    told = "expected a finite number" if not math.isfinite(value) else "expected -6.283 to 6.283 rad"
+    expected = "expected a finite number" if not math.isfinite(value) else "expected -6.283 to 6.283 rad"
     if aside:
         sink = Gathered()
         assert len(whole(read([path], sink)).ids) == 19
         assert [row.problem.row for row in sink] == [11]
     else:
-        with pytest.raises(DataError, match=f"row 11, column 'bearing_rad': got .*{told}"):
+        with pytest.raises(DataError, match=f"row 11, column 'bearing_rad': got .*{expected}"):
             read([path])
 
 

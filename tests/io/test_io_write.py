@@ -110,7 +110,7 @@ def test_an_existing_file_is_kept_without_overwrite(tmp_path: Path) -> None:
 
 
 def test_targets_that_cannot_be_written(tmp_path: Path) -> None:
-    """A folder, and a file in a folder that is not there, are told before any work is done."""
+    """A folder, and a file in a missing folder, are errors before any work is done."""
     with pytest.raises(DataError, match="is a folder"):
         TableWriter(str(tmp_path), TABLE.schema, format=FileFormat.CSV)
     with pytest.raises(DataError, match="no folder"):
@@ -131,7 +131,7 @@ def test_stdout_carries_the_table(name: str) -> None:
 
 
 def test_a_closed_pipe_is_a_broken_pipe_error() -> None:
-    """The caller can tell a closed pipe from a fault."""
+    """The caller can distinguish a closed pipe from a fault."""
 
     class Closed(io.RawIOBase):
         def writable(self) -> bool:

@@ -14,13 +14,13 @@ import pyarrow as pa
 from nlosctl.contract.formats import BadLine, Row
 from nlosctl.contract.tables import ColumnType, Table
 from nlosctl.errors import DataError, MethodError
+from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.locations import Location, location, near_name, require_utf8
 
 __all__ = ["import_path", "imported_table", "open_import"]
 
 _IN_MEMORY_BYTES = 64 << 20
-_TYPES = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
 
 
 def import_path(word: str) -> Location | None:
@@ -91,6 +91,6 @@ def _array(name: str, cells: list[Any], kind: ColumnType) -> Any:
         whole = all(isinstance(cell, int) for cell in cells)
         return pa.array(cells if whole else [None if cell is None else str(cell) for cell in cells])
     try:
-        return pa.array(cells, _TYPES[kind])
+        return pa.array(cells, ARROW_TYPES[kind])
     except (pa.ArrowInvalid, pa.ArrowTypeError, TypeError) as error:
         raise MethodError(f"the importer's column {name!r} has values of another type than {kind}: {error}") from error

@@ -97,7 +97,7 @@ def kind_table(kind: str) -> Table:
 
 
 def kind_of_columns(names: Iterable[str]) -> str:
-    """Return the kind of which the fewest required columns are missing among ``names``."""
+    """Return the kind that misses the fewest of its required columns among ``names``."""
     given = frozenset(names)
     return min(_DISTINCTIVE, key=lambda kind: sum(given.isdisjoint(accepted) for accepted in _DISTINCTIVE[kind]))
 

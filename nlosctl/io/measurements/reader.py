@@ -93,7 +93,7 @@ class MeasurementReader:
 
     @property
     def sensor_names(self) -> Sequence[str]:
-        """The names for the codes in ``columns['sensor']``; there are more as reading goes on."""
+        """The names for the codes in ``columns['sensor']``; complete after the last chunk."""
         return self._names["sensor"].names if "sensor" in self._names else ()
 
     @property

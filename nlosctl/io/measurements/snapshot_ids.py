@@ -129,7 +129,7 @@ class SnapshotIndex:
         return seen
 
     def _continues(self, ids: Any) -> bool:
-        """Return whether the ids go on to rise, or to fall, strictly."""
+        """Return whether the ids continue to rise, or to fall, strictly."""
         if self._last is not None:
             ids = pa.concat_arrays([pa.array([self._last.as_py()], ids.type), ids])
         if len(ids) == 1:

@@ -104,7 +104,7 @@ class RunFolder:
         write_text(str(self._state / _PLAN), json.dumps({"plan": plan, "modified": dict(modified)}))
 
     def _plan_begun(self) -> dict[str, Any] | None:
-        """Return the plan of the run in the folder, finished or not, or None if there is none."""
+        """Return the plan of the run in the folder, finished or not, or None without one."""
         state = _read_json(self._state / _PLAN)
         if state is not None:
             return dict(state["plan"])

@@ -181,7 +181,7 @@ _EXTENSIONS = {
 
 
 def format_of_path(path: str) -> FileFormat:
-    """Return the format by the extension of ``path``; raise UsageError with the known ones if there is none."""
+    """Return the format by the extension of ``path``; raise UsageError with the known ones if it is unknown."""
     found = known_format_of_path(path)
     if found is None:
         raise UsageError(
@@ -204,7 +204,7 @@ def known_extension(path: str) -> str:
 
 
 def format_named(name: str) -> FileFormat:
-    """Return the format called ``name``; raise UsageError with the nearest name if there is none."""
+    """Return the format called ``name``; raise UsageError with the nearest name if it is unknown."""
     names = [known.value for known in FileFormat]
     if name.lower() not in names:
         raise UsageError(f"no format {name!r}{did_you_mean(name.lower(), names)}; there are: {', '.join(names)}")
