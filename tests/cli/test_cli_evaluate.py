@@ -272,7 +272,7 @@ def test_every_reason_is_told(cli: Cli, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("condition", "told"),
     [
-        ("rmse>5", "no figure 'rmse' (did you mean 'rmse_m'?); there are: rows, "),
+        ("rmse>5", "no metric 'rmse' (did you mean 'rmse_m'?); there are: rows, "),
         ("mle:rmse_m>5", "no method 'mle' in the input (did you mean 'ml'?); there are: ml"),
     ],
 )
@@ -285,7 +285,7 @@ def test_a_name_that_is_not_there_is_told_with_the_nearest(cli: Cli, tmp_path: P
 
 
 def test_a_sweep_is_named_in_the_reason(cli: Cli, tmp_path: Path) -> None:
-    """The reason names the value of a sweep too, and a sweep's value is no figure."""
+    """The reason names the value of a sweep too, and a sweep's value is not a metric."""
     write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
     assert "rows of ml sigma_deg=1.0 is 4" in cli("evaluate", "e.csv", "--fail-if", "rows<5").err
     assert cli("evaluate", "e.csv", "--fail-if", "sweep_sigma_deg>0").code == 2

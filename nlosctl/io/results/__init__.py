@@ -1,1 +1,1 @@
-"""Layouts of result tables, and reading them again."""
+"""Layouts of result tables, and readers of results."""

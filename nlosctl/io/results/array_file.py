@@ -1,4 +1,4 @@
-"""Named arrays of one length in a Parquet file: what `nlosctl reproduce` keeps of its samples and figures."""
+"""Named arrays of one length in a Parquet file: the samples and figures of `nlosctl reproduce`."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 
 def write_arrays(path: Path, arrays: Arrays, metadata: Mapping[str, str]) -> None:
-    """Write arrays (N,) as columns, whole or not at all, over what is there; NaN is null."""
+    """Write arrays (N,) as columns, atomically; an existing file is replaced and NaN becomes null."""
     table = pa.table({name: _column(values) for name, values in arrays.items()})
-    told = {**metadata, _DIGEST: _digest(_arrays(table))}
-    with TableWriter(str(path), table.schema, metadata=told, overwrite=True) as writer:
+    metadata = {**metadata, _DIGEST: _digest(_arrays(table))}
+    with TableWriter(str(path), table.schema, metadata=metadata, overwrite=True) as writer:
         writer.write(table)
 
 
 def read_arrays(path: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
-    """Return the columns, null as NaN, and the metadata; raises DataError where they are not what was written."""
+    """Return the columns, null as NaN, and the metadata; raises DataError if they are not as written."""
     try:
         table = pq.read_table(path)
-        arrays, metadata = _arrays(table), _words(table.schema.metadata)
+        arrays, metadata = _arrays(table), _as_text(table.schema.metadata)
     except (OSError, ValueError, pa.ArrowException) as error:
         raise DataError(f"{path}: can't be read as Parquet: {error}") from error
     if metadata.pop(_DIGEST, None) != _digest(arrays):
@@ -61,5 +61,5 @@ def _column(values: npt.NDArray[Any]) -> Any:
     return pa.array(values, mask=missing)
 
 
-def _words(metadata: Mapping[bytes, bytes] | None) -> dict[str, str]:
+def _as_text(metadata: Mapping[bytes, bytes] | None) -> dict[str, str]:
     return {key.decode(): value.decode() for key, value in (metadata or {}).items()}

@@ -1,4 +1,4 @@
-"""Estimates, flags and truth from Arrow tables, as the arrays that an evaluation takes."""
+"""Estimates, flags and truth of Arrow tables as arrays for the evaluation."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class EstimateArrays:
 
 
 class TruthTable:
-    """True positions by snapshot id, from a file of their own: the first row of each snapshot counts."""
+    """True positions by snapshot id from a separate file; the first row of each snapshot counts."""
 
     def __init__(self, given: Input) -> None:
         reader = PlainReader(given, TRUTH)
@@ -55,26 +55,25 @@ class TruthTable:
         self._truth_m = _stack(table, _TRUTH, given.name)
 
     def look_up(self, ids: Any) -> FloatArray:
-        """Return the truth (N, 2) of snapshot ids (N,); NaN where there is none."""
-        places = pc.index_in(_as_text(ids), value_set=self._ids).combine_chunks()
-        found = np.asarray(places.is_valid())
-        truth_m = np.full((len(places), 2), np.nan)
-        truth_m[found] = self._truth_m[np.asarray(places.drop_null())]
+        """Return the truth (N, 2) of snapshot ids (N,); NaN without a truth."""
+        index = pc.index_in(_as_text(ids), value_set=self._ids).combine_chunks()
+        known = np.asarray(index.is_valid())
+        truth_m = np.full((len(index), 2), np.nan)
+        truth_m[known] = self._truth_m[np.asarray(index.drop_null())]
         return truth_m
 
 
 def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> EstimateArrays:
-    """Return the arrays of a table of estimates; ``truth`` stands in for its truth columns.
+    """Return the arrays of a table of estimates; ``truth`` replaces its truth columns.
 
-    Raises DataError for a status word that is none, an absent alternative, a number too large, or where there is
-    no truth at all.
+    Raises DataError for an unknown status, a missing alternative, a number that is too large, or without any truth.
     """
     status = pc.index_in(table.column("status"), value_set=_STATUSES)
     if status.null_count:
         word = table.column("status").filter(pc.is_null(status))[0].as_py()
-        raise DataError(f"{name}, column 'status': {word!r} is no status; they are {', '.join(_STATUSES.to_pylist())}")
+        raise DataError(f"{name}, column 'status': got {word!r}, expected one of {', '.join(_STATUSES.to_pylist())}")
     if table.column("alternative").null_count:
-        raise DataError(f"{name}, column 'alternative': holds empty cells, expected a number in every row")
+        raise DataError(f"{name}, column 'alternative': got empty cells, expected a number in every row")
     for column in _TRUTH:
         if truth is None and column not in table.column_names:
             raise DataError(f"{name}: no column {column!r}; name a file with the truth by --truth FILE")
@@ -93,25 +92,25 @@ def boolean_codes(column: Any) -> npt.NDArray[np.int8]:
 
 
 def numbers(column: Any) -> FloatArray:
-    """Return a column of numbers (N,), integers beyond 2^53 to the nearest; NaN is null."""
+    """Return a column of numbers (N,), null as NaN; integers beyond 2^53 are rounded."""
     return np.asarray(column.cast(pa.float64(), safe=False), dtype=np.float64)
 
 
 def group_codes(table: Any, columns: Sequence[str]) -> tuple[IntArray, list[tuple[Any, ...]]]:
-    """Return the number (N,) of each row's group, and the values of ``columns`` that make each group."""
+    """Return the index (N,) of each row's group, and the values of ``columns`` of each group."""
     if not columns:
         return np.zeros(table.num_rows, dtype=np.int64), [()]
-    keys = table.select(columns).append_column("place", pa.array(np.arange(table.num_rows)))
-    groups = keys.group_by(list(columns), use_threads=False).aggregate([("place", "min"), ("place", "list")])
-    groups = groups.sort_by("place_min")
+    keys = table.select(columns).append_column("", pa.array(np.arange(table.num_rows)))
+    groups = keys.group_by(list(columns), use_threads=False).aggregate([("", "min"), ("", "list")])
+    groups = groups.sort_by("_min")
     codes = np.empty(table.num_rows, dtype=np.int64)
-    for number, places in enumerate(groups.column("place_list")):
-        codes[np.asarray(places.values)] = number
+    for number, rows in enumerate(groups.column("_list")):
+        codes[np.asarray(rows.values)] = number
     return codes, [tuple(row[name] for name in columns) for row in groups.select(columns).to_pylist()]
 
 
 def whole_snapshots(batches: Iterator[Any]) -> Iterator[Any]:
-    """Yield the rows of ``batches`` again, cut so that no snapshot is split between two tables."""
+    """Yield the rows of ``batches`` in tables that do not split a snapshot."""
     waiting: Any = None
     for batch in batches:
         table = batch if waiting is None else pa.concat_tables([waiting, batch]).combine_chunks()

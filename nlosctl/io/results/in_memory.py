@@ -1,4 +1,4 @@
-"""Tables in memory, read like files and gathered like results."""
+"""Tables in memory as inputs and as results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["gather", "input_of_table"]
 
 
 def input_of_table(table: Any) -> Input:
-    """Return a table (or anything that `pyarrow.table` takes) as an input that the readers read."""
+    """Return a table (or anything that `pyarrow.table` accepts) as an input for the readers."""
     table = table if isinstance(table, pa.Table) else pa.table(table)
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
@@ -27,6 +27,6 @@ def input_of_table(table: Any) -> Input:
 
 
 def gather(tables: Sequence[Any], schema: Any, metadata: Mapping[str, str] | None = None) -> Any:
-    """Return the tables as one, with plain text for dictionary-encoded text."""
+    """Return the tables as one table, with plain text for dictionary-encoded text."""
     plain = pa.schema([field.with_type(plain_type(field.type)) for field in schema], metadata=metadata)
     return pa.concat_tables([table.cast(plain) for table in tables]) if tables else plain.empty_table()

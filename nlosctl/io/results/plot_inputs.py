@@ -1,4 +1,4 @@
-"""Files that a picture is made of: what they hold, and their rows as plain arrays, thinned where they are many."""
+"""Inputs of plots: the content of a file, and its rows as plain arrays, sampled if there are many."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _TABLES = {table.name: table for table in (SCORES, BOUND, ESTIMATES, FLAGS)}
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnFile:
-    """An input: its ``content`` (scores, bound, estimates, flags, measurements), kind of measurement, and columns."""
+    """An input: its ``content`` (scores, bound, estimates, flags, measurements), kind of measurement and columns."""
 
     content: str
     kind: str
@@ -56,17 +56,17 @@ class DrawnFile:
 
     @property
     def name(self) -> str:
-        """The name as the user gave it."""
+        """The name as the user specified it."""
         return self.given.name
 
     def input(self) -> Input:
-        """Return the input to be read from its beginning; it can be asked for again, standard input too."""
+        """Return the input, to be read from its beginning; it can be read again, standard input too."""
         if self.spool is None:
             return self.given
         return _rewound(self.given, self.spool)
 
     def close(self) -> None:
-        """Forget what standard input held."""
+        """Discard the copy of standard input."""
         if self.spool is not None:
             self.spool.close()
 
@@ -75,7 +75,7 @@ class DrawnFile:
 class SampledRows:
     """Columns (N,) of some rows by name: numbers, text as objects, booleans as 1, 0 and -1 (null).
 
-    ``total`` rows are in the file, those of one in ``step`` snapshots are here.
+    ``total`` is the number of rows in the file; the sample has one in ``step`` snapshots.
     """
 
     columns: Columns
@@ -84,7 +84,7 @@ class SampledRows:
 
     @property
     def count(self) -> int:
-        """The number of rows here."""
+        """The number of rows in the sample."""
         return len(next(iter(self.columns.values())))
 
 
@@ -92,7 +92,7 @@ class SampledRows:
 class DrawnSnapshot:
     """One snapshot of measurements: the contract's columns (K,), ``sensor`` as names, and all columns of the file.
 
-    ``left_out`` (K,) are rows that an earlier step flagged.
+    ``left_out`` (K,) marks rows that an earlier step flagged.
     """
 
     id: str
@@ -105,7 +105,7 @@ class DrawnSnapshot:
 
 
 def open_drawn(given: Input, scene_file: str | None, kind: str | None = None) -> DrawnFile:
-    """Return what an input holds, by its columns; raises DataError where it can't be read."""
+    """Return the content of an input, detected from its columns; raises DataError if it can't be read."""
     spool = None
     if given.parts[0].stream is not None:
         spool = _spooled(given)
@@ -126,10 +126,10 @@ def open_drawn(given: Input, scene_file: str | None, kind: str | None = None) ->
 
 
 def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> SampledRows:
-    """Return the ``wanted`` columns that the file has, of at most ``limit`` rows: whole snapshots, evenly spread.
+    """Return those ``wanted`` columns that the file has, of at most ``limit`` rows: whole snapshots, evenly sampled.
 
-    ``wanted`` may end in ``*``. Snapshots are told by their neighbours having another id, so that those of
-    several methods or targets stay together.
+    A name in ``wanted`` may end in ``*``. A snapshot ends where the id changes, so that the rows of several methods or
+    targets stay together.
     """
     reader = PlainReader(file.input(), _TABLES[file.content])
     names = [name for name in reader.schema.names if _is_wanted(name, wanted)]
@@ -153,19 +153,19 @@ def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> S
 
 
 def read_snapshot(file: DrawnFile, options: ReadOptions, snapshot: str | None) -> DrawnSnapshot:
-    """Return the measurements of one snapshot, the first unless named; raises DataError where there is none of it."""
+    """Return the measurements of one snapshot (default: the first); raises DataError if it does not exist."""
     reader = MeasurementReader([file.input()], options)
     try:
         for chunk in reader.chunks():
             ids = [str(word) for word in chunk.snapshot.to_pylist()]
-            place = 0 if snapshot is None else ids.index(snapshot) if snapshot in ids else None
-            if place is None:
+            if snapshot is not None and snapshot not in ids:
                 continue
-            rows = slice(int(chunk.offsets[place]), int(chunk.offsets[place + 1]))
+            index = 0 if snapshot is None else ids.index(snapshot)
+            rows = slice(int(chunk.offsets[index]), int(chunk.offsets[index + 1]))
             table = chunk.table.slice(rows.start, rows.stop - rows.start)
             columns = {name: values[rows] for name, values in chunk.columns.items()}
             return DrawnSnapshot(
-                id=ids[place],
+                id=ids[index],
                 kind=reader.kind,
                 scene=reader.scene,
                 columns=columns,
@@ -179,9 +179,9 @@ def read_snapshot(file: DrawnFile, options: ReadOptions, snapshot: str | None) -
 
 
 def read_rows_of_snapshot(file: DrawnFile, snapshot: str | None) -> tuple[str, Columns]:
-    """Return the id and the columns (N,) of one snapshot of results, the first unless named."""
+    """Return the id and the columns (N,) of one snapshot of results (default: the first)."""
     reader = PlainReader(file.input(), _TABLES[file.content])
-    found: list[Any] = []
+    tables: list[Any] = []
     wanted = snapshot
     for table in reader.batches():
         ids = table.column("snapshot").cast(pa.string())
@@ -189,12 +189,12 @@ def read_rows_of_snapshot(file: DrawnFile, snapshot: str | None) -> tuple[str, C
             wanted = ids[0].as_py()
         mine = table.filter(pc.equal(ids, wanted))
         if mine.num_rows:
-            found.append(mine)
-        elif found:
+            tables.append(mine)
+        elif tables:
             break
-    if wanted is None or not found:
+    if wanted is None or not tables:
         raise DataError(f"{file.name}: no snapshot {snapshot!r}")
-    rows = pa.concat_tables(found)
+    rows = pa.concat_tables(tables)
     return wanted, {name: as_array(rows.column(name)) for name in rows.column_names}
 
 
@@ -206,18 +206,18 @@ def as_array(column: Any) -> npt.NDArray[Any]:
         return numbers(column)
     encoded = pa.chunked_array(column.cast(pa.string())).combine_chunks().dictionary_encode()
     words = np.array([*encoded.dictionary.to_pylist(), ""], dtype=object)
-    told: npt.NDArray[Any] = words[np.asarray(encoded.indices.fill_null(len(words) - 1))]
-    return told
+    text: npt.NDArray[Any] = words[np.asarray(encoded.indices.fill_null(len(words) - 1))]
+    return text
 
 
 def _content(names: Sequence[str]) -> str:
-    there = set(names)
-    if "of" in there and there & {"rows", "snapshots"}:
+    known = set(names)
+    if "of" in known and known & {"rows", "snapshots"}:
         return SCORES.name
     for table in (BOUND, ESTIMATES):
-        if {column.name for column in table.required} <= there:
+        if {column.name for column in table.required} <= known:
             return table.name
-    if {column.name for column in FLAGS.required} <= there:
+    if {column.name for column in FLAGS.required} <= known:
         return FLAGS.name
     return "measurements"
 
@@ -227,7 +227,7 @@ def _is_wanted(name: str, wanted: Sequence[str]) -> bool:
 
 
 def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[IntArray, int, Any]:
-    """Return the number of each row's snapshot, counted through the file, and the last number and id."""
+    """Return the snapshot number of each row, counted through the file, and the last number and id."""
     if "snapshot" not in table.column_names:
         rows = np.arange(number + 1, number + 1 + table.num_rows)
         return rows, int(rows[-1]), None
@@ -240,10 +240,10 @@ def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[IntArray, int
 
 
 def _is_kept(number: IntArray, step: int) -> BoolArray:
-    """Return which snapshots are kept where one in ``step`` (a power of 2) is.
+    """Return which snapshots are in a sample of one in ``step`` (a power of 2).
 
-    Those whose number's multiple of the golden ratio has a fraction below 1 / step: evenly spread, and unlike every
-    step-th blind to no period of the file.
+    Those whose number times the golden ratio has a fraction below 1 / step: evenly spread, and without the aliasing of
+    every step-th snapshot.
     """
     fraction = number.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     kept: BoolArray = fraction <= np.uint64(2**64 // step - 1)

@@ -1,4 +1,4 @@
-"""Result tables (estimates, flags) read back: batches of rows with the contract's columns in the contract's types."""
+"""Reader of result tables (estimates, flags): batches of rows with the contract's columns and types."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from nlosctl.io.readers.open_file import TableFile, open_part
 __all__ = ["PlainReader"]
 
 _CARRIED = {column.name: column.type for table in KINDS.values() for column in table.columns if column.carried}
-"""Truth and flags that results carry along: their types."""
+"""The types of the truth and flags that results carry."""
 
 
 class PlainReader:
-    """Reads the parts of one input as one of several tables of the contract: the first whose columns are all there.
+    """Reads the parts of one input as the first of several tables of the contract whose columns it has.
 
-    Columns that neither the tables nor measurements have come as they are. ``table`` and ``schema`` are there at once.
-    Raises DataError where the file is none of the tables, a column has a wrong type, or a cell can't be read.
+    Other columns are kept as they are. ``table`` and ``schema`` are known before the first batch. Raises DataError if
+    the file is not one of the tables, a column has a wrong type, or a cell can't be read.
     """
 
     def __init__(self, given: Input, *tables: Table) -> None:
@@ -34,11 +34,11 @@ class PlainReader:
         self._log = ProblemLog()
         source = open_part(given.parts[0], size("chunk_rows"), True)
         self.table = _table_of(given.parts[0], source, tables)
-        self._first = self._started(given.parts[0], source)
+        self._first = self._start(given.parts[0], source)
         self.schema: Any = self._first[1]
 
     def read_all(self) -> Any:
-        """Return all rows as one Arrow table; raise DataError where there is none. Call it, or ``batches``, once."""
+        """Return all rows as one Arrow table; raise DataError without rows. Call it, or ``batches``, once."""
         batches = list(self.batches())
         if not batches:
             raise DataError(f"{self._given.name}: no rows")
@@ -52,22 +52,22 @@ class PlainReader:
                 for batch in source.batches():
                     self._take_faults(part, batch)
                     table = pa.table(batch.table.columns, names=schema.names).cast(_plain(schema))
-                    _refuse_endless(part, table)
+                    _refuse_too_large(part, table)
                     yield table
             finally:
                 source.close()
         self._log.raise_if_stopping()
 
     def close(self) -> None:
-        """Close what was opened with the reader, for where its rows are not asked for."""
+        """Close the file, if the rows are not read."""
         self._first[0].close()
 
     def _open(self, part: Part) -> tuple[TableFile, Any]:
         source = open_part(part, size("chunk_rows"), True)
         _table_of(part, source, [self.table])
-        return self._started(part, source)
+        return self._start(part, source)
 
-    def _started(self, part: Part, source: TableFile) -> tuple[TableFile, Any]:
+    def _start(self, part: Part, source: TableFile) -> tuple[TableFile, Any]:
         types = {**_CARRIED, **{column.name: column.type for column in self.table.columns}}
         types = {name: kind for name, kind in types.items() if name in source.names}
         try:
@@ -78,19 +78,19 @@ class PlainReader:
 
     def _take_faults(self, part: Part, batch: RecordBatch) -> None:
         numbers = batch.row_numbers()
-        found = [
+        problems = [
             Problem(file=part.name, row=int(numbers[fault.index]), line=None, column=fault.column, fault=fault.fault)
             for fault in batch.cell_faults
         ]
-        found += [
+        problems += [
             Problem(file=part.name, row=fault.row, line=None, column=None, fault=fault.fault)
             for fault in batch.line_faults
         ]
-        self._log.add([BadRow(problem=problem, values={}) for problem in found])
+        self._log.add([BadRow(problem=problem, values={}) for problem in problems])
 
 
-def _refuse_endless(part: Part, table: Any) -> None:
-    """Raise DataError for a number that is infinite, or whose square would be."""
+def _refuse_too_large(part: Part, table: Any) -> None:
+    """Raise DataError for a number that is infinite or too large for the evaluation."""
     for field in table.schema:
         if pa.types.is_floating(field.type):
             values = table.column(field.name).drop_null().to_numpy()

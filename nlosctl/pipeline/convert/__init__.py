@@ -1,1 +1,1 @@
-"""Importers and map exporters at work on files."""
+"""Files of other programs as measurements, and estimates as maps."""

@@ -1,4 +1,4 @@
-"""Files of other programs as tables of measurements."""
+"""Import of files of other programs as tables of measurements."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Imported:
 
 
 class Import:
-    """Reads files with the importer called ``name``; ``bad_rows`` takes lines that do not fit, else they stop it."""
+    """Reads files by the importer ``name``; ``bad_rows`` takes lines that can't be read, else they are errors."""
 
     def __init__(
         self,

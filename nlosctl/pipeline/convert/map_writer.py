@@ -1,4 +1,4 @@
-"""Estimates for maps: positions and ellipses on earth, handed to an exporter as they come."""
+"""Maps of estimates: positions and ellipses on earth, passed to an exporter table by table."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ESTIMATED = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
 
 
 def exporter_of(target: str, name: str | None) -> str | None:
-    """Return the exporter that writes ``target``: called ``name``, or as the extension; None where it is a table."""
+    """Return the exporter for ``target``: ``name``, or that of the file extension; None for a table."""
     known = {entry.name for entry in registry.format_entries() if entry.kind == "export"}
     if name is not None:
         return name if name in known else None
@@ -41,10 +41,10 @@ def exporter_of(target: str, name: str | None) -> str | None:
 
 
 class MapWriter:
-    """Takes tables of estimates, as a `TableWriter` does, and gives them to an exporter; a context manager.
+    """Context manager that writes tables of estimates by an exporter; the interface of a `TableWriter`.
 
-    ``frame`` stands for the frame that the
-    estimates tell (their column ``frame``, else the scene in ``metadata``). Raises DataError where there is none.
+    ``frame`` replaces the frame of the estimates (their column ``frame``, else that of the scene in ``metadata``).
+    Raises DataError without a frame.
     """
 
     def __init__(
@@ -74,24 +74,24 @@ class MapWriter:
 
     @property
     def passes_on(self) -> bool:
-        """Whether the map goes where it can't be taken back from, as of a `TableWriter`."""
+        """Whether written bytes can't be taken back, as in a `TableWriter`."""
         return self._output.passes_on
 
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
-        """Take metadata, as a `TableWriter` does; maps have no room for it."""
+        """Ignore metadata: maps can't store it."""
 
     def write(self, table: Any) -> None:
-        """Take estimates."""
+        """Write estimates."""
         if table.num_rows:
             self.rows += table.num_rows
-            places = self._places(table)  # at fault before anything is written
-            with self._blamed():
+            places = self._places(table)  # faults are raised before anything is written
+            with self._naming_exporter():
                 self._started().write(places)
 
     def complete(self) -> None:
-        """Write all that waits, as a `TableWriter` does."""
+        """Write the end of the map; only the renaming to the final name is left."""
         if not self._completed:
-            with self._blamed():
+            with self._naming_exporter():
                 self._started().close()
         self._completed = True
         self._output.complete()
@@ -107,8 +107,8 @@ class MapWriter:
         return self._writer
 
     @contextmanager
-    def _blamed(self) -> Iterator[None]:
-        """Tell an exporter's own fault as its own."""
+    def _naming_exporter(self) -> Iterator[None]:
+        """Convert an exception of the exporter into a MethodError that names it."""
         try:
             with writing(self._output.target):
                 yield
@@ -160,7 +160,7 @@ class MapWriter:
                 f"{self._spec.name} takes estimates, expected numbers in the column {name!r}: {error}"
             ) from None
         if (np.abs(numbers) > LARGEST_NUMBER**2).any():
-            raise DataError(f"the column {name!r} holds numbers beyond {LARGEST_NUMBER**2:g}: these are no estimates")
+            raise DataError(f"the column {name!r} holds numbers beyond {LARGEST_NUMBER**2:g}: these are not estimates")
         return numbers
 
     def _on_earth(
@@ -175,7 +175,7 @@ class MapWriter:
         return lon, lat, ring_lon, ring_lat, north
 
     def _planes(self, columns: Mapping[str, Sequence[Any]], size: int) -> Iterator[tuple[EarthPlane, Any]]:
-        """Yield each plane, and the rows that lie in it."""
+        """Yield each plane with the indices of its rows."""
         if self._frame is not None:
             yield plane_of(self._frame), np.arange(size)
             return
@@ -183,10 +183,10 @@ class MapWriter:
         for frame in dict.fromkeys(words):
             if frame is None:
                 raise DataError(
-                    "the estimates have no place on earth: say where the plane lies, with --origin LAT,LON or --crs "
+                    "the estimates have no location on earth: define the plane with --origin LAT,LON or --crs "
                     "EPSG:CODE or [frame] in the scene (geojson also writes plain metres: --param metres=true)"
                 )
-            rows = np.array([place for place, word in enumerate(words) if word == frame])
+            rows = np.array([row for row, word in enumerate(words) if word == frame])
             yield plane_of(parse_frame(str(frame), "column 'frame'")), rows
 
 

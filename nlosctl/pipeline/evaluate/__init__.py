@@ -1,1 +1,1 @@
-"""Results compared with the truth."""
+"""Comparison of results with the truth."""

@@ -1,4 +1,4 @@
-"""Estimates or flags held against the truth, file by file, in bounded memory but for one error per row."""
+"""Compare estimates or flags with the truth, file by file; the memory grows by one error per row only."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.contract.tables import ESTIMATES, FLAGS
+from nlosctl.contract.tables import ESTIMATES, FLAGS, SWEEP_PREFIX
 from nlosctl.errors import DataError
 from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
@@ -36,9 +36,9 @@ Readers = Sequence[tuple[Input, PlainReader]]
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """What was evaluated (``estimates`` or ``flags``): the figures of each group, and of all together.
+    """The metrics of each group of what was evaluated (``estimates``, ``flags`` or ``targets``), and of all rows.
 
-    NaN: nothing to say; infinite: rows without a fix reach into the percentile.
+    NaN: undefined; infinite: the percentile falls on rows without an estimate.
     """
 
     of: str
@@ -47,10 +47,10 @@ class Evaluation:
 
 
 def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
-    """Evaluate files of estimates (or of flags), by method, ``sweep_*`` column and, if there are several, by file.
+    """Evaluate files of estimates (or of flags) by method, ``sweep_*`` column and, if there are several, by file.
 
-    ``truth`` stands in for the truth columns of estimates. Without ``best_alternative`` only alternative 0 counts.
-    Raises DataError where a file is neither, or has no truth.
+    ``truth`` replaces the truth columns of estimates. Without ``best_alternative`` only alternative 0 counts. Raises
+    DataError for a file of another kind or without truth.
     """
     with ExitStack() as opened:
         readers = [(given, opened.enter_context(closing(PlainReader(given, ESTIMATES, FLAGS)))) for given in inputs]
@@ -86,7 +86,7 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
 
 
 def _evaluate_flags(readers: Readers) -> Evaluation:
-    """Evaluate indirect-path flags where the first file has them with their truth, else line-of-sight flags."""
+    """Evaluate indirect-path flags if the first file has them with their truth, else line-of-sight flags."""
     if {"ip", "truth_ip"} <= set(readers[0][1].schema.names):
         return _evaluate_detection(readers)
     scores = FlagScores()
@@ -125,20 +125,22 @@ def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
 
 
 def is_label(name: str) -> bool:
-    """Whether a key of a group says whose figures they are, and is none itself."""
-    return name in _LABELS or name.startswith("sweep_")
+    """Return whether a key of a group is an identifier rather than a metric."""
+    return name in _LABELS or name.startswith(SWEEP_PREFIX)
 
 
 def group_title(group: Mapping[str, Any]) -> str:
-    """Return in words whose figures a group holds: file, source, method, ``sweep_*``; empty where there is but one."""
+    """Return the file, source, method and ``sweep_*`` values of a group as text; empty for a single group."""
     labels = [str(group[label]) for label in _LABELS if label in group]
-    labels += [f"{name.removeprefix('sweep_')}={value}" for name, value in group.items() if name.startswith("sweep_")]
+    labels += [
+        f"{name.removeprefix(SWEEP_PREFIX)}={value}" for name, value in group.items() if name.startswith(SWEEP_PREFIX)
+    ]
     return " ".join(labels)
 
 
 def grouping_columns(names: Sequence[str]) -> list[str]:
-    """Return the columns by whose values results are told apart: source, method, ``sweep_*``."""
-    return [name for name in names if name in ("source", "method") or name.startswith("sweep_")]
+    """Return the columns that group the results: source, method, ``sweep_*``."""
+    return [name for name in names if name in ("source", "method") or name.startswith(SWEEP_PREFIX)]
 
 
 def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -151,7 +153,7 @@ def present(
     readers: Sequence[Any],
     grouping: Sequence[str],
 ) -> Evaluation:
-    """Return the scores as plain values; their keys are the file, where there are several, and the grouping columns."""
+    """Return the scores as plain values; their keys are the file, if there are several, and the grouping columns."""
     names = (["file"] if len(readers) > 1 else []) + list(grouping)
     groups: list[dict[str, Any]] = []
     for key, summary in scores.result().items():

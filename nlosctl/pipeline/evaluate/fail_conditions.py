@@ -1,4 +1,4 @@
-"""Conditions on figures, as ``evaluate --fail-if`` takes them: ``rmse_m>5``, ``ml:rmse_m>5``."""
+"""Conditions on metrics, as in ``evaluate --fail-if``: ``rmse_m>5``, ``ml:rmse_m>5``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FORM = re.compile(r"\s*(?:([^:<>=!]+):)?\s*([A-Za-z_]\w*)\s*(>=|<=|==|!=|>|<)\s
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A figure compared with a number; ``words`` are those of the command line, ``method`` whose figure is meant."""
+    """A comparison of a metric, of all methods or of ``method``, with a number; ``words`` is the original text."""
 
     words: str
     method: str | None
@@ -37,40 +37,40 @@ class Condition:
     limit: float
 
     def reasons(self, groups: Sequence[Mapping[str, Any]]) -> list[str]:
-        """Return why the condition is met, in words: a line for each of the ``groups`` of figures that meets it.
+        """Return a line for each of the ``groups`` of metrics that meets the condition.
 
-        A figure that is not known (NaN) meets every condition: what can't be shown to hold fails.
-        Raises UsageError where no group is of the method, or has a figure of the name.
+        An undefined metric (NaN) meets every condition. Raises UsageError if no group is of the method, or a group does
+        not have the metric.
         """
         reasons = []
-        for group in self._meant(groups):
-            figures = {**group, **_status_counts(group)}
-            known = [key for key, figure in figures.items() if _is_figure(key, figure)]
+        for group in self._matching(groups):
+            metrics = {**group, **_status_counts(group)}
+            known = [key for key, value in metrics.items() if _is_metric(key, value)]
             if self.name not in known:
                 near, there = did_you_mean(self.name, known), ", ".join(known)
-                raise UsageError(f"--fail-if {self.words}: no figure {self.name!r}{near}; there are: {there}")
-            value = figures[self.name]
+                raise UsageError(f"--fail-if {self.words}: no metric {self.name!r}{near}; there are: {there}")
+            value = metrics[self.name]
             if math.isnan(value) or _OPERATORS[self.sign](value, self.limit):
                 whose = f" of {group_title(group)}" if group_title(group) else ""
-                told = "unknown" if math.isnan(value) else f"{value:.6g}"
-                reasons.append(f"{self.name}{whose} is {told}, which meets {self.words!r}")
+                shown = "unknown" if math.isnan(value) else f"{value:.6g}"
+                reasons.append(f"{self.name}{whose} is {shown}, which meets {self.words!r}")
         return reasons
 
-    def _meant(self, groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    def _matching(self, groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
         if self.method is None:
             return groups
-        meant = [group for group in groups if group.get("method") == self.method]
-        if not meant:
+        matching = [group for group in groups if group.get("method") == self.method]
+        if not matching:
             known = list(dict.fromkeys(str(group["method"]) for group in groups if "method" in group))
             raise UsageError(
                 f"--fail-if {self.words}: no method {self.method!r} in the input{did_you_mean(self.method, known)}; "
                 f"there are: {', '.join(known) or 'none'}"
             )
-        return meant
+        return matching
 
 
 def parse_condition(words: str) -> Condition:
-    """Return the condition that ``words`` say; raise UsageError where they have another form."""
+    """Return the condition that ``words`` describe; raise UsageError if they can't be parsed."""
     match = _FORM.fullmatch(words)
     if match is None:
         raise UsageError(
@@ -87,12 +87,12 @@ def parse_condition(words: str) -> Condition:
 
 
 def _status_counts(group: Mapping[str, Any]) -> dict[str, int]:
-    """Return how many rows have each status, as ``status_ok`` and the like: figures of estimates as others are."""
+    """Return the number of rows of each status as metrics ``status_ok``, ..."""
     if "statuses" not in group:
         return {}
     return {f"status_{status.word}": group["statuses"].get(status.word, 0) for status in Status}
 
 
-def _is_figure(name: str, value: object) -> bool:
-    """Whether a value of a group is a figure: a number that is none of the labels which tell groups apart."""
+def _is_metric(name: str, value: object) -> bool:
+    """Return whether a value of a group is a metric: a number that is not an identifier."""
     return isinstance(value, int | float) and not isinstance(value, bool) and not is_label(name)

@@ -1,1 +1,1 @@
-"""Scenarios to tables."""
+"""Scenarios as tables of measurements."""

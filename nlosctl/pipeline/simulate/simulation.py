@@ -1,4 +1,4 @@
-"""Scenarios drawn into tables of measurements with their truth."""
+"""Simulation of a scenario: tables of measurements with their truth."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ __all__ = ["Simulation"]
 
 
 class Simulation:
-    """A scenario with its parameters, seed and number of snapshots, at every point of a sweep if there is one.
+    """A scenario with its parameters, seed and number of snapshots, at every point of the sweep.
 
-    The snapshots of the points follow each other, ``trials`` of each, numbered through; every point draws the same
-    random numbers, so that points differ by their parameters alone. Raises UsageError for an unknown scenario or
+    The snapshots of the points follow each other, ``trials`` of each, with consecutive numbers. Every point uses the
+    same random numbers, so that points differ by their parameters only. Raises UsageError for an unknown scenario or
     parameter, and for a sweep whose points do not fit into one file.
     """
 
@@ -50,7 +50,7 @@ class Simulation:
 
     @property
     def snapshots(self) -> int:
-        """The number of snapshots, over all points of the sweep."""
+        """The number of snapshots of all points of the sweep."""
         return self._trials * len(self._options)
 
     @property
@@ -76,7 +76,7 @@ class Simulation:
                 yield measurement_table(self.kind, {**columns, "snapshot": snapshot}, self._sweeps, point)
 
     def _common_scene(self) -> Scene:
-        """Return the scene of all points: a file has one. Sensors that move are left to the rows, which place them."""
+        """Return the scene of all points, without sensors that move: the rows have their positions."""
         scenes = [self._spec.scene(options) for options in self._options]
         first = scenes[0]
         if any(scene.reflectors != first.reflectors for scene in scenes):
