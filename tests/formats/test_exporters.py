@@ -148,7 +148,7 @@ def test_the_frame_of_a_map(tmp_path: Path) -> None:
         writer.write(table)
     assert geopandas.read_file(path).geometry[0].y == pytest.approx(47.361, abs=1e-3)
     with (
-        pytest.raises(DataError, match="no place on earth"),
+        pytest.raises(DataError, match="no location on earth"),
         MapWriter(str(tmp_path / "none.kml"), "kml", {}) as writer,
     ):
         writer.write(table)
