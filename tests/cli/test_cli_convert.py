@@ -110,7 +110,7 @@ def test_a_map_of_fixes_without_a_place_is_told(cli: Any) -> None:
     table = cli("localize", FIXTURES / "good_bearings.csv").out
     lost = cli("convert", "-", "--to", "kml", stdin=table)
     assert (lost.code, lost.out) == (1, b"")
-    assert "no place on earth: say where the plane lies, with --origin" in lost.err
+    assert "no location on earth: define the plane with --origin" in lost.err
     assert cli("convert", "-", "--to", "kml", "--origin", "47,8", stdin=table).code == 0
 
 
