@@ -52,6 +52,7 @@ def test_every_option_is_in_the_reference(name: str) -> None:
         assert " ".join(option.help.split()) in page[1].replace("\\|", "|")
 
 
+@pytest.mark.process
 def test_troff_has_no_warning() -> None:
     """groff formats the man page without a warning."""
     if shutil.which("groff") is None:
