@@ -89,6 +89,11 @@ def argument_name(parameter: Any) -> str:
     return f"{name}..." if parameter.nargs == -1 and "..." not in name else name
 
 
+def panel_of(parameter: Any) -> str | None:
+    """The panel of an option in the help, None for arguments and for options without a panel."""
+    return getattr(parameter, "rich_help_panel", None) if is_option(parameter) else None
+
+
 def option_words(parameter: Any) -> list[str]:
     """The spellings of an option, short ones first."""
     return sorted([*parameter.opts, *parameter.secondary_opts], key=lambda word: (word.startswith("--"), word))
@@ -99,8 +104,11 @@ def markdown() -> str:
     blocks = [_HEAD]
     for name, command in all_commands():
         blocks.append(f"## {name}\n\n    {usage(name, command)}\n\n" + "\n\n".join(paragraphs(command.help)) + "\n")
-        rows = []
+        rows, panel = [], None
         for parameter in command.params:
+            if panel_of(parameter) not in (panel, None):
+                panel = panel_of(parameter)
+                rows.append(f"| **{panel}** | | |")
             words = option_words(parameter) if is_option(parameter) else [argument_name(parameter)]
             value = value_name(parameter, command) if is_option(parameter) else ""
             usage_text = ", ".join(f"`{word}`" for word in words) + (f" `{value}`" if value else "")
@@ -137,7 +145,11 @@ def manual() -> str:
         lines += [f".SS {troff(usage(name, command))}"]
         for number, paragraph in enumerate(paragraphs(command.help)):
             lines += [*([".PP"] if number else []), troff(paragraph)]
+        panel = None
         for parameter in command.params:
+            if panel_of(parameter) not in (panel, None):
+                panel = panel_of(parameter)
+                lines += [".PP", f"\\fB{troff(panel or '')}\\fR"]
             words = option_words(parameter) if is_option(parameter) else [argument_name(parameter)]
             value = value_name(parameter, command) if is_option(parameter) else ""
             bold = ", ".join(f"\\fB{troff(word)}\\fR" for word in words)

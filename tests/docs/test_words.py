@@ -14,12 +14,11 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = ("docs/papers.md", "docs/commands.md", "tests/docs/test_words.py")
 CLEAN = (
-    "README.md",
-    "docs",
-    "CHANGELOG.md",
-    "CITATION.cff",
-    "CONTRIBUTING.md",
-    "tests/docs",
+    *("README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "docs", "benchmarks/peers"),
+    *("nlosctl/contract/tables", "nlosctl/evaluation", "nlosctl/formats", "nlosctl/plotting", "nlosctl/scenarios"),
+    *(f"nlosctl/io/{room}" for room in ("conversion", "parts", "paths", "readers", "results", "scenes", "writers")),
+    *(f"nlosctl/pipeline/{room}" for room in ("convert", "evaluate", "simulate")),
+    *(f"tests/{room}" for room in ("docs", "io", "papers", "scenarios", "support")),
 )
 # Pattern (any case, except within (?-i:...)): what to write instead.
 HABITS = {
