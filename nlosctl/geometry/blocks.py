@@ -1,18 +1,47 @@
-"""Blocks (B, K): sums over the measurements whose bits do not depend on the number of snapshots, and rows of them."""
+"""Blocks (B, K): sums over the measurements whose bits do not depend on the number of snapshots, and rows of blocks."""
 
 from __future__ import annotations
+
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray, ScalarT
 
-__all__ = ["gather_rows", "max_measurements", "sum_measurements", "take_rows"]
+__all__ = ["RowBlock", "gather_rows", "max_measurements", "rows_of", "sum_measurements", "take_rows"]
+
+ValueT = TypeVar("ValueT")
+
+
+class RowBlock:
+    """Base of frozen dataclasses whose arrays (B, ...) have one row per snapshot (or per problem)."""
+
+    def take(self, rows: IntArray) -> Self:
+        """Return the given rows of each field, in any order and with repetitions; blocks keep Fortran order.
+
+        Fields that are None or have no rows, such as numbers and options, stay as they are.
+        """
+        fields: Any = self.__dataclass_fields__  # type: ignore[attr-defined]
+        return type(self)(**{name: rows_of(getattr(self, name), rows) for name in fields})
+
+
+def rows_of(value: ValueT, rows: IntArray) -> ValueT:
+    """Return the given rows of an array, of every item of a tuple, or of an object that has ``take``."""
+    taken: Any = value
+    if isinstance(value, np.ndarray):
+        taken = gather_rows(value, rows)
+    elif isinstance(value, tuple):
+        items = [rows_of(item, rows) for item in value]
+        taken = type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+    elif hasattr(value, "take"):
+        taken = value.take(rows)
+    return cast(ValueT, taken)
 
 
 def gather_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:
-    """Return rows of a block (B, K), in any order and as often as named, in Fortran order."""
-    return np.take(array.T, rows, axis=1).T
+    """Return rows of a block (B, ...), in any order and with repetitions, in Fortran order."""
+    return np.take(array.T, rows, axis=-1).T
 
 
 def sum_measurements(values: FloatArray) -> FloatArray:
@@ -35,5 +64,5 @@ def max_measurements(values: FloatArray) -> FloatArray:
 
 
 def take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
-    """Return some rows of a block (B, K) in Fortran order; ``rows`` rise, so that B of them are the block itself."""
+    """Return rows of a block (B, K) in Fortran order; ``rows`` must rise, so that B of them are the block itself."""
     return array if rows.shape[0] == array.shape[0] else gather_rows(array, rows)

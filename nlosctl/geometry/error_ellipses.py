@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_invalid
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["ErrorEllipse", "circular_error_probable", "ellipse_threshold", "error_ellipse"]
 
@@ -28,7 +28,7 @@ class ErrorEllipse:
     orientation_rad: FloatArray
 
 
-def error_ellipse(covariance: Symmetric2x2) -> ErrorEllipse:
+def error_ellipse(covariance: SymmetricMatrix) -> ErrorEllipse:
     """Return the one-sigma ellipses of covariances; NaN where a covariance is NaN or not positive."""
     smaller, larger = covariance.eigenvalues()
     valid = (smaller >= 0.0) & np.isfinite(larger)

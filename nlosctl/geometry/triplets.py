@@ -20,7 +20,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.angles import cosine_sine
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["AXES", "DIFFERENCES", "BaselineFrame", "Quantity", "TripletRays", "baseline_frames"]
 
@@ -59,11 +59,11 @@ class BaselineFrame:
             self.center_y + self.sine * x + self.cosine * y,
         )
 
-    def matrix_to_global(self, matrix: Symmetric2x2) -> Symmetric2x2:
+    def matrix_to_global(self, matrix: SymmetricMatrix) -> SymmetricMatrix:
         """Return covariances of the frame in global axes; whatever where they are not finite."""
         cosine2, sine2, both = self.cosine * self.cosine, self.sine * self.sine, self.cosine * self.sine
         with ignoring_overflow():
-            return Symmetric2x2(
+            return SymmetricMatrix(
                 cosine2 * matrix.xx - 2.0 * both * matrix.xy + sine2 * matrix.yy,
                 both * (matrix.xx - matrix.yy) + (cosine2 - sine2) * matrix.xy,
                 sine2 * matrix.xx + 2.0 * both * matrix.xy + cosine2 * matrix.yy,

@@ -11,8 +11,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
@@ -65,8 +64,8 @@ def _optimum(
     return RangeOptimum(x, y, hessian.inverse().congruence(middle), cost, converged)
 
 
-def _moment(x: FloatArray, y: FloatArray) -> Symmetric2x2:
-    return Symmetric2x2(sum_measurements(x * x), sum_measurements(x * y), sum_measurements(y * y))
+def _moment(x: FloatArray, y: FloatArray) -> SymmetricMatrix:
+    return SymmetricMatrix.gram(x, y)
 
 
 METHOD = MethodSpec(

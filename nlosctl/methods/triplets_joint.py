@@ -16,7 +16,6 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.models.triplets import path_rows, snapshot_centers
 from nlosctl.solvers.triplets.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
@@ -97,9 +96,8 @@ def _estimates(
     covariance = information.inverse()
     status = np.empty((targets, size), dtype=np.uint8)
     for place in range(targets):
-        here = Symmetric2x2(covariance.xx[place], covariance.xy[place], covariance.yy[place])
         x, y = common.x[place], common.y[place]
-        status[place] = judge_targets(problem, x, y, here, np.isfinite(x + y))
+        status[place] = judge_targets(problem, x, y, covariance.at(place), np.isfinite(x + y))
     status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
     status[~common.supported.any(axis=2)] = Status.NO_TARGET
     answered = status <= Status.BOUNDARY

@@ -20,7 +20,7 @@ from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
 from nlosctl.models.direct_rows import DirectRows, locate_direct_rows
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
@@ -165,7 +165,7 @@ class SightLines:
         paths: ReflectedPath | None = None,
         *,
         extra_m2: FloatArray | None = None,
-    ) -> Symmetric2x2:
+    ) -> SymmetricMatrix:
         """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
 
         Rows of infinite std give none; NaN where another row has no path to the point. With ``extra_m2`` (B,) the
@@ -186,7 +186,7 @@ class SightLines:
             says_something = inverse_std > 0.0
             self.circles.place_in(dx, np.where(says_something, -slope_y * inverse_std, 0.0))
             self.circles.place_in(dy, np.where(says_something, slope_x * inverse_std, 0.0))
-        return Symmetric2x2(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
+        return SymmetricMatrix(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
     def all_under_horizon(self) -> BoolArray:
         """Return in which snapshots (B,) every bearing points under its horizon, from where no wave can come."""

@@ -13,8 +13,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch, RangeBatch
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, predict_bearings, sight_lines
 from nlosctl.models.ranges import predict_ranges, range_circles
 
@@ -25,7 +24,7 @@ __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 class Information:
     """Fisher information (B,) of positions, and how many measurements (B,) it comes from."""
 
-    matrix: Symmetric2x2
+    matrix: SymmetricMatrix
     n_used: IntArray
 
 
@@ -54,17 +53,13 @@ def _bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> I
 
 
 def _with_ranges(
-    matrix: Symmetric2x2, lines: SightLines, std_m: FloatArray, x: FloatArray, y: FloatArray
-) -> Symmetric2x2:
+    matrix: SymmetricMatrix, lines: SightLines, std_m: FloatArray, x: FloatArray, y: FloatArray
+) -> SymmetricMatrix:
     """Return the joint information of bearings and ranges; rows whose std (B, K) is NaN have no range to add."""
     dx, dy = x[:, None] - lines.origin_x, y[:, None] - lines.origin_y
     with ignoring_division():
         weight = np.where(np.isnan(std_m), 0.0, 1.0 / (std_m * std_m * (dx * dx + dy * dy)))
-        return Symmetric2x2(
-            matrix.xx + sum_measurements(weight * dx * dx),
-            matrix.xy + sum_measurements(weight * dx * dy),
-            matrix.yy + sum_measurements(weight * dy * dy),
-        )
+        return matrix + SymmetricMatrix.gram(dx, dy, weight=weight)
 
 
 def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> BearingBatch:
@@ -114,19 +109,19 @@ INFORMATION: dict[str, InformationModel] = {
 """By kind of measurement."""
 
 
-def _unit_bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+def _unit_bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
     lines = sight_lines(batch)
     local_x, local_y = x - lines.center_x, y - lines.center_y
     with ignoring_division():
         return replace(lines, std_rad=1.0 / np.abs(lines.spread_m(local_x, local_y))).information(local_x, local_y)
 
 
-def _unit_range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+def _unit_range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
     circles = range_circles(replace(batch, range_std_m=np.ones_like(batch.range_std_m)))
     return circles.information(x - circles.center_x, y - circles.center_y)
 
 
-UNIT_INFORMATION: dict[str, Callable[[Any, FloatArray, FloatArray], Symmetric2x2]] = {
+UNIT_INFORMATION: dict[str, Callable[[Any, FloatArray, FloatArray], SymmetricMatrix]] = {
     "bearings": _unit_bearing_information,
     "ranges": _unit_range_information,
 }

@@ -11,14 +11,14 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import RowBlock, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["RangeCircles", "predict_ranges", "range_circles"]
 
 
 @dataclass(frozen=True)
-class RangeCircles:
+class RangeCircles(RowBlock):
     """Ranges (B, K) about a local origin (B,), the mean of the sensors. All in metres.
 
     ``height`` is None where every range is measured in the plane.
@@ -41,7 +41,7 @@ class RangeCircles:
         distance = self.horizontal_m(x, y)
         return self.range_m - (distance if self.height is None else np.hypot(distance, self.height))
 
-    def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+    def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of the position at points (B,): sum of u u' / std^2.
 
         u is the gradient of a range, the unit vector from the sensor (shorter for slant ranges); not finite
@@ -55,7 +55,7 @@ class RangeCircles:
             weight = 1.0 / (self.std_m * np.sqrt(squared))
             dx *= weight
             dy *= weight
-        return Symmetric2x2(sum_measurements(dx * dx), sum_measurements(dx * dy), sum_measurements(dy * dy))
+        return SymmetricMatrix.gram(dx, dy)
 
     def squared_in_plane(self) -> FloatArray:
         """Return the squared ranges (B, K) less the squared heights: negative where noise made a range too short."""

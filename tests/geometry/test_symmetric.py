@@ -1,12 +1,14 @@
-"""Symmetric 2x2 matrices in closed form, against numpy.linalg."""
+"""Symmetric matrices of two to six unknowns, compared with numpy.linalg."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import Symmetric2x2, SymmetricMatrix
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -98,3 +100,89 @@ def test_congruence_overflows_to_infinity():
     found = huge.congruence(huge)
     assert np.isposinf(found.xx).all()
     assert np.isposinf(found.yy).all()
+
+
+@st.composite
+def positive_matrices(draw: st.DrawFn) -> tuple[SymmetricMatrix, FloatArray, np.random.Generator]:
+    """Draw positive definite matrices of 2 to 6 unknowns, as parts and as (B, D, D), with a generator."""
+    size = draw(st.integers(2, 6))
+    generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    factor = generator.normal(size=(5, size, size))
+    dense = factor @ np.swapaxes(factor, 1, 2) + 0.1 * np.eye(size)
+    scale = 10.0 ** generator.uniform(-3.0, 3.0, (5, size))  # unknowns of different units
+    dense *= scale[:, :, None] * scale[:, None, :]
+    return SymmetricMatrix(*(dense[:, i, j] for i in range(size) for j in range(i + 1))), dense, generator
+
+
+def assert_equal_matrices(got: SymmetricMatrix, expected: FloatArray, rtol: float = 1e-9) -> None:
+    """Assert that matrices are those of (B, D, D), up to ``rtol`` of the geometric mean of their diagonal entries."""
+    root = np.sqrt(np.abs(np.diagonal(expected, axis1=1, axis2=2)))
+    scale = root[:, :, None] * root[:, None, :]
+    assert (np.abs(got.dense() - expected) <= rtol * scale).all()
+
+
+@given(drawn=positive_matrices())
+def test_any_number_of_unknowns_as_numpy(drawn: tuple[SymmetricMatrix, FloatArray, np.random.Generator]) -> None:
+    """Factor, inverse, solution, determinant, sandwich and quadratic form agree with numpy.linalg for D = 2 to 6."""
+    matrix, dense, generator = drawn
+    size = dense.shape[-1]
+    assert matrix.dimension == size
+    np.testing.assert_array_equal(matrix.dense(), dense)
+    zero = np.zeros(5)
+    factor = np.stack([np.stack([*row, *[zero] * (size - len(row))], axis=-1) for row in matrix.cholesky()], axis=1)
+    np.testing.assert_allclose(factor, np.linalg.cholesky(dense), rtol=1e-6, atol=1e-9 * np.abs(dense).max() ** 0.5)
+    np.testing.assert_allclose(matrix.determinant, np.linalg.det(dense), rtol=1e-9)
+    np.testing.assert_allclose(matrix.trace, np.trace(dense, axis1=1, axis2=2), rtol=1e-13)
+    assert_equal_matrices(matrix.inverse(), np.linalg.inv(dense))
+    middle = matrix.map(np.flip)
+    assert_equal_matrices(matrix.congruence(middle), dense @ dense[::-1] @ dense)
+    vector = generator.normal(size=(5, size)) / np.sqrt(np.diagonal(dense, axis1=1, axis2=2))
+    solved = np.stack(matrix.solve(*(dense @ vector[..., None])[..., 0].T), axis=-1)
+    np.testing.assert_allclose(solved, vector, rtol=1e-6, atol=1e-9 * np.abs(vector).max())
+    form = np.einsum("bi,bij,bj->b", vector, dense, vector)
+    np.testing.assert_allclose(matrix.quadratic_form(*vector.T), form, rtol=1e-9)
+    smallest, largest = matrix.eigenvalues()
+    expected = np.linalg.eigvalsh(dense)
+    np.testing.assert_allclose(largest, expected[:, -1], rtol=1e-11)
+    np.testing.assert_allclose(smallest, expected[:, 0], rtol=1e-6, atol=1e-12 * expected[:, -1].max())
+
+
+@given(drawn=positive_matrices())
+def test_sums_of_products(drawn: tuple[SymmetricMatrix, FloatArray, np.random.Generator]) -> None:
+    """``outer`` and ``gram`` are products of vectors and their sums; matrices add and scale as arrays do."""
+    _, dense, generator = drawn
+    size = dense.shape[-1]
+    vector, weight = generator.normal(size=(size, 5, 7)), generator.uniform(0.5, 2.0, (5, 7))
+    products = np.einsum("bk,ibk,jbk->bij", weight, vector, vector)
+    np.testing.assert_allclose(SymmetricMatrix.gram(*vector, weight=weight).dense(), products, atol=1e-12)
+    np.testing.assert_allclose(
+        SymmetricMatrix.outer(*vector[:, :, 0]).dense(), np.einsum("ib,jb->bij", *[vector[:, :, 0]] * 2), atol=1e-13
+    )
+    twice = SymmetricMatrix.gram(*vector) + SymmetricMatrix.gram(*vector)
+    np.testing.assert_array_equal(twice.dense(), (SymmetricMatrix.gram(*vector) * np.full(5, 2.0)).dense())
+    ridged = twice.add_to_diagonal(weight[:, 0]).dense() - twice.dense()
+    np.testing.assert_allclose(ridged, weight[:, 0, None, None] * np.eye(size), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [2, 3, 6])
+def test_a_singular_row_leaves_its_neighbours(size: int) -> None:
+    """Of matrices of any size, a singular one gives what is not finite, and the others stay as they are."""
+    dense = np.stack([np.eye(size), np.ones((size, size)), 4.0 * np.eye(size)])
+    matrix = SymmetricMatrix(*(dense[:, i, j] for i in range(size) for j in range(i + 1)))
+    inverse = matrix.inverse().dense()
+    np.testing.assert_array_equal(inverse[[0, 2]], [np.eye(size), 0.25 * np.eye(size)])
+    assert not np.isfinite(inverse[1]).all()
+    assert not np.isfinite(np.stack(matrix.solve(*np.ones((size, 3))))[:, 1]).all()
+
+
+def test_rows_of_matrices() -> None:
+    """``at``, ``take``, ``put``, ``where`` and ``stack`` act on every part alike."""
+    matrix, dense = random_positive(6, 10.0)
+    np.testing.assert_array_equal(full(matrix.take(np.array([4, 1, 4]))), dense[[4, 1, 4]])
+    np.testing.assert_array_equal(full(matrix.at(dense[:, 0, 0] > 1.0)), dense[dense[:, 0, 0] > 1.0])
+    other = matrix.map(np.copy)
+    other.put(np.array([0]), matrix.at([5]))
+    np.testing.assert_array_equal(full(other), dense[[5, 1, 2, 3, 4, 5]])
+    chosen = np.array([True, False] * 3)
+    np.testing.assert_array_equal(full(matrix.where(chosen, matrix.map(np.flip)))[1], dense[4])
+    np.testing.assert_array_equal(matrix.stack(), np.stack([matrix.xx, matrix.xy, matrix.yy], axis=1))

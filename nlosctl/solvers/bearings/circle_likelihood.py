@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.solvers.bearings.likelihood import BearingProblem
@@ -70,21 +70,17 @@ class MixedBearingProblem:
         with ignoring_overflow():
             at = Evaluation(
                 0.5 * sum_measurements(residual * residual),
-                sum_measurements(residual * slope_x),
-                sum_measurements(residual * slope_y),
-                Symmetric2x2(
-                    sum_measurements(slope_x * slope_x),
-                    sum_measurements(slope_x * slope_y),
-                    sum_measurements(slope_y * slope_y),
-                ),
+                (sum_measurements(residual * slope_x), sum_measurements(residual * slope_y)),
+                SymmetricMatrix.gram(slope_x, slope_y),
                 np.zeros(x.shape, dtype=bool),
             )
         if self.plain is not None:
             rows = self.plain_rows
             plain = self.plain.evaluate(x[rows], y[rows])
-            at.cost[rows], at.gradient_x[rows], at.gradient_y[rows] = plain.cost, plain.gradient_x, plain.gradient_y
-            for block, values in zip(at.hessian, plain.hessian, strict=True):
+            at.cost[rows] = plain.cost
+            for block, values in zip(at.gradient, plain.gradient, strict=True):
                 block[rows] = values
+            at.hessian.put(rows, plain.hessian)
             if at.exact is not None and plain.exact is not None:
                 at.exact[rows] = plain.exact
         return at

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.scene_margins import scene_margins
 from nlosctl.solvers.bearings.circle_likelihood import BearingLikelihood, bearing_problem
@@ -119,8 +119,7 @@ class _Penalized:
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         at = self.likelihood.evaluate(x, y)
-        cost, gradient_x, gradient_y = at.cost, at.gradient_x, at.gradient_y
-        xx, xy, yy = at.hessian.xx, at.hessian.xy, at.hessian.yy
+        cost, (gradient_x, gradient_y), hessian = at.cost, at.gradient, at.hessian
         for snapshot, shortfall, slope_x, slope_y, stiffness in self._shortfalls(x, y):
 
             def total(values: FloatArray, snapshot: IntArray = snapshot) -> FloatArray:
@@ -129,10 +128,8 @@ class _Penalized:
             cost = cost + total(0.5 * stiffness * shortfall * shortfall)
             gradient_x = gradient_x - total(stiffness * shortfall * slope_x)
             gradient_y = gradient_y - total(stiffness * shortfall * slope_y)
-            xx = xx + total(stiffness * slope_x * slope_x)
-            xy = xy + total(stiffness * slope_x * slope_y)
-            yy = yy + total(stiffness * slope_y * slope_y)
-        return Evaluation(cost, gradient_x, gradient_y, Symmetric2x2(xx, xy, yy))
+            hessian = hessian + SymmetricMatrix.outer(slope_x, slope_y, weight=stiffness).map(total)
+        return Evaluation(cost, (gradient_x, gradient_y), hessian)
 
     def _shortfalls(
         self, x: FloatArray, y: FloatArray

@@ -12,7 +12,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Flags, Solution, single_estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.circular_reflection import ReflectedPath
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, Survey
 from nlosctl.solvers.bearings.near_sensor_covariance import Widened, widen_near_sensors
 
@@ -28,7 +28,7 @@ _ROUNDING = 1e-12
 """Relative size of what rounding leaves of a coordinate."""
 
 
-def nearly_singular(normal: Symmetric2x2) -> BoolArray:
+def nearly_singular(normal: SymmetricMatrix) -> BoolArray:
     """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
     smaller, larger = normal.eigenvalues()
     return ~(smaller * CONDITION_LIMIT**2 > larger)
@@ -39,7 +39,7 @@ def judge_fixes(
     x: FloatArray,
     y: FloatArray,
     survey: Survey,
-    covariance: Symmetric2x2,
+    covariance: SymmetricMatrix,
     minimum_range_m: float,
     paths: ReflectedPath | None = None,
 ) -> StatusArray:
@@ -69,7 +69,7 @@ class Verdict:
     """What is said of fixes (B,): status, covariance, and cost as half the chi-square."""
 
     status: StatusArray
-    covariance: Symmetric2x2
+    covariance: SymmetricMatrix
     cost: FloatArray
 
 
@@ -78,8 +78,8 @@ def finish_bearings_fix(
     lines: SightLines,
     x: FloatArray,
     y: FloatArray,
-    covariance: Symmetric2x2 | None,
-    normal: Symmetric2x2,
+    covariance: SymmetricMatrix | None,
+    normal: SymmetricMatrix,
     *,
     widened: Widened | None = None,
     min_range_m: float,
@@ -111,8 +111,8 @@ def judge_ends(
     lines: SightLines,
     x: FloatArray,
     y: FloatArray,
-    covariance: Symmetric2x2 | None,
-    normal: Symmetric2x2,
+    covariance: SymmetricMatrix | None,
+    normal: SymmetricMatrix,
     min_range_m: float,
     converged: BoolArray | None = None,
     held: StatusArray | None = None,
@@ -157,7 +157,7 @@ def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> Bool
 
 
 def _widened_information(lines: SightLines, x: FloatArray, y: FloatArray) -> Widened:
-    def widened(rows: IntArray, extra_m2: FloatArray) -> Symmetric2x2:
+    def widened(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
         return lines.take(rows).information(x[rows], y[rows], extra_m2=extra_m2).inverse()
 
     return widened

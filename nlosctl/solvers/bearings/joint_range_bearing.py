@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Solution, single_estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import RowBlock, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes
 from nlosctl.solvers.bearings.ray_crossings import end_rays
@@ -44,39 +44,32 @@ def row_residuals(batch: BearingBatch, lines: SightLines, x: FloatArray, y: Floa
 
 
 @dataclass(frozen=True)
-class RangedBearingProblem:
+class RangedBearingProblem(RowBlock):
     """Half the chi-square of bearings and ranges, as a function of a point about the local origin."""
 
     rows: DirectBearings
 
-    def take(self, rows: IntArray) -> RangedBearingProblem:
-        """Return the problems of some snapshots."""
-        return RangedBearingProblem(self.rows.take(rows))
-
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and second derivatives, exact or, where not positive, Gauss-Newton's."""
-        cost, gradient_x, gradient_y = (np.zeros(x.shape) for _ in range(3))
-        exact, gauss = ([np.zeros(x.shape) for _ in range(3)] for _ in range(2))
+        cost, gradient = np.zeros(x.shape), (np.zeros(x.shape), np.zeros(x.shape))
+        exact, gauss = SymmetricMatrix.full(x.shape, 0.0), SymmetricMatrix.full(x.shape, 0.0)
         with ignoring_overflow():
             for k in range(self.rows.weight.shape[1]):
                 row = self.rows.terms(k, x, y)
-                cost += row.misfit
-                gradient_x += row.gradient_x
-                gradient_y += row.gradient_y
-                for totals, matrix in ((exact, row.hessian), (gauss, row.gauss)):
-                    for total, part in zip(totals, (matrix.xx, matrix.xy, matrix.yy), strict=True):
-                        total += part
-        return Evaluation.of_newton(cost, gradient_x, gradient_y, Symmetric2x2(*exact), Symmetric2x2(*gauss))
+                cost += row.half_chi_square
+                for total, slope in zip(gradient, row.gradient, strict=True):
+                    total += slope
+                exact += row.hessian
+                gauss += row.gauss
+        return Evaluation.of_newton(cost, gradient, exact, gauss)
 
-    def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+    def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of bearings and ranges together at points (B,)."""
-        totals = [np.zeros(x.shape) for _ in range(3)]
+        total = SymmetricMatrix.full(x.shape, 0.0)
         with ignoring_overflow():
             for k in range(self.rows.weight.shape[1]):
-                gauss = self.rows.terms(k, x, y).gauss
-                for total, part in zip(totals, (gauss.xx, gauss.xy, gauss.yy), strict=True):
-                    total += part
-        return Symmetric2x2(*totals)
+                total += self.rows.terms(k, x, y).gauss
+        return total
 
 
 def fit_ranged_bearings(

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import take_rows
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.optimization.problem import Evaluation
 
@@ -62,10 +62,10 @@ class BearingProblem:
                     for total, term in zip(totals, self._terms(k, x, y), strict=True):
                         total += term
             cost, gradient_x, gradient_y, xx, xy, yy, bend, twist = totals
-            gauss = Symmetric2x2(xx, -xy, yy)
+            gauss = SymmetricMatrix(xx, -xy, yy)
             twice = bend + bend
-            exact = Symmetric2x2(xx - twice, gauss.xy - twist, yy + twice)
-            return Evaluation.of_newton(0.5 * cost, gradient_x, -gradient_y, exact, gauss)
+            exact = SymmetricMatrix(xx - twice, gauss.xy - twist, yy + twice)
+            return Evaluation.of_newton(0.5 * cost, (gradient_x, -gradient_y), exact, gauss)
 
     def _terms(self, k: int | slice, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
         """Return what measurement ``k`` (or all) adds to cost, gradient, Gauss-Newton matrix and curvature."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_overflow
-from nlosctl.geometry.blocks import gather_rows, sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.near_sensor_covariance import Widened
 
@@ -23,17 +23,12 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class LineFit:
+class LineFit(RowBlock):
     """Points (B,) about the local origin, and the normal matrix that they solve."""
 
     x: FloatArray
     y: FloatArray
-    normal: Symmetric2x2
-
-    def take(self, rows: IntArray) -> LineFit:
-        """Return the fits of some snapshots."""
-        normal = Symmetric2x2(self.normal.xx[rows], self.normal.xy[rows], self.normal.yy[rows])
-        return LineFit(self.x[rows], self.y[rows], normal)
+    normal: SymmetricMatrix
 
 
 def fit_least_squares(lines: SightLines) -> LineFit:
@@ -63,7 +58,7 @@ def fit_focused(lines: SightLines, first: LineFit) -> LineFit:
 
 def sandwich_covariance(
     lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None, extra_m2: FloatArray | None = None
-) -> Symmetric2x2:
+) -> SymmetricMatrix:
     """Return the covariance (B,) of a fit whose weights need not match the errors of the lines.
 
     N^-1 M N^-1, with N the normal matrix and M that of the weighted lines' errors, std times spread at the fit. The
@@ -78,18 +73,14 @@ def sandwich_covariance(
         if weighed_m is not None:
             spread /= (lines.std_rad * weighed_m) ** 2
         normal_x, normal_y = spread * lines.sine, -spread * lines.cosine
-        middle = Symmetric2x2(
-            sum_measurements(normal_x * normal_x),
-            sum_measurements(normal_x * normal_y),
-            sum_measurements(normal_y * normal_y),
-        )
+        middle = SymmetricMatrix.gram(normal_x, normal_y)
     return fit.normal.inverse().congruence(middle)
 
 
 def widened_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None) -> Widened:
     """Return the sandwich with squared spreads increased, as a function of snapshots and increase."""
 
-    def widened(rows: IntArray, extra_m2: FloatArray) -> Symmetric2x2:
+    def widened(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
         weighed = None if weighed_m is None else gather_rows(weighed_m, rows)
         return sandwich_covariance(lines.take(rows), fit.take(rows), weighed, extra_m2)
 
@@ -104,10 +95,6 @@ def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:
 
 def _solve(normal_x: FloatArray, normal_y: FloatArray, lines: SightLines) -> LineFit:
     offset = normal_x * lines.origin_x + normal_y * lines.origin_y
-    normal = Symmetric2x2(
-        sum_measurements(normal_x * normal_x),
-        sum_measurements(normal_x * normal_y),
-        sum_measurements(normal_y * normal_y),
-    )
+    normal = SymmetricMatrix.gram(normal_x, normal_y)
     x, y = normal.solve(sum_measurements(normal_x * offset), sum_measurements(normal_y * offset))
     return LineFit(x, y, normal)

@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
@@ -94,7 +94,7 @@ def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray,
         return np.take_along_axis(values.reshape(shape), order, axis=0)
 
     x, y, cost = ranked(minimum.x), ranked(minimum.y), np.take_along_axis(cost, order, axis=0)
-    metric = Symmetric2x2(*(ranked(part) for part in minimum.hessian))
+    metric = minimum.hessian.map(ranked)
     kept = np.isfinite(cost) & ~_repeated(x, y, cost, metric)
     kept &= np.cumsum(kept, axis=0) <= MAX_ALTERNATIVES
     kept[0] = True
@@ -110,14 +110,12 @@ def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray,
     )
 
 
-def _repeated(x: FloatArray, y: FloatArray, cost: FloatArray, metric: Symmetric2x2) -> BoolArray:
+def _repeated(x: FloatArray, y: FloatArray, cost: FloatArray, metric: SymmetricMatrix) -> BoolArray:
     """Return which of the ends (S, B), in order of their cost, are the same optimum as one before them."""
     repeated = np.zeros(cost.shape, dtype=bool)
     for later in range(1, cost.shape[0]):
         for earlier in range(later):
             dx, dy = x[later] - x[earlier], y[later] - y[earlier]
-            xx, xy, yy = metric.xx[earlier], metric.xy[earlier], metric.yy[earlier]
-            with ignoring_overflow():
-                near = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy <= _DISTINCT**2
+            near = metric.at(earlier).quadratic_form(dx, dy) <= _DISTINCT**2
             repeated[later] |= near & np.isfinite(cost[earlier]) & ~repeated[earlier]
     return repeated

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["Widened", "widen_near_sensors"]
 
-Widened = Callable[[IntArray, FloatArray], Symmetric2x2]
+Widened = Callable[[IntArray, FloatArray], SymmetricMatrix]
 """Of some snapshots (N,), the covariance with all squared ranges increased by so much (N,), in square metres."""
 
 _NEAR = 3.0
@@ -20,7 +20,7 @@ _NEAR = 3.0
 _ROUNDS = 2
 
 
-def widen_near_sensors(covariance: Symmetric2x2, nearest_m: FloatArray, widened: Widened) -> Symmetric2x2:
+def widen_near_sensors(covariance: SymmetricMatrix, nearest_m: FloatArray, widened: Widened) -> SymmetricMatrix:
     """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), larger where that is near.
 
     A bearing says where a source is to std times its range; the range from a near sensor is itself as uncertain as the
@@ -36,7 +36,6 @@ def widen_near_sensors(covariance: Symmetric2x2, nearest_m: FloatArray, widened:
         for _ in range(_ROUNDS):
             wider = widened(near, larger)
             larger = wider.eigenvalues()[1]
-    parts = [part.copy() for part in (covariance.xx, covariance.xy, covariance.yy)]
-    for part, values in zip(parts, (wider.xx, wider.xy, wider.yy), strict=True):
-        part[near] = values
-    return Symmetric2x2(*parts)
+    result = covariance.map(np.copy)
+    result.put(near, wider)
+    return result

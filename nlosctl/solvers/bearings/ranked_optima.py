@@ -8,7 +8,7 @@ from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_ends
 from nlosctl.solvers.bearings.multistart import Ends
 
@@ -19,7 +19,7 @@ def finish_alternatives(
     batch: BearingBatch,
     ends: Ends,
     snapshot: IntArray,
-    normal: Symmetric2x2,
+    normal: SymmetricMatrix,
     *,
     min_range_m: float,
     ambiguous_within: float,
@@ -31,8 +31,7 @@ def finish_alternatives(
     less than ``ambiguous_within`` nats worse, or another start stopped at a caustic within that; it counts as not
     converged where one stopped at a caustic more than that below it.
     """
-    of_end = Symmetric2x2(normal.xx[snapshot], normal.xy[snapshot], normal.yy[snapshot])
-    verdict = judge_ends(ends.lines, ends.x, ends.y, None, of_end, min_range_m, ends.converged, held)
+    verdict = judge_ends(ends.lines, ends.x, ends.y, None, normal.take(snapshot), min_range_m, ends.converged, held)
     status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]

@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.mirrors import side_of_line
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.mirror_rows import Focusing, MirrorRows
 from nlosctl.solvers.optimization.problem import RowDerivatives
@@ -129,7 +129,7 @@ class DirectBearings:
         impossible |= dx * dx + dy * dy < self.squared_minimum
         if lines.mirrors is not None:
             impossible |= _beyond(lines.mirrors, k, x, y)
-        np.copyto(row.misfit, np.inf, where=impossible)
+        np.copyto(row.half_chi_square, np.inf, where=impossible)
         return row
 
     def terms(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
@@ -146,15 +146,14 @@ class DirectBearings:
         across_x, across_y = dx * inverse, dy * inverse
         scaled = weight * residual
         xy = across_x * across_y
-        gauss = Symmetric2x2(weight * across_y * across_y, -weight * xy, weight * across_x * across_x)
+        gauss = SymmetricMatrix(weight * across_y * across_y, -weight * xy, weight * across_x * across_x)
         bend = 2.0 * scaled * xy
         twist = scaled * (across_y * across_y - across_x * across_x)
         row = RowDerivatives(
             0.5 * scaled * residual,
-            scaled * across_y,
-            -scaled * across_x,
+            (scaled * across_y, -scaled * across_x),
             gauss,
-            Symmetric2x2(gauss.xx - bend, gauss.xy - twist, gauss.yy + bend),
+            SymmetricMatrix(gauss.xx - bend, gauss.xy - twist, gauss.yy + bend),
         )
         if self.precision is not None and self.measured_m is not None:
             row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
@@ -177,17 +176,15 @@ class DirectBearings:
         bend = -scaled * slope / range_m
         twice = 2.0 if self.lognormal else 1.0
         gain = slope * slope
-        gauss = Symmetric2x2(row.gauss.xx + gain * x * x, row.gauss.xy + gain * x * y, row.gauss.yy + gain * y * y)
-        hessian = Symmetric2x2(
+        hessian = SymmetricMatrix(
             row.hessian.xx + gain * x * x + bend * (1.0 - twice * x * x),
             row.hessian.xy + gain * x * y - bend * twice * x * y,
             row.hessian.yy + gain * y * y + bend * (1.0 - twice * y * y),
         )
         return RowDerivatives(
-            row.misfit + 0.5 * scaled * scaled,
-            row.gradient_x - scaled * slope * x,
-            row.gradient_y - scaled * slope * y,
-            gauss,
+            row.half_chi_square + 0.5 * scaled * scaled,
+            (row.gradient[0] - scaled * slope * x, row.gradient[1] - scaled * slope * y),
+            row.gauss + SymmetricMatrix.outer(x, y, weight=gain),
             hessian,
         )
 

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.special import gammainccinv
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_invalid
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import RangeProblem
@@ -41,25 +42,14 @@ class Gates:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class Candidates(RowBlock):
     """C candidates: points (C,) in metres about the local origin, echoes (C, N) or -1, chi-square, information."""
 
     x: FloatArray
     y: FloatArray
     echo: IntArray
     chi_square: FloatArray
-    information: Symmetric2x2
-
-    def take(self, rows: IntArray) -> Candidates:
-        """Return some of the candidates."""
-        matrix = self.information
-        return Candidates(
-            self.x[rows],
-            self.y[rows],
-            self.echo[rows],
-            self.chi_square[rows],
-            Symmetric2x2(matrix.xx[rows], matrix.xy[rows], matrix.yy[rows]),
-        )
+    information: SymmetricMatrix
 
 
 def find_candidates(echoes: Echoes, seed_x: FloatArray, seed_y: FloatArray, gates: Gates) -> Candidates:
@@ -118,7 +108,8 @@ def fit_candidates(echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray)
         scale = problem.inverse_std / np.sqrt(squared)
         dx *= scale
         dy *= scale
-    information = Symmetric2x2((dx * dx).sum(axis=1), (dx * dy).sum(axis=1), (dy * dy).sum(axis=1))
+    # Pairwise sums: a candidate is solved alone, so its bits depend on no block.
+    information = SymmetricMatrix.outer(dx, dy).map(lambda products: products.sum(axis=1))
     candidates = Candidates(x, y, echo[settled], 2.0 * minimum.cost[settled], information)
     with ignoring_invalid():
         return candidates.take(np.flatnonzero(information.determinant > 0.0))
@@ -141,7 +132,7 @@ def _problem(echoes: Echoes, echo: IntArray) -> RangeProblem:
 def _step(echoes: Echoes, echo: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return points moved by one Gauss-Newton step."""
     at = _problem(echoes, echo).evaluate(x, y)
-    step_x, step_y = at.hessian.solve(-at.gradient_x, -at.gradient_y)
+    step_x, step_y = at.hessian.solve(*(-slope for slope in at.gradient))
     return x + step_x, y + step_y
 
 

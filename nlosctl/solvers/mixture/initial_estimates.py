@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 
 __all__ = ["Mode", "Scores", "Starts", "choose_starts", "leave_out_slope"]
@@ -28,7 +28,7 @@ class Mode:
     x: FloatArray
     y: FloatArray
     cost: FloatArray
-    hessian: Symmetric2x2
+    hessian: SymmetricMatrix
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Scores:
         """Leave out one candidate (B,) each."""
         self.cost[np.arange(place.shape[0]), place] = np.inf
 
-    def squared_distance(self, x: FloatArray, y: FloatArray, matrix: Symmetric2x2) -> FloatArray:
+    def squared_distance(self, x: FloatArray, y: FloatArray, matrix: SymmetricMatrix) -> FloatArray:
         """Return the squared distance (B, P) from points (B,) in the metric of matrices (B,)."""
         dx, dy = self.x - x[:, None], self.y - y[:, None]
         with ignoring_overflow():

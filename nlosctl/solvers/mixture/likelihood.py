@@ -13,7 +13,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import gather_rows
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
 __all__ = [
@@ -131,19 +131,17 @@ class Mixture:
         with ignoring_overflow():
             for k in range(self.count):
                 row = self.rows.derivatives(k, x, y)
-                direct = np.exp(self.log_direct[:, k] - row.misfit)
+                direct = np.exp(self.log_direct[:, k] - row.half_chi_square)
                 if self.last is None:
                     total.add_single(direct, direct + self.obstructed, row)
                 else:
                     group.add(direct, row)
                     total.add_group(group, self.last[:, k])
                     group.clear(self.last[:, k], self.obstructed)
-        exact = Symmetric2x2(total.exact[0], total.exact[1], total.exact[2])
-        gauss = Symmetric2x2(total.gauss[0], total.gauss[1], total.gauss[2])
         cost = -total.logarithm - self.log_nlos - self.least_cost
-        return Evaluation.of_newton(cost, total.gradient[0], total.gradient[1], exact, gauss)
+        return Evaluation.of_newton(cost, total.gradient, total.exact, total.gauss)
 
-    def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, Symmetric2x2]:
+    def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, SymmetricMatrix]:
         """Return each row's probability (B, K) to be direct at points (B,), and the information they carry.
 
         The information (B,) is the sum of the rows' Gauss-Newton matrices, each times its probability.
@@ -154,15 +152,13 @@ class Mixture:
         with ignoring_overflow():
             for k in range(count):
                 rows.append(self.rows.derivatives(k, x, y))
-                np.exp(self.log_direct[:, k] - rows[k].misfit, out=direct[:, k])
+                np.exp(self.log_direct[:, k] - rows[k].half_chi_square, out=direct[:, k])
             evidence = self._evidence(direct)
             direct /= evidence
-            xx, xy, yy = np.zeros(x.shape), np.zeros(x.shape), np.zeros(x.shape)
+            information = SymmetricMatrix.full(x.shape, 0.0)
             for k, row in enumerate(rows):
-                xx += direct[:, k] * row.gauss.xx
-                xy += direct[:, k] * row.gauss.xy
-                yy += direct[:, k] * row.gauss.yy
-        return direct, Symmetric2x2(xx, xy, yy)
+                information += row.gauss * direct[:, k]
+        return direct, information
 
     def _evidence(self, direct: FloatArray) -> FloatArray:
         """Return for each row (B, K) the sum over its group, w_0 included."""
@@ -182,42 +178,36 @@ class _Totals:
     """What the groups have added so far."""
 
     logarithm: FloatArray
-    gradient: list[FloatArray]
-    exact: list[FloatArray]
-    gauss: list[FloatArray]
+    gradient: tuple[FloatArray, ...]
+    exact: SymmetricMatrix
+    gauss: SymmetricMatrix
 
     @classmethod
     def zero(cls, size: int) -> _Totals:
-        return cls(np.zeros(size), *([np.zeros(size) for _ in range(number)] for number in (2, 3, 3)))
+        gradient = (np.zeros(size), np.zeros(size))
+        return cls(np.zeros(size), gradient, SymmetricMatrix.full(size, 0.0), SymmetricMatrix.full(size, 0.0))
 
     def add_single(self, direct: FloatArray, evidence: FloatArray, row: RowDerivatives) -> None:
         """Add a group of one row, ``evidence`` = direct + w_0."""
         share = direct / evidence
         self.logarithm += np.log(evidence)
-        moved_x, moved_y = share * row.gradient_x, share * row.gradient_y
-        self.gradient[0] += moved_x
-        self.gradient[1] += moved_y
-        moved_x *= 1.0 - share
-        moved_y *= 1.0 - share
-        self.exact[0] += share * row.hessian.xx - moved_x * row.gradient_x
-        self.exact[1] += share * row.hessian.xy - moved_x * row.gradient_y
-        self.exact[2] += share * row.hessian.yy - moved_y * row.gradient_y
-        self.gauss[0] += share * row.gauss.xx
-        self.gauss[1] += share * row.gauss.xy
-        self.gauss[2] += share * row.gauss.yy
+        moved = [share * slope for slope in row.gradient]
+        for total, part in zip(self.gradient, moved, strict=True):
+            total += part
+        for part in moved:
+            part *= 1.0 - share
+        _add_curvature(self.exact, share, moved, row)
+        self.gauss += row.gauss * share
 
     def add_group(self, group: _Group, closes: BoolArray) -> None:
         """Add a group that is complete where ``closes`` (B,)."""
         scale = np.where(closes, 1.0 / group.evidence, 0.0)
         self.logarithm += np.where(closes, np.log(group.evidence), 0.0)
-        x, y = group.gradient[0] * scale, group.gradient[1] * scale
-        self.gradient[0] += x
-        self.gradient[1] += y
-        self.exact[0] += group.curvature[0] * scale + x * x
-        self.exact[1] += group.curvature[1] * scale + x * y
-        self.exact[2] += group.curvature[2] * scale + y * y
-        for part in range(3):
-            self.gauss[part] += group.gauss[part] * scale
+        moved = [part * scale for part in group.gradient]
+        for total, part in zip(self.gradient, moved, strict=True):
+            total += part
+        self.exact += group.curvature * scale + SymmetricMatrix.outer(*moved)
+        self.gauss += group.gauss * scale
 
 
 @dataclass
@@ -225,28 +215,34 @@ class _Group:
     """The sums over the rows of the group that is open in each snapshot."""
 
     evidence: FloatArray
-    gradient: list[FloatArray]
-    curvature: list[FloatArray]
-    gauss: list[FloatArray]
+    gradient: tuple[FloatArray, ...]
+    curvature: SymmetricMatrix
+    gauss: SymmetricMatrix
 
     @classmethod
     def empty(cls, size: int, obstructed: FloatArray) -> _Group:
-        return cls(obstructed.copy(), *([np.zeros(size) for _ in range(number)] for number in (2, 3, 3)))
+        gradient = (np.zeros(size), np.zeros(size))
+        return cls(obstructed.copy(), gradient, SymmetricMatrix.full(size, 0.0), SymmetricMatrix.full(size, 0.0))
 
     def add(self, direct: FloatArray, row: RowDerivatives) -> None:
         self.evidence += direct
-        moved_x, moved_y = direct * row.gradient_x, direct * row.gradient_y
-        self.gradient[0] += moved_x
-        self.gradient[1] += moved_y
-        self.curvature[0] += direct * row.hessian.xx - moved_x * row.gradient_x
-        self.curvature[1] += direct * row.hessian.xy - moved_x * row.gradient_y
-        self.curvature[2] += direct * row.hessian.yy - moved_y * row.gradient_y
-        self.gauss[0] += direct * row.gauss.xx
-        self.gauss[1] += direct * row.gauss.xy
-        self.gauss[2] += direct * row.gauss.yy
+        moved = [direct * slope for slope in row.gradient]
+        for total, part in zip(self.gradient, moved, strict=True):
+            total += part
+        _add_curvature(self.curvature, direct, moved, row)
+        self.gauss += row.gauss * direct
 
     def clear(self, closes: BoolArray, obstructed: FloatArray) -> None:
         self.evidence = np.where(closes, obstructed, self.evidence)
         for sums in (self.gradient, self.curvature, self.gauss):
             for total in sums:
                 total[closes] = 0.0
+
+
+def _add_curvature(total: SymmetricMatrix, share: FloatArray, moved: list[FloatArray], row: RowDerivatives) -> None:
+    """Add ``share`` times the second derivatives of a row, minus ``moved`` times its gradient, to the total."""
+    entries = zip(total, row.hessian, strict=True)
+    for i, slope in enumerate(row.gradient):
+        for left in moved[: i + 1]:
+            entry, second = next(entries)
+            entry += share * second - left * slope

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import rows_of
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, Starts, choose_starts, leave_out_slope
 from nlosctl.solvers.mixture.likelihood import Mixture
@@ -47,7 +48,7 @@ class Modes:
     x: FloatArray
     y: FloatArray
     cost: FloatArray
-    hessian: Symmetric2x2
+    hessian: SymmetricMatrix
     candidates: BoolArray
     held: BoolArray
 
@@ -111,16 +112,16 @@ class _Found:
     x: FloatArray
     y: FloatArray
     cost: FloatArray
-    hessian: Symmetric2x2
+    hessian: SymmetricMatrix
     settled: BoolArray
     held: BoolArray
 
     @classmethod
     def nothing(cls, size: int, most: int) -> _Found:
-        start_x, start_y, x, y, xx, xy, yy = (np.full((size, most), np.nan) for _ in range(7))
+        start_x, start_y, x, y = (np.full((size, most), np.nan) for _ in range(4))
         usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
         cost, held = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
-        return cls(start_x, start_y, usable, x, y, cost, Symmetric2x2(xx, xy, yy), settled, held)
+        return cls(start_x, start_y, usable, x, y, cost, SymmetricMatrix.full((size, most), np.nan), settled, held)
 
     def begin(self, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray) -> None:
         """Keep starts (N,) of some snapshots."""
@@ -134,16 +135,17 @@ class _Found:
         good = np.isfinite(end.cost) & inside
         self.cost[snapshot, place] = np.where(good, end.cost + least_cost, np.inf)
         self.settled[snapshot, place] = good & end.converged
-        own = (self.x, self.y, self.hessian.xx, self.hessian.xy, self.hessian.yy)
-        for part, value in zip(own, (end.x, end.y, end.hessian.xx, end.hessian.xy, end.hessian.yy), strict=True):
-            part[snapshot, place] = value
+        self.x[snapshot, place], self.y[snapshot, place] = end.point
+        self.hessian.put((snapshot, place), end.hessian)
 
     def first(self, snapshot: IntArray) -> Mode:
         """Return the modes to which the first starts of some snapshots led; NaN where they did not settle."""
         settled = self.settled[snapshot, 0]
-        parts = (self.x, self.y, self.cost, self.hessian.xx, self.hessian.xy, self.hessian.yy)
-        x, y, cost, xx, xy, yy = (np.where(settled, part[snapshot, 0], np.nan) for part in parts)
-        return Mode(x, y, cost, Symmetric2x2(xx, xy, yy))
+
+        def settle(values: FloatArray) -> FloatArray:
+            return np.where(settled, values[snapshot, 0], np.nan)
+
+        return Mode(settle(self.x), settle(self.y), settle(self.cost), self.hessian.map(settle))
 
 
 @dataclass(frozen=True)
@@ -189,22 +191,16 @@ class _Search:
         known = self.found.first(snapshot)
 
         def drawn(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
-            hessian = Symmetric2x2(known.hessian.xx[rows], known.hessian.xy[rows], known.hessian.yy[rows])
-            return _squared_length(hessian, x - known.x[rows], y - known.y[rows]) < _DRAWN * _DRAWN
+            squared = known.hessian.take(rows).quadratic_form(x - known.x[rows], y - known.y[rows])
+            return squared < _DRAWN * _DRAWN
 
         end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=drawn)
         new = np.flatnonzero(~drawn(np.arange(snapshot.shape[0]), end.x, end.y))
-        self._finish(end.take(new), snapshot[new], place[new])
+        self._finish(rows_of(end, new), snapshot[new], place[new])
 
     def _finish(self, end: Minimum, snapshot: IntArray, place: IntArray) -> None:
         inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
         self.found.finish(end, self.mixture.least_cost[snapshot], snapshot, place, inside)
-
-
-def _squared_length(matrix: Symmetric2x2, dx: FloatArray, dy: FloatArray) -> FloatArray:
-    with ignoring_overflow():
-        squared: FloatArray = matrix.xx * dx * dx + 2.0 * matrix.xy * dx * dy + matrix.yy * dy * dy
-    return squared
 
 
 @dataclass(frozen=True)
@@ -218,7 +214,7 @@ class _Bounded:
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         at = self.mixture.evaluate(x, y)
         inside = self.allowed(self.snapshot, x[:, None], y[:, None])[:, 0]
-        return Evaluation(np.where(inside, at.cost, np.inf), at.gradient_x, at.gradient_y, at.hessian, at.exact)
+        return at._replace(cost=np.where(inside, at.cost, np.inf))
 
     def take(self, rows: IntArray) -> _Bounded:
         return _Bounded(self.mixture.take(rows), self.snapshot[rows], self.allowed)
@@ -226,28 +222,29 @@ class _Bounded:
 
 def _rank(found: _Found) -> Modes:
     """Return what was found by rising cost, without repetitions."""
-    hessian = found.hessian
-    parts = [found.x, found.y, hessian.xx, hessian.xy, hessian.yy]
-    parts, cost = _sort(parts, found.cost)
-    x, y, xx, xy, yy = parts
+    x, y, hessian, cost = _sort(found.x, found.y, found.hessian, found.cost)
     repeated = np.zeros(cost.shape, dtype=bool)
     for t in range(cost.shape[1] - 1):
         if not np.isfinite(cost[:, t + 1]).any():
             break
         dx, dy = x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None]
-        hessian = Symmetric2x2(xx[:, t, None], xy[:, t, None], yy[:, t, None])
-        repeated[:, t + 1 :] |= _squared_length(hessian, dx, dy) < _SAME * _SAME
+        repeated[:, t + 1 :] |= hessian.at(slice(None), t, None).quadratic_form(dx, dy) < _SAME * _SAME
     cost[repeated] = np.inf
-    (x, y, xx, xy, yy), cost = _sort(parts, cost)
-    return Modes(x, y, cost, Symmetric2x2(xx, xy, yy), np.asarray(found.usable.any(axis=1)), found.held)
+    x, y, hessian, cost = _sort(x, y, hessian, cost)
+    return Modes(x, y, cost, hessian, np.asarray(found.usable.any(axis=1)), found.held)
 
 
-def _sort(parts: list[FloatArray], cost: FloatArray) -> tuple[list[FloatArray], FloatArray]:
-    """Return arrays (B, T), of which the first two are x and y, by rising cost.
+def _sort(
+    x: FloatArray, y: FloatArray, hessian: SymmetricMatrix, cost: FloatArray
+) -> tuple[FloatArray, FloatArray, SymmetricMatrix, FloatArray]:
+    """Return modes (B, T) by rising cost.
 
     Modes that are equally likely but for rounding come by their distance: where two circles cross, both crossings are
     equally likely when every other row is an outlier.
     """
-    x, y = parts[:2]
     order = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
-    return [np.take_along_axis(part, order, axis=1) for part in parts], np.take_along_axis(cost, order, axis=1)
+
+    def sort(values: FloatArray) -> FloatArray:
+        return np.take_along_axis(values, order, axis=1)
+
+    return sort(x), sort(y), hessian.map(sort), sort(cost)

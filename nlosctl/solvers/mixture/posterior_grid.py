@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
 
@@ -23,7 +23,7 @@ _POINTS = 32768
 
 def posterior_covariance(
     mixture: Mixture, modes: Modes, allowed: Callable[[IntArray, FloatArray, FloatArray], BoolArray]
-) -> Symmetric2x2:
+) -> SymmetricMatrix:
     """Return the second moments (B, T) of the posterior about each mode, in square metres; NaN where there is none.
 
     The posterior is flat-prior within the search field and is integrated over grids about all modes, each point
@@ -42,7 +42,7 @@ def posterior_covariance(
     with ignoring_division():
         mean_x, mean_y, xx, xy, yy = (total / totals[0] for total in totals[1:])
     dx, dy = modes.x - modes.x[:, :1], modes.y - modes.y[:, :1]  # moments are about the best mode: shift them
-    return Symmetric2x2(
+    return SymmetricMatrix(
         xx[:, None] - 2.0 * dx * mean_x[:, None] + dx * dx,
         xy[:, None] - dx * mean_y[:, None] - dy * mean_x[:, None] + dx * dy,
         yy[:, None] - 2.0 * dy * mean_y[:, None] + dy * dy,
@@ -57,9 +57,7 @@ def _moments(
     place: IntArray,
 ) -> FloatArray:
     """Return mass and moments up to the second (6, N) about each snapshot's best mode, over the grids of N modes."""
-    hessian = Symmetric2x2(
-        *(part[snapshot, place][:, None] for part in (modes.hessian.xx, modes.hessian.xy, modes.hessian.yy))
-    )
+    hessian = modes.hessian.at(snapshot, place).at(slice(None), None)
     axis = np.linspace(-_REACH, _REACH, _STEPS)
     u, v = (part.ravel()[None, :] for part in np.meshgrid(axis, axis, indexing="ij"))
     smaller, larger = hessian.eigenvalues()  # steps along the axes of the ellipse, so that no frame is special
@@ -83,14 +81,8 @@ def _nearest(modes: Modes, snapshot: IntArray, place: IntArray, x: FloatArray, y
     """Return which points (N, P) are nearer to their own mode than to the others, in standard deviations."""
 
     def squared_distance(t: IntArray | int) -> FloatArray:
-        xx, xy, yy, mode_x, mode_y = (
-            part[snapshot, t][:, None]
-            for part in (modes.hessian.xx, modes.hessian.xy, modes.hessian.yy, modes.x, modes.y)
-        )
-        dx, dy = x - mode_x, y - mode_y
-        with ignoring_overflow():
-            squared: FloatArray = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy
-        return squared
+        dx, dy = x - modes.x[snapshot, t][:, None], y - modes.y[snapshot, t][:, None]
+        return modes.hessian.at(snapshot, t).at(slice(None), None).quadratic_form(dx, dy)
 
     own = squared_distance(place)
     nearest = np.ones(x.shape, dtype=bool)

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
-from nlosctl.geometry.blocks import gather_rows, max_measurements
+from nlosctl.geometry.blocks import RowBlock, max_measurements
 from nlosctl.geometry.circle_crossings import cross_circles
 from nlosctl.geometry.regions import BoxRegion, Region
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
@@ -28,25 +28,10 @@ __all__ = ["DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_rang
 
 
 @dataclass(frozen=True)
-class DirectRanges:
+class DirectRanges(RowBlock):
     """Rows (B, K) of ranges as the mixture needs them: Gaussian about the distance from the sensor."""
 
     circles: RangeCircles
-
-    def take(self, rows: IntArray) -> DirectRanges:
-        """Return the rows of some snapshots; a snapshot may be named several times."""
-        part = self.circles
-        return DirectRanges(
-            RangeCircles(
-                center_x=part.center_x[rows],
-                center_y=part.center_y[rows],
-                sensor_x=gather_rows(part.sensor_x, rows),
-                sensor_y=gather_rows(part.sensor_y, rows),
-                range_m=gather_rows(part.range_m, rows),
-                std_m=gather_rows(part.std_m, rows),
-                height=None if part.height is None else gather_rows(part.height, rows),
-            )
-        )
 
     def misfit(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P)."""
@@ -72,11 +57,11 @@ class DirectRanges:
         scaled = (distance - part.range_m[:, k]) * precision
         u, v = dx / distance, dy / distance
         gain, bend = precision * precision, scaled * precision / distance
-        gauss = Symmetric2x2(gain * u * u, gain * u * v, gain * v * v)
-        hessian = Symmetric2x2(
+        gauss = SymmetricMatrix.outer(u, v, weight=gain)
+        hessian = SymmetricMatrix(
             gauss.xx + bend * (1.0 - u * u), gauss.xy - bend * u * v, gauss.yy + bend * (1.0 - v * v)
         )
-        return RowDerivatives(0.5 * scaled * scaled, scaled * precision * u, scaled * precision * v, gauss, hessian)
+        return RowDerivatives(0.5 * scaled * scaled, (scaled * precision * u, scaled * precision * v), gauss, hessian)
 
 
 @dataclass(frozen=True)

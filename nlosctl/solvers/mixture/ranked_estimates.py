@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates, Flags
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
@@ -33,7 +33,7 @@ class RankedFixes:
     x: FloatArray
     y: FloatArray
     cost: FloatArray
-    covariance: Symmetric2x2
+    covariance: SymmetricMatrix
     n_used: IntArray
 
 
@@ -43,15 +43,13 @@ def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]
     probability, information = mixture.take(snapshot).responsibilities(
         modes.x[snapshot, place], modes.y[snapshot, place]
     )
-    covariance = information.inverse()
-    parts = [np.full(modes.cost.shape, np.nan) for _ in range(3)]
-    for part, values in zip(parts, (covariance.xx, covariance.xy, covariance.yy), strict=True):
-        part[snapshot, place] = values
+    covariance = SymmetricMatrix.full(modes.cost.shape, np.nan)
+    covariance.put((snapshot, place), information.inverse())
     n_used = np.zeros(modes.cost.shape, dtype=np.int64)
     n_used[snapshot, place] = np.count_nonzero(probability > 0.5, axis=1)
     best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
     best[snapshot[place == 0]] = probability[place == 0]
-    return RankedFixes(modes.x, modes.y, modes.cost, Symmetric2x2(*parts), n_used), best
+    return RankedFixes(modes.x, modes.y, modes.cost, covariance, n_used), best
 
 
 def ranked_status(
@@ -124,7 +122,7 @@ def ranked_estimates(
     )
 
 
-def _sound(covariance: Symmetric2x2) -> BoolArray:
+def _sound(covariance: SymmetricMatrix) -> BoolArray:
     """Return which covariances are of an ellipse, with more to their determinant than rounding."""
     with ignoring_overflow():
         sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)

@@ -1,77 +1,99 @@
-"""What an iteration over x and y asks of many small problems at once."""
+"""Many small minimization problems at once, over a state of D unknowns: what a solver asks of them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.geometry.symmetric import Symmetric2x2
-from nlosctl.solvers.optimization.array_tuples import pick_rows
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["Evaluation", "Problem", "RowDerivatives"]
 
-ProblemT = TypeVar("ProblemT", bound="Problem")
-
 _LEAST_SHARE = 0.1
-"""Exact second derivatives are trusted when their determinant is at least this share of the stand-in's."""
+"""Exact second derivatives are trusted if their determinant is at least this share of the substitute's."""
 
 
 class Evaluation(NamedTuple):
-    """Cost, gradient and a positive matrix of second derivatives (B,) at one point each.
+    """Cost (B,), gradient (D arrays) and a positive definite matrix of second derivatives, at one point per problem.
 
-    ``exact`` (B,) tells where the matrix is that of the exact second derivatives, None that it is nowhere.
+    ``exact`` (B,) marks where the matrix holds the exact second derivatives; None means nowhere.
     """
 
     cost: FloatArray
-    gradient_x: FloatArray
-    gradient_y: FloatArray
-    hessian: Symmetric2x2
+    gradient: tuple[FloatArray, ...]
+    hessian: SymmetricMatrix
     exact: BoolArray | None = None
+
+    @property
+    def gradient_x(self) -> FloatArray:
+        """The derivative by the first coordinate."""
+        return self.gradient[0]
+
+    @property
+    def gradient_y(self) -> FloatArray:
+        """The derivative by the second coordinate."""
+        return self.gradient[1]
 
     @classmethod
     def of_newton(
         cls,
         cost: FloatArray,
-        gradient_x: FloatArray,
-        gradient_y: FloatArray,
-        exact: Symmetric2x2,
-        stand_in: Symmetric2x2,
+        gradient: tuple[FloatArray, ...],
+        exact: SymmetricMatrix,
+        substitute: SymmetricMatrix,
         least_share: float = _LEAST_SHARE,
     ) -> Evaluation:
-        """Return the evaluation with the exact second derivatives, or a positive stand-in where those are not.
+        """Return the evaluation with exact second derivatives, or a substitute where those are not positive definite.
 
-        That is Gauss-Newton's matrix, or the EM algorithm's. ``least_share`` is of the stand-in's determinant.
+        The substitute is the Gauss-Newton matrix or that of the EM algorithm; ``least_share`` refers to its
+        determinant.
         """
-        positive = (exact.xx > 0.0) & (exact.determinant > least_share * stand_in.determinant)
+        positive = (exact.xx > 0.0) & (exact.determinant > least_share * substitute.determinant)
         if np.count_nonzero(positive) < positive.size:
-            exact = pick_rows(positive, exact, stand_in)
-        return cls(cost, gradient_x, gradient_y, exact, positive)
+            exact = exact.where(positive, substitute)
+        return cls(cost, gradient, exact, positive)
+
+    def where(self, condition: BoolArray, other: Evaluation) -> Evaluation:
+        """Return this evaluation where ``condition`` (B,), the other elsewhere."""
+        count = np.count_nonzero(condition)
+        if count in (0, condition.size):
+            return self if count else other
+        exact = None
+        if self.exact is not None and other.exact is not None:
+            exact = np.where(condition, self.exact, other.exact)
+        return Evaluation(
+            np.where(condition, self.cost, other.cost),
+            tuple(np.where(condition, *pair) for pair in zip(self.gradient, other.gradient, strict=True)),
+            self.hessian.where(condition, other.hessian),
+            exact,
+        )
 
 
 class Problem(Protocol):
-    """B problems. ``cost`` is half a sum of squares of residuals scaled by their standard deviation."""
+    """B problems. ``cost`` is half a sum of squares of residuals, each divided by its standard deviation."""
 
-    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
-        """Return the evaluation at points (B,)."""
+    @property
+    def evaluate(self) -> Callable[..., Evaluation]:
+        """Return the evaluation at points, given as D arrays (B,)."""
         ...
 
-    def take(self: ProblemT, rows: IntArray) -> ProblemT:
+    def take(self, rows: IntArray) -> Self:
         """Return the problems of some rows."""
         ...
 
 
 @dataclass(frozen=True)
 class RowDerivatives:
-    """Half the chi-square of one row at points (N,), its gradient, Gauss-Newton matrix and second derivatives.
+    """Half the chi-square of one measurement at points (N,), its gradient, Gauss-Newton and second-derivative matrices.
 
-    ``misfit`` is infinite where the row can't be direct; the others are finite everywhere.
+    ``half_chi_square`` is infinite where the measurement can't be direct; everything else is finite.
     """
 
-    misfit: FloatArray
-    gradient_x: FloatArray
-    gradient_y: FloatArray
-    gauss: Symmetric2x2
-    hessian: Symmetric2x2
+    half_chi_square: FloatArray
+    gradient: tuple[FloatArray, ...]
+    gauss: SymmetricMatrix
+    hessian: SymmetricMatrix

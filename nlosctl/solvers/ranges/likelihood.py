@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_division
-from nlosctl.geometry.blocks import sum_measurements, take_rows
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.arrays import FloatArray, ignoring_division
+from nlosctl.geometry.blocks import RowBlock, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
 from nlosctl.solvers.optimization.problem import Evaluation
 
@@ -20,7 +20,7 @@ _LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class RangeProblem:
+class RangeProblem(RowBlock):
     """Half the chi-square of ranges (B, K) as a function of a point about the local origin; equation (8)."""
 
     sensor_x: FloatArray
@@ -33,16 +33,6 @@ class RangeProblem:
     def of_circles(cls, circles: RangeCircles) -> RangeProblem:
         """Return the problem of a block of circles."""
         return cls(circles.sensor_x, circles.sensor_y, circles.range_m, 1.0 / circles.std_m, circles.height)
-
-    def take(self, rows: IntArray) -> RangeProblem:
-        """Return the problems of some rows, in Fortran order."""
-        return RangeProblem(
-            take_rows(self.sensor_x, rows),
-            take_rows(self.sensor_y, rows),
-            take_rows(self.range_m, rows),
-            take_rows(self.inverse_std, rows),
-            None if self.height is None else take_rows(self.height, rows),
-        )
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and Newton's matrix, or the Gauss-Newton matrix where that is not positive definite.
@@ -77,13 +67,13 @@ class RangeProblem:
                 bent_xx += share * product_xx
                 bent_xy += share * product_xy
                 bent_yy += share * product_yy
-            simple = Symmetric2x2(xx, xy, yy)
-            newton = Symmetric2x2(xx + bend - bent_xx, xy - bent_xy, yy + bend - bent_yy)
-            return Evaluation.of_newton(0.5 * cost, gradient_x, gradient_y, newton, simple, _LEAST_SHARE)
+            simple = SymmetricMatrix(xx, xy, yy)
+            newton = SymmetricMatrix(xx + bend - bent_xx, xy - bent_xy, yy + bend - bent_yy)
+            return Evaluation.of_newton(0.5 * cost, (gradient_x, gradient_y), newton, simple, _LEAST_SHARE)
 
 
 @dataclass(frozen=True)
-class SquaredRangeProblem:
+class SquaredRangeProblem(RowBlock):
     """Half the weighted sum of squared differences of squared ranges (B, K); equation (9)."""
 
     sensor_x: FloatArray
@@ -102,32 +92,14 @@ class SquaredRangeProblem:
         scale = 2.0 * circles.std_m * mean_range[:, None]
         return cls(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / scale)
 
-    def take(self, rows: IntArray) -> SquaredRangeProblem:
-        """Return the problems of some rows, in Fortran order."""
-        return SquaredRangeProblem(
-            *(
-                take_rows(array, rows)
-                for array in (self.sensor_x, self.sensor_y, self.squared_range, self.inverse_scale)
-            )
-        )
-
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and Gauss-Newton matrix."""
         dx, dy = x[:, None] - self.sensor_x, y[:, None] - self.sensor_y
         residual = (dx * dx + dy * dy - self.squared_range) * self.inverse_scale
         dx *= 2.0 * self.inverse_scale
         dy *= 2.0 * self.inverse_scale
-        return _gauss_newton(residual, dx, dy)
-
-
-def _gauss_newton(residual: FloatArray, slope_x: FloatArray, slope_y: FloatArray) -> Evaluation:
-    return Evaluation(
-        0.5 * sum_measurements(residual * residual),
-        sum_measurements(residual * slope_x),
-        sum_measurements(residual * slope_y),
-        Symmetric2x2(
-            sum_measurements(slope_x * slope_x),
-            sum_measurements(slope_x * slope_y),
-            sum_measurements(slope_y * slope_y),
-        ),
-    )
+        return Evaluation(
+            0.5 * sum_measurements(residual * residual),
+            (sum_measurements(residual * dx), sum_measurements(residual * dy)),
+            SymmetricMatrix.gram(dx, dy),
+        )

@@ -11,7 +11,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import RangeProblem
@@ -34,7 +34,7 @@ class RangeOptimum:
 
     x: FloatArray
     y: FloatArray
-    covariance: Symmetric2x2
+    covariance: SymmetricMatrix
     cost: FloatArray
     converged: BoolArray
 
@@ -96,11 +96,10 @@ def _order(one: RangeOptimum, other: RangeOptimum) -> tuple[RangeOptimum, RangeO
 
 
 def _pick(first: BoolArray, one: RangeOptimum, other: RangeOptimum) -> RangeOptimum:
-    a, b = one.covariance, other.covariance
     return RangeOptimum(
         np.where(first, one.x, other.x),
         np.where(first, one.y, other.y),
-        Symmetric2x2(np.where(first, a.xx, b.xx), np.where(first, a.xy, b.xy), np.where(first, a.yy, b.yy)),
+        one.covariance.where(first, other.covariance),
         np.where(first, one.cost, other.cost),
         np.where(first, one.converged, other.converged),
     )

@@ -16,7 +16,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["SquaredRangeFit", "fit_squared_ranges"]
 
@@ -72,9 +72,7 @@ def fit_squared_ranges(
     weight = weight / sum_measurements(weight)[:, None]
     mean_x, mean_y = sum_measurements(weight * sensor_x), sum_measurements(weight * sensor_y)
     dx, dy = sensor_x - mean_x[:, None], sensor_y - mean_y[:, None]
-    moment = Symmetric2x2(
-        sum_measurements(weight * dx * dx), sum_measurements(weight * dx * dy), sum_measurements(weight * dy * dy)
-    )
+    moment = SymmetricMatrix.gram(dx, dy, weight=weight)
     smaller, larger = moment.eigenvalues()
     smaller = np.maximum(smaller, 0.0)
     angle = 0.5 * np.arctan2(2.0 * moment.xy, moment.xx - moment.yy)

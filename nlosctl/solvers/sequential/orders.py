@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, SeedArray, ignoring_overflow
 from nlosctl.contract.random_streams import random_keys
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.sequential.polar_updates import (
     SourceState,
@@ -88,7 +88,7 @@ class Run:
             SourceState(
                 take(state.x),
                 take(state.y),
-                Symmetric2x2(take(state.covariance.xx), take(state.covariance.xy), take(state.covariance.yy)),
+                state.covariance.map(take),
                 take(state.alive),
             )
             for state in self.states
@@ -151,7 +151,7 @@ def _orders(
 
 def _dead(shape: tuple[int, ...]) -> SourceState:
     nothing = np.full(shape, np.nan, order="F")
-    return SourceState(nothing, nothing, Symmetric2x2(nothing, nothing, nothing), np.zeros(shape, dtype=bool))
+    return SourceState(nothing, nothing, SymmetricMatrix(nothing, nothing, nothing), np.zeros(shape, dtype=bool))
 
 
 def _prior_state(prior: Prior, shape: tuple[int, ...]) -> SourceState:
@@ -162,6 +162,6 @@ def _prior_state(prior: Prior, shape: tuple[int, ...]) -> SourceState:
     return SourceState(
         spread(prior.x),
         spread(prior.y),
-        Symmetric2x2(variance, np.zeros(shape, order="F"), variance),
+        SymmetricMatrix(variance, np.zeros(shape, order="F"), variance),
         np.broadcast_to(prior.known[:, None], shape).copy(),
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 
 __all__ = [
@@ -31,7 +31,7 @@ class SourceState:
 
     x: FloatArray
     y: FloatArray
-    covariance: Symmetric2x2
+    covariance: SymmetricMatrix
     alive: BoolArray
 
     def where(self, first: BoolArray, other: SourceState) -> SourceState:
@@ -40,11 +40,10 @@ class SourceState:
         def pick(a: FloatArray, b: FloatArray) -> FloatArray:
             return np.where(first, a, b)
 
-        a, b = self.covariance, other.covariance
         return SourceState(
             pick(self.x, other.x),
             pick(self.y, other.y),
-            Symmetric2x2(pick(a.xx, b.xx), pick(a.xy, b.xy), pick(a.yy, b.yy)),
+            self.covariance.where(first, other.covariance),
             np.where(first, self.alive, other.alive),
         )
 
@@ -97,7 +96,7 @@ def bootstrap_state(first: PickedRows, second: PickedRows) -> SourceState:
         range_2 = (dy * first.cosine - dx * first.sine) / sine
         variance_1, variance_2 = first.std_rad * first.std_rad, second.std_rad * second.std_rad
         by_1, by_2 = -range_1 * cosine / sine, range_2 / sine  # (16), first line
-        polar = Symmetric2x2(by_1 * by_1 * variance_1 + by_2 * by_2 * variance_2, by_1 * variance_1, variance_1)
+        polar = SymmetricMatrix(by_1 * by_1 * variance_1 + by_2 * by_2 * variance_2, by_1 * variance_1, variance_1)
         covariance = _to_cartesian(polar, range_1, first.cosine, first.sine)
         alive = (range_1 > 0.0) & (range_2 > 0.0) & np.isfinite(covariance.trace)
         return SourceState(
@@ -113,7 +112,7 @@ def ranged_state(rows: PickedRows) -> SourceState | None:
     if rows.measured_m is None or rows.range_std_m is None:
         return None
     range_m, std = rows.measured_m, rows.range_std_m
-    polar = Symmetric2x2(std * std, np.zeros_like(std), rows.std_rad * rows.std_rad)
+    polar = SymmetricMatrix(std * std, np.zeros_like(std), rows.std_rad * rows.std_rad)
     return SourceState(
         rows.origin_x + range_m * rows.cosine,
         rows.origin_y + range_m * rows.sine,
@@ -132,7 +131,7 @@ def update_bearings(state: SourceState, rows: PickedRows) -> SourceState:
         variance = rows.std_rad * rows.std_rad
         total = polar.yy + variance
         left = variance / total
-        updated = Symmetric2x2(polar.xx - polar.xy * polar.xy / total, polar.xy * left, polar.yy * left)  # (10)
+        updated = SymmetricMatrix(polar.xx - polar.xy * polar.xy / total, polar.xy * left, polar.yy * left)  # (10)
         return _from_polar(
             state, rows, range_m + polar.xy * innovation / total, polar.yy * innovation / total, cosine, sine, updated
         )  # (8)
@@ -155,14 +154,14 @@ def update_ranges(state: SourceState, rows: PickedRows, *, lognormal: bool) -> S
         variance = std * std
         total = polar.xx + variance
         left = variance / total
-        updated = Symmetric2x2(polar.xx * left, polar.xy * left, polar.yy - polar.xy * polar.xy / total)
+        updated = SymmetricMatrix(polar.xx * left, polar.xy * left, polar.yy - polar.xy * polar.xy / total)
         moved = _from_polar(
             state, rows, range_m + polar.xx * innovation / total, polar.xy * innovation / total, cosine, sine, updated
         )
     return moved if known.all() else moved.where(known, state)
 
 
-def _to_polar(state: SourceState, rows: PickedRows) -> tuple[FloatArray, FloatArray, FloatArray, Symmetric2x2]:
+def _to_polar(state: SourceState, rows: PickedRows) -> tuple[FloatArray, FloatArray, FloatArray, SymmetricMatrix]:
     """Return range, direction cosine and sine, and the covariance of range and bearing; (13), (14)."""
     dx, dy = state.x - rows.origin_x, state.y - rows.origin_y
     range_m = np.sqrt(dx * dx + dy * dy)
@@ -172,7 +171,7 @@ def _to_polar(state: SourceState, rows: PickedRows) -> tuple[FloatArray, FloatAr
     along_y = covariance.xy * cosine + covariance.yy * sine
     across_x = covariance.xy * cosine - covariance.xx * sine
     across_y = covariance.yy * cosine - covariance.xy * sine
-    polar = Symmetric2x2(
+    polar = SymmetricMatrix(
         along_x * cosine + along_y * sine,
         (along_y * cosine - along_x * sine) / range_m,
         (across_y * cosine - across_x * sine) / (range_m * range_m),
@@ -187,7 +186,7 @@ def _from_polar(
     turn_rad: FloatArray,
     cosine: FloatArray,
     sine: FloatArray,
-    polar: Symmetric2x2,
+    polar: SymmetricMatrix,
 ) -> SourceState:
     """Return the states at ``range_m`` in the direction turned by ``turn_rad``; (11), (12)."""
     turn_cosine, turn_sine = np.cos(turn_rad), np.sin(turn_rad)
@@ -201,10 +200,10 @@ def _from_polar(
     )
 
 
-def _to_cartesian(polar: Symmetric2x2, range_m: FloatArray, cosine: FloatArray, sine: FloatArray) -> Symmetric2x2:
+def _to_cartesian(polar: SymmetricMatrix, range_m: FloatArray, cosine: FloatArray, sine: FloatArray) -> SymmetricMatrix:
     """Return T Sigma T^T of (12): the covariance of range and bearing turned to x and y."""
     mixed, across = polar.xy * range_m, polar.yy * (range_m * range_m)
-    return Symmetric2x2(
+    return SymmetricMatrix(
         polar.xx * cosine * cosine - 2.0 * mixed * cosine * sine + across * sine * sine,
         (polar.xx - across) * cosine * sine + mixed * (cosine * cosine - sine * sine),
         polar.xx * sine * sine + 2.0 * mixed * cosine * sine + across * cosine * cosine,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import RankedFixes
 from nlosctl.solvers.sequential.hypotheses import Hypotheses, grow_hypotheses
@@ -35,9 +35,13 @@ class SuppressedFixes:
     @classmethod
     def nothing(cls, size: int, count: int) -> SuppressedFixes:
         """Return no fix for any of ``size`` snapshots of ``count`` rows."""
-        nan = [np.full((size, _KEPT), np.nan) for _ in range(5)]
+        shape = (size, _KEPT)
         fixes = RankedFixes(
-            nan[0], nan[1], np.full((size, _KEPT), np.inf), Symmetric2x2(*nan[2:]), np.zeros((size, _KEPT), np.int64)
+            np.full(shape, np.nan),
+            np.full(shape, np.nan),
+            np.full(shape, np.inf),
+            SymmetricMatrix.full(shape, np.nan),
+            np.zeros(shape, np.int64),
         )
         return cls(fixes, np.zeros((size, count), dtype=bool, order="F"), np.zeros(size, dtype=bool))
 
@@ -45,8 +49,7 @@ class SuppressedFixes:
         """Fill in the fixes of some snapshots."""
         mine, theirs = self.fixes, part.fixes
         mine.x[rows], mine.y[rows], mine.cost[rows] = theirs.x, theirs.y, theirs.cost
-        for name in ("xx", "xy", "yy"):
-            getattr(mine.covariance, name)[rows] = getattr(theirs.covariance, name)
+        mine.covariance.put(rows, theirs.covariance)
         mine.n_used[rows] = theirs.n_used
         self.used[rows] = part.used
         self.candidates[rows] = part.candidates
@@ -113,7 +116,7 @@ def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
     found = SuppressedFixes.nothing(size, model.mixture.count)
     found.candidates[:] = inside.any(axis=1)
     snapshot = np.arange(size)
-    fixes, covariance = found.fixes, found.fixes.covariance
+    fixes = found.fixes
     for t in range(min(_KEPT, cost.shape[1])):
         place = np.argmin(cost, axis=1)
         here = np.isfinite(cost[snapshot, place])
@@ -121,8 +124,7 @@ def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
             break
         rows, place = snapshot[here], place[here]
         fixes.x[rows, t], fixes.y[rows, t] = state.x[rows, place], state.y[rows, place]
-        for name in ("xx", "xy", "yy"):
-            getattr(covariance, name)[rows, t] = getattr(state.covariance, name)[rows, place]
+        fixes.covariance.put((rows, t), state.covariance.at(rows, place))
         fixes.cost[rows, t] = _exact_cost(model, rows, fixes.x[rows, t], fixes.y[rows, t])
         used = np.stack([part[rows, place] for part in grown.used], axis=1)
         fixes.n_used[rows, t] = np.count_nonzero(used, axis=1)
@@ -140,11 +142,7 @@ def _exact_cost(model: OutlierModel, rows: IntArray, x: FloatArray, y: FloatArra
 
 def _near(x: FloatArray, y: FloatArray, fixes: RankedFixes, t: int) -> BoolArray:
     """Return which estimates (B, M) are within some standard deviations of fix ``t``."""
-    information = Symmetric2x2(
-        *(part[:, t] for part in (fixes.covariance.xx, fixes.covariance.xy, fixes.covariance.yy))
-    ).inverse()
-    xx, xy, yy = (part[:, None] for part in (information.xx, information.xy, information.yy))
+    information = fixes.covariance.at(slice(None), t).inverse().at(slice(None), None)
     dx, dy = x - fixes.x[:, t, None], y - fixes.y[:, t, None]
-    with ignoring_overflow():
-        near: BoolArray = xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy < _APART * _APART
+    near: BoolArray = information.quadratic_form(dx, dy) < _APART * _APART
     return near

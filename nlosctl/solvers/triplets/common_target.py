@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.special import log_ndtr
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
 
 __all__ = ["CommonTargets", "TargetModel", "weigh_targets"]
@@ -60,7 +60,7 @@ class CommonTargets:
     direct: FloatArray
     x: FloatArray
     y: FloatArray
-    information: Symmetric2x2
+    information: SymmetricMatrix
     supported: BoolArray
     cost: FloatArray
     lead: FloatArray
@@ -74,7 +74,7 @@ class _Hypotheses:
     y: FloatArray
     log_direct: FloatArray
     log_indirect: FloatArray
-    information: Symmetric2x2
+    information: SymmetricMatrix
     volume: FloatArray
     score: FloatArray
 
@@ -137,19 +137,17 @@ def _refine(
     for _ in range(_ITERATIONS):
         likelihood, gradient_x, gradient_y = (np.zeros(x.shape) for _ in range(3))
         ridge = 1.0 / (scales * scales)
-        xx, xy, yy = ridge.copy(), np.zeros(x.shape), ridge.copy()
+        information = SymmetricMatrix.full(x.shape, 0.0).add_to_diagonal(ridge)
         for log_direct, log_indirect, sums in _memberships(problem, x, y, model, scales):
             total = np.logaddexp(log_direct, log_indirect)
             likelihood += total
             share = np.exp(log_direct - total)
             gradient_x += share * sums.gradient_x
             gradient_y += share * sums.gradient_y
-            xx += share * sums.xx
-            xy += share * sums.xy
-            yy += share * sums.yy
+            information += sums.gauss * share
         better = likelihood > best
         best_x, best_y, best = np.where(better, x, best_x), np.where(better, y, best_y), np.fmax(best, likelihood)
-        step_x, step_y = Symmetric2x2(xx, xy, yy).solve(-gradient_x, -gradient_y)
+        step_x, step_y = information.solve(-gradient_x, -gradient_y)
         usable = np.isfinite(step_x) & np.isfinite(step_y)
         x, y = np.where(usable, x + step_x, x), np.where(usable, y + step_y, y)
     return best_x.reshape(shape), best_y.reshape(shape)
@@ -160,19 +158,19 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
     shape = x.shape
     scales = np.tile(scale, shape[0])
     direct, indirect = [], []
-    likelihood, xx, xy, yy = (np.zeros(scales.shape) for _ in range(4))
+    likelihood, information = np.zeros(scales.shape), SymmetricMatrix.full(scales.shape, 0.0)
     for log_direct, log_indirect, sums in _memberships(problem, x.reshape(-1), y.reshape(-1), model, scales):
         total = np.logaddexp(log_direct, log_indirect)
         share = np.exp(log_direct - total)
         likelihood += total
-        xx, xy, yy = xx + share * sums.xx, xy + share * sums.xy, yy + share * sums.yy
+        information += sums.gauss * share
         direct.append(log_direct.reshape(shape))
         indirect.append(log_indirect.reshape(shape))
     # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long. None where a
     # hypothesis is on a station but for rounding.
     ridge = 1.0 / (scales * scales)
     with ignoring_overflow():
-        determinant = (xx + ridge) * (yy + ridge) - xy * xy
+        determinant = information.add_to_diagonal(ridge).determinant
         volume = np.where(determinant > 0.0, np.log(ridge) - 0.5 * np.log(determinant), -np.inf)
     score = (likelihood + volume).reshape(shape)
     score = np.where(np.isnan(score), -np.inf, score)
@@ -186,7 +184,7 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
         sort(y),
         np.stack([sort(values) for values in direct], axis=2),
         np.stack([sort(values) for values in indirect], axis=2),
-        Symmetric2x2(sort(xx), sort(xy), sort(yy)),
+        information.map(sort),
         sort(volume),
         sort(score),
     )
@@ -201,18 +199,9 @@ def _distinct(hypotheses: _Hypotheses) -> _Hypotheses:
             dx = hypotheses.x[later] - hypotheses.x[earlier]
             dy = hypotheses.y[later] - hypotheses.y[earlier]
             with ignoring_overflow():
-                apart = information.xx[earlier] * dx * dx + 2.0 * information.xy[earlier] * dx * dy
-                apart += information.yy[earlier] * dy * dy
+                apart = information.at(earlier).quadratic_form(dx, dy)
             volume[later, ~(apart > _SAME)] = -np.inf
-    return _Hypotheses(
-        hypotheses.x,
-        hypotheses.y,
-        hypotheses.log_direct,
-        hypotheses.log_indirect,
-        information,
-        volume,
-        hypotheses.score,
-    )
+    return replace(hypotheses, volume=volume)
 
 
 def _combine(hypotheses: _Hypotheses, model: TargetModel) -> CommonTargets:
@@ -264,12 +253,11 @@ def _best_set(
 
     supported = hypotheses.log_direct > hypotheses.log_indirect
     chosen = np.take_along_axis(supported, np.maximum(members, 0)[:, :, None], axis=0) & present[:, :, None]
-    information = hypotheses.information
     return CommonTargets(
         direct,
         pick(hypotheses.x),
         pick(hypotheses.y),
-        Symmetric2x2(pick(information.xx), pick(information.xy), pick(information.yy)),
+        hypotheses.information.map(pick),
         chosen,
         cost,
         lead,

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
+from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.geometry.angles import cosine_sine
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
@@ -26,15 +27,11 @@ _PATIENCE = 20
 
 
 @dataclass(frozen=True)
-class _EllipticProblem:
+class _EllipticProblem(RowBlock):
     """Paths (N, 1) in their baseline frames, as a function of w (metres) and v (radians)."""
 
     plane: TripletProblem
     baseline_m: FloatArray
-
-    def take(self, rows: IntArray) -> _EllipticProblem:
-        """Return the problems of some rows."""
-        return _EllipticProblem(self.plane.take(rows), self.baseline_m[rows])
 
     def evaluate(self, w: FloatArray, v: FloatArray) -> Evaluation:
         """Return the evaluation at w, v (N,): that in the plane, by the chain rule."""
@@ -46,19 +43,18 @@ class _EllipticProblem:
             sums.add_path(self.plane, 0, x, y)
             x_w, x_v, y_w, y_v = 0.5 * w * cosine / length, -0.5 * length * sine, 0.5 * sine, 0.5 * w * cosine
             x_ww = 0.5 * cosine * (self.baseline_m / length) ** 2 / length
-            gauss_newton = _pull_back(Symmetric2x2(sums.xx, sums.xy, sums.yy), x_w, x_v, y_w, y_v)
-            bend = _pull_back(Symmetric2x2(sums.bend_xx, sums.bend_xy, sums.bend_yy), x_w, x_v, y_w, y_v)
+            gauss_newton = _pull_back(sums.gauss, x_w, x_v, y_w, y_v)
+            bend = _pull_back(sums.bend, x_w, x_v, y_w, y_v)
             gradient_x, gradient_y = sums.gradient_x, sums.gradient_y
-            bend = Symmetric2x2(
+            bend = SymmetricMatrix(
                 bend.xx + gradient_x * x_ww,
                 bend.xy - 0.5 * gradient_x * w * sine / length + 0.5 * gradient_y * cosine,
                 bend.yy - gradient_x * x - gradient_y * y,
             )
             return Evaluation.of_newton(
                 0.5 * sums.cost,
-                gradient_x * x_w + gradient_y * y_w,
-                gradient_x * x_v + gradient_y * y_v,
-                Symmetric2x2(gauss_newton.xx + bend.xx, gauss_newton.xy + bend.xy, gauss_newton.yy + bend.yy),
+                (gradient_x * x_w + gradient_y * y_w, gradient_x * x_v + gradient_y * y_v),
+                gauss_newton + bend,
                 gauss_newton,
             )
 
@@ -86,13 +82,13 @@ def minimize_paths(
     found = minimize(problem, *problem.from_plane(start_x, start_y), max_iterations=max_iterations, patience=_PATIENCE)
     x, y = problem.to_plane(found.x, found.y)
     there = plane.evaluate(x, y)
-    return Minimum(x, y, there.cost, there.hessian, found.converged, found.evaluations)
+    return Minimum((x, y), there.cost, there.hessian, found.converged, found.evaluations)
 
 
 def _pull_back(
-    matrix: Symmetric2x2, x_w: FloatArray, x_v: FloatArray, y_w: FloatArray, y_v: FloatArray
-) -> Symmetric2x2:
+    matrix: SymmetricMatrix, x_w: FloatArray, x_v: FloatArray, y_w: FloatArray, y_v: FloatArray
+) -> SymmetricMatrix:
     """Return J^T matrix J for the Jacobian J of x, y by w, v."""
     left_w, right_w = matrix.xx * x_w + matrix.xy * y_w, matrix.xy * x_w + matrix.yy * y_w
     left_v, right_v = matrix.xx * x_v + matrix.xy * y_v, matrix.xy * x_v + matrix.yy * y_v
-    return Symmetric2x2(x_w * left_w + y_w * right_w, x_w * left_v + y_w * right_v, x_v * left_v + y_v * right_v)
+    return SymmetricMatrix(x_w * left_w + y_w * right_w, x_w * left_v + y_w * right_v, x_v * left_v + y_v * right_v)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
+from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import cosine_sine
-from nlosctl.geometry.blocks import take_rows
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.problem import Evaluation
 
@@ -18,7 +18,7 @@ __all__ = ["PathSums", "TripletProblem"]
 
 
 @dataclass(frozen=True)
-class TripletProblem:
+class TripletProblem(RowBlock):
     """Half the chi-square of triplets (B, K), as a function of a target about a local origin (B,); metres."""
 
     tx_x: FloatArray
@@ -59,10 +59,6 @@ class TripletProblem:
             1.0 / batch.path_length_std_m,
         )
 
-    def take(self, rows: IntArray) -> TripletProblem:
-        """Return the problems of some rows, in Fortran order."""
-        return TripletProblem(*(take_rows(getattr(self, field.name), rows) for field in fields(self)))
-
     def residuals(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return measured minus predicted DOD, DOA (radians) and path length (metres), (B, K), at targets (B,)."""
         from_tx_x, from_tx_y = x[:, None] - self.tx_x, y[:, None] - self.tx_y
@@ -81,13 +77,13 @@ class TripletProblem:
                 total.add_path(self, k, x, y)
             return total.evaluation()
 
-    def information(self, x: FloatArray, y: FloatArray) -> Symmetric2x2:
+    def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of targets (B,): the Gauss-Newton matrix there."""
         total = PathSums(x.shape)
         with ignoring_overflow():
             for k in range(self.tx_x.shape[1]):
                 total.add_path(self, k, x, y)
-        return Symmetric2x2(total.xx, total.xy, total.yy)
+        return total.gauss
 
 
 def _turn(cosine: FloatArray, sine: FloatArray, dx: FloatArray, dy: FloatArray) -> FloatArray:
@@ -100,8 +96,7 @@ class PathSums:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.cost, self.gradient_x, self.gradient_y = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self.xx, self.xy, self.yy = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self.bend_xx, self.bend_xy, self.bend_yy = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.gauss, self.bend = SymmetricMatrix.full(shape, 0.0), SymmetricMatrix.full(shape, 0.0)
 
     def add_path(self, problem: TripletProblem, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Add path k of every snapshot; return the length (B,) of the direct path over the targets."""
@@ -136,9 +131,10 @@ class PathSums:
         self._add(scaled, slope_x, slope_y)
         curvature = scaled * slope * inverse
         both = 2.0 * ux * uy * curvature
-        self.bend_xx -= both
-        self.bend_yy += both
-        self.bend_xy += (ux * ux - uy * uy) * curvature
+        bend_xx, bend_xy, bend_yy = self.bend
+        bend_xx -= both
+        bend_yy += both
+        bend_xy += (ux * ux - uy * uy) * curvature
         return distance, inverse, ux, uy
 
     def _add_length(
@@ -151,22 +147,20 @@ class PathSums:
         scaled = (unit_tx[0] + unit_rx[0] - path_length_m) * inverse_std
         self._add(scaled, (unit_tx[2] + unit_rx[2]) * inverse_std, (unit_tx[3] + unit_rx[3]) * inverse_std)
         pull = scaled * inverse_std
+        bend_xx, bend_xy, bend_yy = self.bend
         for _, inverse, ux, uy in (unit_tx, unit_rx):
             weight = pull * inverse
-            self.bend_xx += weight * uy * uy
-            self.bend_xy -= weight * ux * uy
-            self.bend_yy += weight * ux * ux
+            bend_xx += weight * uy * uy
+            bend_xy -= weight * ux * uy
+            bend_yy += weight * ux * ux
 
     def _add(self, scaled: FloatArray, slope_x: FloatArray, slope_y: FloatArray) -> None:
         self.cost += scaled * scaled
         self.gradient_x += scaled * slope_x
         self.gradient_y += scaled * slope_y
-        self.xx += slope_x * slope_x
-        self.xy += slope_x * slope_y
-        self.yy += slope_y * slope_y
+        self.gauss += SymmetricMatrix.outer(slope_x, slope_y)
 
     def evaluation(self) -> Evaluation:
         """Return the evaluation, with a positive matrix of second derivatives."""
-        exact = Symmetric2x2(self.xx + self.bend_xx, self.xy + self.bend_xy, self.yy + self.bend_yy)
-        gauss = Symmetric2x2(self.xx, self.xy, self.yy)
-        return Evaluation.of_newton(0.5 * self.cost, self.gradient_x, self.gradient_y, exact, gauss)
+        gradient = (self.gradient_x, self.gradient_y)
+        return Evaluation.of_newton(0.5 * self.cost, gradient, self.gauss + self.bend, self.gauss)

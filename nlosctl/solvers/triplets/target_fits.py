@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid, ignoring_overflow
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.triplets.elliptic_coordinates import minimize_paths
@@ -34,7 +34,7 @@ class TargetFits:
     x: FloatArray
     y: FloatArray
     cost: FloatArray
-    hessian: Symmetric2x2
+    hessian: SymmetricMatrix
     converged: BoolArray
     runner_up: FloatArray
 
@@ -49,7 +49,7 @@ class TargetFits:
             x=fill(np.nan),
             y=fill(np.nan),
             cost=fill(np.inf),
-            hessian=Symmetric2x2(fill(np.nan), fill(np.nan), fill(np.nan)),
+            hessian=SymmetricMatrix.full(count, np.nan),
             converged=np.zeros(count, dtype=bool),
             runner_up=fill(np.inf),
         )
@@ -161,8 +161,7 @@ def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, 
         return known
     with ignoring_overflow():
         dx, dy = start_x - best.x, start_y - best.y
-        hessian = best.hessian
-        rise = 0.5 * (hessian.xx * dx * dx + 2.0 * hessian.xy * dx * dy + hessian.yy * dy * dy)
+        rise = 0.5 * best.hessian.quadratic_form(dx, dy)
         there = problem.evaluate(start_x, start_y).cost
         foretold = np.abs(there - best.cost - rise) <= _SAME_BASIN * rise
     return known & foretold
@@ -171,8 +170,7 @@ def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, 
 def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:
     with ignoring_overflow():
         dx, dy = found.x - best.x[rows], found.y - best.y[rows]
-        hessian = found.hessian
-        apart = hessian.xx * dx * dx + 2.0 * hessian.xy * dx * dy + hessian.yy * dy * dy
+        apart = found.hessian.quadratic_form(dx, dy)
         other = found.converged & best.converged[rows] & (apart > 1e-6)
         # A point that has not settled counts only while no other has.
         better = (found.cost < best.cost[rows]) & (found.converged | ~best.converged[rows])
@@ -182,5 +180,4 @@ def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:
     chosen = rows[better]
     for name in ("x", "y", "cost", "converged"):
         getattr(best, name)[chosen] = getattr(found, name)[better]
-    for name in ("xx", "xy", "yy"):
-        getattr(best.hessian, name)[chosen] = getattr(found.hessian, name)[better]
+    best.hessian.put(chosen, found.hessian.at(better))

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits
@@ -20,7 +20,7 @@ _RELATIVE_MINIMUM_RANGE = 1e-6
 
 
 def judge_targets(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, covariance: Symmetric2x2, converged: BoolArray
+    problem: TripletProblem, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix, converged: BoolArray
 ) -> StatusArray:
     """Return the status (B,) of targets at x, y (B,) about the local origin.
 
