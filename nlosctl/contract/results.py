@@ -1,29 +1,66 @@
-"""What a method gives back."""
+"""What a method returns, and the check that it keeps the contract."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["Estimates", "Flags", "Solution", "Trace", "Words", "no_estimates", "single_estimates"]
+__all__ = [
+    "FORM",
+    "Estimates",
+    "Flags",
+    "Solution",
+    "Trace",
+    "Words",
+    "contract_violation",
+    "form_faults",
+    "has_covariance",
+    "has_position",
+    "no_estimates",
+    "null_faults",
+    "single_estimates",
+]
+
+FORM: dict[str, tuple[str, tuple[int, ...]]] = {
+    "row": ("int64", ()),
+    "target": ("int64", ()),
+    "alternative": ("int64", ()),
+    "position_m": ("float64", (2,)),
+    "covariance_m2": ("float64", (3,)),
+    "cost": ("float64", ()),
+    "n_used": ("int64", ()),
+    "status": ("uint8", ()),
+}
+"""The arrays of `Estimates`: type, and shape after the first axis (E,)."""
+
+
+def has_position(status: StatusArray) -> BoolArray:
+    """Return which estimates have a position."""
+    return status <= Status.BOUNDARY
+
+
+def has_covariance(status: StatusArray) -> BoolArray:
+    """Return which estimates have a covariance."""
+    return status <= Status.INFEASIBLE
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimates:
     """E estimates, ordered by snapshot, then target, then alternative (best first).
 
-    ``row`` (E,) is the snapshot's place in the batch; every snapshot has at least one estimate, if only to carry
+    ``row`` (E,) is the snapshot's index in the batch; every snapshot has at least one estimate, if only to carry
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
-    NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
-    says what the covariance accounts for, where the method has more than one kind. ``measurement`` (E,) is given
-    where every measurement is solved by itself, for a target of its own: its place in the snapshot.
+    are NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
+    states what the covariance accounts for, if the method has more than one kind. ``measurement`` (E,) is set if
+    every measurement is solved by itself, for a target of its own: its index in the snapshot.
     """
 
     row: IntArray
@@ -33,16 +70,49 @@ class Estimates:
     covariance_m2: FloatArray
     cost: FloatArray
     n_used: IntArray
-    status: npt.NDArray[np.uint8]
+    status: StatusArray
     covariance_kind: str | None = None
     measurement: IntArray | None = None
+
+    @classmethod
+    def of(
+        cls,
+        status: StatusArray,
+        position: tuple[FloatArray, ...],
+        covariance: SymmetricMatrix,
+        cost: FloatArray,
+        n_used: IntArray | int,
+        *,
+        row: IntArray | None = None,
+        target: IntArray | None = None,
+        alternative: IntArray | None = None,
+        **kinds: Any,
+    ) -> Estimates:
+        """Return estimates (E,) without the numbers that their status denies: those become NaN, ``n_used`` 0.
+
+        Positions are given as one array (E,) per coordinate. ``row`` counts the snapshots by default, ``target`` and
+        ``alternative`` are 0; ``kinds`` are `covariance_kind` and `measurement`.
+        """
+        positioned, certain = has_position(status), has_covariance(status)
+        zero = np.zeros(status.shape, dtype=np.int64)
+        return cls(
+            row=np.arange(status.shape[0], dtype=np.int64) if row is None else row,
+            target=zero if target is None else target,
+            alternative=zero if alternative is None else alternative,
+            position_m=np.where(positioned[:, None], np.stack(position, axis=1), np.nan),
+            covariance_m2=np.where(certain[:, None], covariance.stack(), np.nan),
+            cost=np.where(positioned, cost, np.nan),
+            n_used=np.where(positioned, n_used, 0),
+            status=status,
+            **kinds,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Words:
-    """A text column that has few words: each entry of ``code`` (B, K) is a place in ``words``.
+    """A text column with few different words: each entry of ``code`` (B, K) is an index into ``words``.
 
-    It reads like an array of text. A word may be None: nothing is said.
+    It reads like an array of text. A word may be None: no value.
     """
 
     code: npt.NDArray[np.uint8]
@@ -54,7 +124,7 @@ class Words:
         return self.code.shape
 
     def __getitem__(self, key: Any) -> Any:
-        """Return the words at places of the array."""
+        """Return the words at an index of the array."""
         return np.array(self.words, dtype=object)[self.code[key]]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[np.object_]:
@@ -64,21 +134,30 @@ class Words:
 
 @dataclass(frozen=True, kw_only=True)
 class Flags:
-    """What is said of each measurement: ``used`` (B, K), and further columns (B, K) by their name.
+    """The flags of each measurement: ``used`` (B, K), and further columns (B, K) by name.
 
-    Floating-point columns hold NaN where there is nothing to say.
+    Floating-point columns are NaN where there is no value.
     """
 
     used: BoolArray
     columns: Mapping[str, npt.NDArray[np.generic] | Words] = field(default_factory=dict)
 
+    @classmethod
+    def of_fixes(cls, status: StatusArray, columns: Mapping[str, FloatArray]) -> Flags:
+        """Return the flags of fixes (B,) that use every row; columns (B, K) are NaN where there is no position."""
+        answered = has_position(status)[:, None]
+        columns = {name: np.where(answered, values, np.nan) for name, values in columns.items()}
+        shape = next(iter(columns.values())).shape
+        return cls(used=np.broadcast_to(answered, shape).copy(), columns=columns)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """The T states that a sequential method went through, ordered by snapshot, then step.
+    """The T states that a sequential method passed through, ordered by snapshot, then step.
 
-    ``row`` (T,) is the snapshot's place in the batch, ``measurement`` (T,) that of the row just used (-1: none yet),
-    ``step`` (T,) the number of rows used so far. ``position_m`` (T, 2) and ``covariance_m2`` (T, 3) as in estimates.
+    ``row`` (T,) is the snapshot's index in the batch, ``measurement`` (T,) the index of the row just used (-1: none
+    yet), ``step`` (T,) the number of rows used so far. ``position_m`` (T, 2) and ``covariance_m2`` (T, 3) are as in
+    `Estimates`.
     """
 
     row: IntArray
@@ -90,9 +169,9 @@ class Trace:
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """The result of one batch. ``flags`` may be None when the batch did not want them.
+    """The result of one batch. ``flags`` may be None if the batch did not want them.
 
-    ``trace`` is left out unless the method has one and the batch wanted it.
+    ``trace`` is None unless the method has one and the batch wanted it.
     """
 
     estimates: Estimates
@@ -101,7 +180,7 @@ class Solution:
 
 
 def no_estimates(size: int) -> Estimates:
-    """Return the estimates of B snapshots by a detector that makes none: rows without a position, read by nobody."""
+    """Return the placeholder estimates of B snapshots for a detector that makes none: rows without a position."""
     zeros = np.zeros(size, dtype=np.int64)
     nothing = np.broadcast_to(np.nan, (size, 3))
     return Estimates(
@@ -117,28 +196,88 @@ def no_estimates(size: int) -> Estimates:
 
 
 def single_estimates(
-    *,
-    position_m: FloatArray,
-    covariance_m2: FloatArray,
-    cost: FloatArray,
-    n_used: IntArray,
-    status: npt.NDArray[np.uint8],
+    *, position_m: FloatArray, covariance_m2: FloatArray, cost: FloatArray, n_used: IntArray, status: StatusArray
 ) -> Estimates:
-    """Return estimates with one row per snapshot; what the status denies is blanked.
+    """Return estimates with one row per snapshot, without the numbers that their status denies.
 
     Shapes: position (B, 2), covariance (B, 3), cost, n_used and status (B,). A snapshot without a position gets
     ``n_used`` 0.
     """
-    rows = np.arange(status.shape[0], dtype=np.int64)
-    has_position = status <= Status.BOUNDARY
-    has_covariance = status <= Status.INFEASIBLE
-    return Estimates(
-        row=rows,
-        target=np.zeros_like(rows),
-        alternative=np.zeros_like(rows),
-        position_m=np.where(has_position[:, None], position_m, np.nan),
-        covariance_m2=np.where(has_covariance[:, None], covariance_m2, np.nan),
-        cost=np.where(has_position, cost, np.nan),
-        n_used=np.where(has_position, n_used, 0),
-        status=status,
-    )
+    return Estimates.of(status, tuple(position_m.T), SymmetricMatrix(*covariance_m2.T), cost, n_used)
+
+
+def contract_violation(solution: Any, shape: tuple[int, int]) -> str:
+    """Return how the solution of a batch of ``shape`` (B, K) breaks the contract, empty if it doesn't.
+
+    Plugins may be wrong: this runs before a row of the solution is written.
+    """
+    if not isinstance(solution, Solution):
+        return f"returned a {type(solution).__name__}, not a Solution"
+    faults = [*form_faults(solution.estimates)] or [*_value_faults(solution.estimates, shape[0])]
+    if solution.flags is not None:
+        faults += _flag_faults(solution.flags, shape)
+    if solution.trace is not None:
+        faults += _trace_faults(solution.trace, shape)
+    return f"broke its contract: {faults[0]}" if faults else ""
+
+
+def form_faults(estimates: Estimates, *, exact_types: bool = False) -> Iterator[str]:
+    """Yield a complaint for each value that is not an array of the right shape and type.
+
+    Without ``exact_types`` any integers and any floats are right.
+    """
+    rows = np.shape(estimates.row)
+    count = rows[0] if rows else 0
+    for name, (dtype, tail) in FORM.items():
+        array, shape = getattr(estimates, name), (count, *tail)
+        if not isinstance(array, np.ndarray) or array.shape != shape:
+            yield f"{name} has shape {np.shape(array)}, expected {shape}"
+        elif exact_types and array.dtype != dtype:
+            yield f"{name} is {array.dtype}, expected {dtype}"
+        elif array.dtype.kind not in ("f" if dtype == "float64" else "iu"):
+            yield f"{name} is {array.dtype}, expected {'floats' if dtype == 'float64' else 'integers'}"
+
+
+def _value_faults(estimates: Estimates, size: int) -> Iterator[str]:
+    """Yield snapshots without estimate, unknown snapshots and statuses, wrong nulls and improper covariances."""
+    row, status = estimates.row, estimates.status
+    if row.size and (row.min() < 0 or row.max() >= size):
+        yield f"row {row.max()} is not one of its {size} snapshots"
+    elif np.bincount(row, minlength=size).min(initial=1) == 0:
+        yield "a snapshot got no estimate, expected at least one, if only for its status"
+    if (status > max(Status)).any():
+        yield f"unknown status {int(status.max())}"
+        return
+    yield from null_faults("position", estimates.position_m, has_position(status), status)
+    yield from null_faults("covariance", estimates.covariance_m2, has_covariance(status), status)
+    xx, xy, yy = estimates.covariance_m2[has_covariance(status)].T
+    largest = np.sqrt(np.abs(xx)) * np.sqrt(np.abs(yy))
+    if not ((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= largest * (1.0 + 1e-9))).all():
+        yield "a covariance is not positive semidefinite"
+
+
+def null_faults(what: str, values: npt.NDArray[Any], wanted: BoolArray, status: StatusArray) -> Iterator[str]:
+    """Yield the first value (E, ...) that is not finite where ``wanted`` (E,), or not NaN elsewhere."""
+    values, rows = values.reshape(status.shape[0], -1), values
+    wrong = np.where(wanted[:, None], ~np.isfinite(values), ~np.isnan(values)).any(axis=1)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        yield f"the {what} is {rows[first].tolist()} where the status is {Status(int(status[first])).word}"
+
+
+def _flag_faults(flags: Flags, shape: tuple[int, int]) -> Iterator[str]:
+    for name, column in {"used": flags.used, **flags.columns}.items():
+        if np.shape(column) != shape:
+            yield f"the flag {name!r} has shape {np.shape(column)}, expected {shape}"
+    if np.shape(flags.used) == shape and flags.used.dtype != np.bool_:
+        yield f"the flag 'used' is {flags.used.dtype}, expected booleans"
+
+
+def _trace_faults(trace: Trace, shape: tuple[int, int]) -> Iterator[str]:
+    count = np.shape(trace.row)
+    forms = {"step": (), "measurement": (), "position_m": (2,), "covariance_m2": (3,)}
+    for name, tail in forms.items():
+        if np.shape(getattr(trace, name)) != (*count, *tail):
+            yield f"the trace's {name} has shape {np.shape(getattr(trace, name))}, expected {(*count, *tail)}"
+    if np.size(trace.row) and (np.min(trace.row) < 0 or np.max(trace.row) >= shape[0]):
+        yield f"the trace names snapshot {int(np.max(trace.row))} of {shape[0]}"

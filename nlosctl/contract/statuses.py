@@ -8,49 +8,35 @@ __all__ = ["Status"]
 
 
 class Status(IntEnum):
-    """How a snapshot's estimate ended; the table holds the name in lower case (``status.word``)."""
+    """How the estimate of a snapshot ended; ``meaning`` is one line on it.
 
-    OK = 0
-    AMBIGUOUS = 1
-    INFEASIBLE = 2
-    BOUNDARY = 3
-    TOO_FEW = 4
-    DEGENERATE = 5
-    BEHIND = 6
-    NOT_CONVERGED = 7
-    NO_CANDIDATE = 8
-    NO_TARGET = 9
+    ``word`` is the name in lower case, as in the ``status`` column. Rows have a position exactly where
+    ``has_position``, and a covariance exactly where ``has_covariance``.
+    """
 
-    @property
-    def word(self) -> str:
-        """The word in the ``status`` column."""
-        return self.name.lower()
+    word: str
+    meaning: str
+    has_position: bool
+    has_covariance: bool
 
-    @property
-    def has_position(self) -> bool:
-        """Whether a row of this status has x and y."""
-        return self <= Status.BOUNDARY
+    OK = 0, "a fix"
+    AMBIGUOUS = 1, "another optimum is nearly as likely; x, y and covariance are of the best"
+    INFEASIBLE = 2, "outside what the scene allows; the free estimate is kept"
+    BOUNDARY = 3, "constrained estimate on the edge of what is allowed; no covariance"
+    TOO_FEW = 4, "fewer measurements than the method needs; no answer"
+    DEGENERATE = 5, "lines nearly parallel, or the fix lies on a sensor it uses; no answer"
+    BEHIND = 6, "the lines meet behind a sensor that is used; no answer"
+    NOT_CONVERGED = 7, "the iteration did not settle; no answer"
+    NO_CANDIDATE = 8, "no candidate position within the search field; no answer"
+    NO_TARGET = 9, "nothing in the measurements looks like a target; no answer"
 
-    @property
-    def has_covariance(self) -> bool:
-        """Whether a row of this status has a covariance."""
-        return self <= Status.INFEASIBLE
+    def __new__(cls, number: int, meaning: str = "") -> Status:
+        """Return the member of a number."""
+        member = int.__new__(cls, number)
+        member._value_ = number
+        member.meaning = meaning
+        member.has_position, member.has_covariance = number <= 3, number <= 2
+        return member
 
-    @property
-    def meaning(self) -> str:
-        """One line that says what the word means."""
-        return _MEANINGS[self]
-
-
-_MEANINGS = {
-    Status.OK: "a fix",
-    Status.AMBIGUOUS: "another optimum is nearly as likely; x, y and covariance are of the best",
-    Status.INFEASIBLE: "outside what the scene allows; the free estimate is kept",
-    Status.BOUNDARY: "constrained estimate on the edge of what is allowed; no covariance",
-    Status.TOO_FEW: "fewer measurements than the method needs; no answer",
-    Status.DEGENERATE: "lines nearly parallel, or the fix lies on a sensor it uses; no answer",
-    Status.BEHIND: "the lines meet behind a sensor that is used; no answer",
-    Status.NOT_CONVERGED: "the iteration did not settle; no answer",
-    Status.NO_CANDIDATE: "no candidate position within the search field; no answer",
-    Status.NO_TARGET: "nothing in the measurements looks like a target; no answer",
-}
+    def __init__(self, number: int, meaning: str = "") -> None:
+        self.word = self.name.lower()

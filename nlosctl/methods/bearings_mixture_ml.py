@@ -9,7 +9,6 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.bearings.joint_range_bearing import row_residuals
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.modes import find_modes
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, has_several_paths, outlier_model
@@ -87,7 +86,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = modes.x[:, 0], modes.y[:, 0]
-    numbers = {"los_probability": probability, **row_residuals(grouped, model.lines, x, y)}
+    numbers = {"los_probability": probability, **lines.residuals(grouped, x, y)}
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, probability > 0.5, numbers))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,14 +12,15 @@ from nlosctl.arrays import FloatArray, IntArray, StatusArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
-from nlosctl.contract.results import Flags, Solution, Trace, single_estimates
+from nlosctl.contract.results import Estimates, Flags, Solution, Trace, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import judge_fixes, nearly_singular
-from nlosctl.solvers.bearings.joint_range_bearing import range_columns, row_residuals
+from nlosctl.solvers.bearings.joint_range_bearing import range_columns
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
 from nlosctl.solvers.sequential.orders import Prior, RangedLines, Run, run_all_orders
+from nlosctl.solvers.sequential.polar_updates import SourceState
 from nlosctl.solvers.sequential.starting_pairs import conditioned_pairs
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
@@ -109,39 +111,32 @@ def _solution(
     states, rows = run.pick(best)
     last = states[-1]
     x, y = last.x[:, 0], last.y[:, 0]
-    estimates = single_estimates(
-        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
-        covariance_m2=np.stack([part[:, 0] for part in last.covariance], axis=1),
-        cost=cost,
-        n_used=np.full(batch.size, batch.measurements, dtype=np.int64),
-        status=status,
+    position = (x + lines.center_x, y + lines.center_y)
+    covariance = last.covariance.at(slice(None), 0)
+    return Solution(
+        estimates=Estimates.of(status, position, covariance, cost, batch.measurements),
+        flags=Flags.of_fixes(status, lines.residuals(batch, x, y)) if batch.want_flags else None,
+        trace=_trace(lines, states, rows, status) if batch.want_trace else None,
     )
-    flags = None
-    if batch.want_flags:
-        answered = (status <= Status.BOUNDARY)[:, None]
-        residuals = row_residuals(batch, lines, x, y)
-        flags = Flags(
-            used=np.broadcast_to(answered, (batch.size, batch.measurements)).copy(),
-            columns={name: np.where(answered, values, np.nan) for name, values in residuals.items()},
-        )
-    trace = None
-    if batch.want_trace:
-        answered_rows = status <= Status.BOUNDARY
-        written = np.stack([state.alive[:, 0] & answered_rows for state in states], axis=1)
-        row, step = np.nonzero(written)
-        parts = [np.concatenate([getattr(state, name) for state in states], axis=1)[row, step] for name in ("x", "y")]
-        spread = [
-            np.concatenate([getattr(state.covariance, name) for state in states], axis=1)[row, step]
-            for name in ("xx", "xy", "yy")
-        ]
-        trace = Trace(
-            row=row.astype(np.int64),
-            step=step.astype(np.int64) + 1,
-            measurement=np.stack(rows, axis=1)[row, step],
-            position_m=np.stack([parts[0] + lines.center_x[row], parts[1] + lines.center_y[row]], axis=1),
-            covariance_m2=np.stack(spread, axis=1),
-        )
-    return Solution(estimates=estimates, flags=flags, trace=trace)
+
+
+def _trace(lines: SightLines, states: list[SourceState], rows: list[IntArray], status: StatusArray) -> Trace:
+    """Return the states (B, 1) of each step, of snapshots with a position."""
+    written = np.stack([state.alive[:, 0] & has_position(status) for state in states], axis=1)
+    row, step = np.nonzero(written)
+
+    def written_of(parts: Iterable[FloatArray]) -> FloatArray:
+        return np.concatenate([*parts], axis=1)[row, step]
+
+    x, y = (written_of(getattr(state, name) for state in states) for name in ("x", "y"))
+    covariances = zip(*(state.covariance for state in states), strict=True)
+    return Trace(
+        row=row.astype(np.int64),
+        step=step.astype(np.int64) + 1,
+        measurement=np.stack(rows, axis=1)[row, step],
+        position_m=np.stack([x + lines.center_x[row], y + lines.center_y[row]], axis=1),
+        covariance_m2=np.stack([written_of(parts) for parts in covariances], axis=1),
+    )
 
 
 METHOD = MethodSpec(

@@ -10,7 +10,6 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.bearings.joint_range_bearing import row_residuals
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags, ranked_status
@@ -77,7 +76,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
-    numbers = {"los_probability": model.mixture.responsibilities(x, y)[0], **row_residuals(grouped, lines, x, y)}
+    numbers = {"los_probability": model.mixture.responsibilities(x, y)[0], **lines.residuals(grouped, x, y)}
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, found.used, numbers))
 
 

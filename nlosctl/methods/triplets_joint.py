@@ -13,7 +13,7 @@ from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
-from nlosctl.contract.results import Estimates, Flags, Solution
+from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.triplets import path_rows, snapshot_centers
@@ -100,7 +100,7 @@ def _estimates(
         status[place] = judge_targets(problem, x, y, covariance.at(place), np.isfinite(x + y))
     status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
     status[~common.supported.any(axis=2)] = Status.NO_TARGET
-    answered = status <= Status.BOUNDARY
+    answered = has_position(status)
     supported = common.supported & answered[:, :, None]
     present = (np.isfinite(common.x) | (np.arange(targets) == 0)[:, None]).T
 
@@ -108,19 +108,15 @@ def _estimates(
         """Return what is present of (T, B), snapshot by snapshot."""
         return np.asarray(values.T[present])
 
-    def known(values: FloatArray) -> FloatArray:
-        return listed(np.where(answered, values, np.nan))
-
     row, target = np.nonzero(present)
-    estimates = Estimates(
+    estimates = Estimates.of(
+        listed(status),
+        (listed(common.x + center_x), listed(common.y + center_y)),
+        covariance.map(listed),
+        listed(np.broadcast_to(common.cost, (targets, size))),
+        listed(np.count_nonzero(supported, axis=2)),
         row=row,
         target=target,
-        alternative=np.zeros_like(row),
-        position_m=np.stack([known(common.x + center_x), known(common.y + center_y)], axis=1),
-        covariance_m2=np.stack([known(covariance.xx), known(covariance.xy), known(covariance.yy)], axis=1),
-        cost=known(np.broadcast_to(common.cost, (targets, size))),
-        n_used=listed(np.count_nonzero(supported, axis=2)),
-        status=listed(status),
     )
     return estimates, np.logical_or.reduce(supported, axis=0)
 

@@ -10,8 +10,7 @@ from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
-from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
-from nlosctl.contract.statuses import Status
+from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
@@ -58,14 +57,9 @@ def _solve_snapshots(
     covariance = problem.information(fits.x, fits.y).inverse()
     judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
     status = mark_ambiguous(fits, judged, options.ambiguous_within)
-    estimates = single_estimates(
-        position_m=np.stack([fits.x + center_x, fits.y + center_y], axis=1),
-        covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
-        cost=fits.cost,
-        n_used=np.full(fits.x.shape, batch.measurements, dtype=np.int64),
-        status=status,
-    )
-    answered = np.broadcast_to((status <= Status.BOUNDARY)[:, None], rows.shape)
+    position = (fits.x + center_x, fits.y + center_y)
+    estimates = Estimates.of(status, position, covariance, fits.cost, batch.measurements)
+    answered = np.broadcast_to(has_position(status)[:, None], rows.shape)
     return _solution(estimates, answered, problem.residuals(fits.x, fits.y) if batch.want_flags else ())
 
 

@@ -158,6 +158,16 @@ class SightLines:
         residual = self.residual_rad(x, y)
         return residual if self.handedness is None else residual * self.handedness
 
+    def residuals(self, batch: BearingBatch, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
+        """Return measured minus predicted values (B, K) at points (B,), by the name of their flag column.
+
+        ``residual_rad``, and ``residual_m`` if the batch has ranges: a mirrored row's range is the unfolded length.
+        """
+        residuals = {"residual_rad": self.bearing_residual_rad(x, y)}
+        if batch.range_m is not None:
+            residuals["residual_m"] = batch.range_m - self.range_m(x, y)
+        return residuals
+
     def information(
         self,
         x: FloatArray,

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from nlosctl.arrays import IntArray
-from nlosctl.contract.results import Flags, Solution
+from nlosctl.contract.results import FORM, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.testing.bench import Bench
-from nlosctl.testing.compare import NUMBER_FIELDS, close_solutions, estimates_of, same_bits
+from nlosctl.testing.compare import close_solutions, estimates_of, same_bits
 from nlosctl.testing.moves import Motion, move_batch, permute_measurements, replace_rows, take_rows
 
 __all__ = ["answers", "any_number", "batches", "degenerate", "deterministic", "empty", "frame", "order", "seeds"]
@@ -136,7 +136,7 @@ def _permute_single_estimates(solution: Solution, places: IntArray) -> Solution:
         return solution
     where = np.argsort(places)[estimates.measurement]
     order = np.lexsort((estimates.alternative, where, estimates.row))
-    permuted = {name: getattr(estimates, name)[order] for name in NUMBER_FIELDS}
+    permuted = {name: getattr(estimates, name)[order] for name in FORM}
     permuted |= {"target": where[order], "measurement": where[order]}
     return dataclasses.replace(solution, estimates=dataclasses.replace(estimates, **permuted))
 

@@ -8,13 +8,9 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.results import Estimates, Flags, Solution
-from nlosctl.contract.statuses import Status
+from nlosctl.contract.results import FORM, Estimates, Flags, Solution, has_position
 
-__all__ = ["NUMBER_FIELDS", "close_solutions", "estimates_of", "same_bits"]
-
-NUMBER_FIELDS = ("row", "target", "alternative", "position_m", "covariance_m2", "cost", "n_used", "status")
-"""The arrays of Estimates."""
+__all__ = ["close_solutions", "estimates_of", "same_bits"]
 
 _DISCRETE_FIELDS = ("row", "target", "alternative", "status", "n_used")
 _RELATIVE = 1e-9
@@ -30,7 +26,7 @@ def estimates_of(solution: Solution, snapshots: IntArray) -> dict[str, Any]:
     estimates = solution.estimates
     places = [np.flatnonzero(estimates.row == snapshot) for snapshot in snapshots]
     chosen = np.concatenate([np.empty(0, dtype=np.int64), *places])
-    arrays = {name: getattr(estimates, name)[chosen] for name in NUMBER_FIELDS}
+    arrays = {name: getattr(estimates, name)[chosen] for name in FORM}
     arrays["row"] = np.repeat(np.arange(len(places)), [len(place) for place in places])
     if solution.flags is not None:
         arrays["flags.used"] = solution.flags.used[snapshots]
@@ -64,7 +60,7 @@ def close_solutions(expected: Solution, got: Solution, size_m: float) -> Iterato
 def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterator[str]:
     std_m = np.sqrt(np.nan_to_num(np.abs(one.covariance_m2[:, 0]) + np.abs(one.covariance_m2[:, 2])))
     allowed = _RELATIVE * size_m + _OF_STD * std_m
-    answered = one.status <= Status.BOUNDARY  # what stands where there is no answer is the business of another law
+    answered = has_position(one.status)  # what stands where there is no answer is the business of another law
     off = np.where(answered, np.hypot(*(one.position_m - other.position_m).T), np.nan)
     worst = _worst(off / allowed)
     if worst is not None:

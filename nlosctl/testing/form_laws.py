@@ -15,26 +15,16 @@ import numpy as np
 from nlosctl import registry
 from nlosctl.contract.methods import contract_fault
 from nlosctl.contract.options import parse_options
-from nlosctl.contract.results import Estimates
+from nlosctl.contract.results import Estimates, form_faults, has_covariance, has_position, null_faults
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.testing.bench import Bench
-from nlosctl.testing.compare import NUMBER_FIELDS, estimates_of, same_bits
+from nlosctl.testing.compare import estimates_of, same_bits
 from nlosctl.testing.moves import copy_batch
 
 __all__ = ["covariance", "flags", "null", "quiet", "read_only", "shapes", "sorted_estimates", "specification"]
 
 _SNAPSHOTS = 24
-_FORM: dict[str, tuple[str, tuple[int, ...]]] = {
-    "row": ("int64", ()),
-    "target": ("int64", ()),
-    "alternative": ("int64", ()),
-    "position_m": ("float64", (2,)),
-    "covariance_m2": ("float64", (3,)),
-    "cost": ("float64", ()),
-    "n_used": ("int64", ()),
-    "status": ("uint8", ()),
-}
 
 
 def specification(bench: Bench) -> Iterator[str]:
@@ -66,12 +56,7 @@ def shapes(bench: Bench) -> Iterator[str]:
     """All arrays of the result have the shapes and types of the contract."""
     for measurements in bench.usual_measurements:
         estimates = bench.solve(bench.ordinary(_SNAPSHOTS, measurements).batch).estimates
-        for name in NUMBER_FIELDS:
-            array = np.asarray(getattr(estimates, name))
-            dtype, tail = _FORM[name]
-            shape = (estimates.row.size, *tail)
-            if array.dtype != dtype or array.shape != shape:
-                yield f"{name} is {array.dtype} of shape {array.shape}, not {dtype} of shape {shape}"
+        yield from form_faults(estimates, exact_types=True)
         if (estimates.covariance_kind or "") not in (bench.spec.covariance_kinds or ("",)):
             yield f"covariance_kind is {estimates.covariance_kind!r}, declared are {bench.spec.covariance_kinds}"
         strange = set(estimates.status.tolist()) - {int(status) for status in Status}
@@ -99,21 +84,13 @@ def null(bench: Bench) -> Iterator[str]:
     """Position, cost and covariance are NaN, and n_used 0, exactly where the status says so."""
     for measurements in bench.usual_measurements:
         estimates = bench.solve(bench.mixed(_SNAPSHOTS, measurements)).estimates
-        for number in range(estimates.row.size):
-            status = Status(int(estimates.status[number]))
-            position, spread = estimates.position_m[number], estimates.covariance_m2[number]
-            yield from _null_values(status, "position", position, status.has_position)
-            yield from _null_values(status, "covariance", spread, status.has_covariance)
-            yield from _null_values(status, "cost", estimates.cost[number], status.has_position)
-            used = int(estimates.n_used[number])
-            if not (1 <= used <= measurements if status.has_position else used == 0):
-                yield f"n_used is {used} of {measurements} where the status is {status.word}"
-
-
-def _null_values(status: Status, what: str, values: Any, wanted: bool) -> Iterator[str]:
-    right = np.isfinite(values).all() if wanted else np.isnan(values).all()
-    if not right:
-        yield f"the {what} is {values} where the status is {status.word}"
+        status, used = estimates.status, estimates.n_used
+        positioned = has_position(status)
+        yield from null_faults("position", estimates.position_m, positioned, status)
+        yield from null_faults("covariance", estimates.covariance_m2, has_covariance(status), status)
+        yield from null_faults("cost", estimates.cost, positioned, status)
+        for number in np.flatnonzero(~np.where(positioned, (used >= 1) & (used <= measurements), used == 0)):
+            yield f"n_used is {used[number]} of {measurements} where the status is {Status(int(status[number])).word}"
 
 
 def covariance(bench: Bench) -> Iterator[str]:

@@ -14,8 +14,8 @@ from method_options import BUILT_IN, options_of
 
 from nlosctl import registry
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.results import contract_violation
 from nlosctl.contract.statuses import Status
-from nlosctl.pipeline.solve.solution_check import fault_of
 from nlosctl.testing.draws import DRAWS, bearing_batch
 from nlosctl.testing.moves import copy_batch
 
@@ -55,7 +55,7 @@ def assert_keeps_the_contract(
         batch = nearly(batch, ordinary.batch, 10.0**near)
     batch = moved(spec, batch, motion)
     solution = solved(entry, batch)
-    assert fault_of(solution, (4, measurements)) == ""
+    assert contract_violation(solution, (4, measurements)) == ""
 
 
 def assert_any_geometry_keeps_the_contract(entry: registry.MethodEntry, examples: int) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
 from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
-from nlosctl.contract.results import Flags, Solution, Trace, Words, single_estimates
+from nlosctl.contract.results import Flags, Solution, Trace, Words, contract_violation, single_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, UsageError, in_one_line
@@ -23,7 +23,6 @@ from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.solution_check import fault_of
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory", "with_sensor_heights"]
 
@@ -108,7 +107,7 @@ class ChunkSolver:
             raise
         except (Exception, SystemExit) as error:
             raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
-        fault = fault_of(solution, row.shape)
+        fault = contract_violation(solution, row.shape)
         if fault:
             raise MethodError(f"method {run.spec.name!r} {fault}")
         return solution

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import Flags, Solution, single_estimates
+from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -94,17 +93,10 @@ def finish_bearings_fix(
     (B,) by constrained ones: the status that stands in for ok and infeasible. The cost is half the chi-square.
     """
     verdict = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held, widened)
-    found = verdict.covariance
-    estimates = single_estimates(
-        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
-        covariance_m2=np.stack([found.xx, found.xy, found.yy], axis=1),
-        cost=verdict.cost,
-        n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
-        status=verdict.status,
-    )
-    return Solution(
-        estimates=estimates, flags=bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
-    )
+    position = (x + lines.center_x, y + lines.center_y)
+    estimates = Estimates.of(verdict.status, position, verdict.covariance, verdict.cost, batch.measurements)
+    flags = bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
+    return Solution(estimates=estimates, flags=flags)
 
 
 def judge_ends(
@@ -127,7 +119,7 @@ def judge_ends(
     covariance = widen_near_sensors(covariance, survey.nearest_m, widened)
     status = judge_fixes(lines, x, y, survey, covariance, min_range_m, paths)
     if converged is not None:
-        open_ends = np.flatnonzero(~converged & (status <= Status.BOUNDARY))
+        open_ends = np.flatnonzero(~converged & has_position(status))
         if open_ends.size:
             on_sensor = _likelier_on_sensor(lines.take(open_ends), x[open_ends], y[open_ends])
             status[open_ends] = np.where(on_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)
@@ -165,15 +157,10 @@ def _widened_information(lines: SightLines, x: FloatArray, y: FloatArray) -> Wid
 
 def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:
     """Return the flags of fixes (B,): ``used``, ``residual_rad``, and ``under_horizon`` where the scene has circles."""
-    answered = (status <= Status.BOUNDARY)[:, None]
-    residual = lines.bearing_residual_rad(x, y)
-    used = np.broadcast_to(answered, residual.shape).copy()
-    columns: dict[str, npt.NDArray[np.generic]] = {"residual_rad": np.where(answered, residual, np.nan)}
-    if batch.range_m is not None:
-        columns["residual_m"] = np.where(answered, batch.range_m - lines.range_m(x, y), np.nan)
-    if batch.scene.has_circles:
-        under = np.zeros(residual.shape, dtype=bool)
-        if lines.circles is not None:
-            lines.circles.place_in(under, lines.circles.under_horizon())
-        columns["under_horizon"] = under
-    return Flags(used=used, columns=columns)
+    flags = Flags.of_fixes(status, lines.residuals(batch, x, y))
+    if not batch.scene.has_circles:
+        return flags
+    under = np.zeros(flags.used.shape, dtype=bool)
+    if lines.circles is not None:
+        lines.circles.place_in(under, lines.circles.under_horizon())
+    return replace(flags, columns={**flags.columns, "under_horizon": under})

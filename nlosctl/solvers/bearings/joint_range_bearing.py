@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import Solution, single_estimates
+from nlosctl.contract.results import Estimates, Solution, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -19,7 +19,7 @@ from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns", "row_residuals"]
+__all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns"]
 
 
 def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
@@ -30,17 +30,6 @@ def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, Fl
     if not known.any():
         return None
     return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
-
-
-def row_residuals(batch: BearingBatch, lines: SightLines, x: FloatArray, y: FloatArray) -> dict[str, FloatArray]:
-    """Return measured minus predicted at points (B,): ``residual_rad``, and ``residual_m`` where the batch has ranges.
-
-    A mirrored row's range is the unfolded length.
-    """
-    residuals = {"residual_rad": lines.bearing_residual_rad(x, y)}
-    if batch.range_m is not None:
-        residuals["residual_m"] = batch.range_m - lines.range_m(x, y)
-    return residuals
 
 
 @dataclass(frozen=True)
@@ -97,14 +86,10 @@ def fit_ranged_bearings(
     converged = np.where(best, second.converged, first.converged)
     covariance = problem.information(x, y).inverse()
     status = judge_fixes(lines, x, y, lines.survey(x, y), covariance, min_range_m)
-    status[~converged & (status <= Status.BOUNDARY)] = Status.NOT_CONVERGED
-    estimates = single_estimates(
-        position_m=np.stack([x + lines.center_x, y + lines.center_y], axis=1),
-        covariance_m2=np.stack([covariance.xx, covariance.xy, covariance.yy], axis=1),
-        cost=np.where(best, second.cost, first.cost),
-        n_used=np.full(x.shape, batch.measurements, dtype=np.int64),
-        status=status,
-    )
+    status[~converged & has_position(status)] = Status.NOT_CONVERGED
+    position = (x + lines.center_x, y + lines.center_y)
+    cost = np.where(best, second.cost, first.cost)
+    estimates = Estimates.of(status, position, covariance, cost, batch.measurements)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y))

@@ -6,7 +6,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import Estimates, Solution
+from nlosctl.contract.results import Estimates, Solution, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_ends
@@ -37,18 +37,9 @@ def finish_alternatives(
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
     _compare(status, cost, alternative, ends.rival_cost[rows], ambiguous_within)
     x, y, lines = ends.x[rows], ends.y[rows], ends.lines.take(rows)
-    position = np.stack([x + lines.center_x, y + lines.center_y], axis=1)
-    spread = np.stack([covariance.xx[rows], covariance.xy[rows], covariance.yy[rows]], axis=1)
-    answered = status <= Status.BOUNDARY
-    estimates = Estimates(
-        row=snapshot,
-        target=np.zeros_like(snapshot),
-        alternative=alternative,
-        position_m=np.where(answered[:, None], position, np.nan),
-        covariance_m2=np.where((status <= Status.INFEASIBLE)[:, None], spread, np.nan),
-        cost=np.where(answered, cost, np.nan),
-        n_used=np.where(answered, batch.measurements, 0),
-        status=status,
+    position = (x + lines.center_x, y + lines.center_y)
+    estimates = Estimates.of(
+        status, position, covariance.take(rows), cost, batch.measurements, row=snapshot, alternative=alternative
     )
     flags = None
     if batch.want_flags:
@@ -59,7 +50,7 @@ def finish_alternatives(
 
 def _rank(snapshot: IntArray, status: StatusArray, cost: FloatArray) -> tuple[IntArray, IntArray]:
     """Return which ends to keep, by snapshot and best first, and their rank; those without an answer come last."""
-    answered = status <= Status.BOUNDARY
+    answered = has_position(status)
     order = np.lexsort((np.where(answered, cost, np.inf), ~answered, snapshot))
     first = np.ones(order.shape, dtype=bool)
     first[1:] = snapshot[order][1:] != snapshot[order][:-1]
@@ -74,7 +65,7 @@ def _compare(
 ) -> None:
     """Write ambiguous and not converged into the status of the first of each snapshot's ends."""
     best = alternative == 0
-    answered = best & (status <= Status.BOUNDARY)
+    answered = best & has_position(status)
     runner_up = np.where(alternative[1:] == 1, cost[1:], np.inf)
     runner_up = np.minimum(np.append(runner_up, np.inf), rival_cost)
     with ignoring_invalid():

@@ -11,9 +11,10 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.options import option
-from nlosctl.contract.results import Estimates, Flags, Solution, single_estimates
+from nlosctl.contract.results import FORM, Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.regions import Region
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import range_circles
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
@@ -24,7 +25,6 @@ __all__ = ["IDENTIFICATION_FLAGS", "Found", "IdentificationOptions", "identify"]
 
 
 IDENTIFICATION_FLAGS = ("los", "target", "residual_m")
-_ARRAYS = ("row", "target", "alternative", "position_m", "covariance_m2", "cost", "n_used", "status")
 _MAX_ITERATIONS = 100
 
 Found = IntArray | Status
@@ -163,25 +163,16 @@ def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> Ran
 
 
 def _nothing(snapshot: int, status: Status) -> Estimates:
-    nothing = np.full((1, 3), np.nan)
-    estimates = single_estimates(
-        position_m=nothing[:, :2],
-        covariance_m2=nothing,
-        cost=nothing[:, 0],
-        n_used=np.zeros(1, dtype=np.int64),
-        status=np.full(1, status, dtype=np.uint8),
+    nan = np.full(1, np.nan)
+    row = np.full(1, snapshot, dtype=np.int64)
+    return Estimates.of(
+        np.full(1, status, dtype=np.uint8), (nan, nan), SymmetricMatrix.full(1, np.nan), nan, 0, row=row
     )
-    return replace(estimates, row=np.full(1, snapshot, dtype=np.int64))
-
-
-def _no_estimates() -> Estimates:
-    one = _nothing(0, Status.NO_TARGET)
-    return Estimates(**{name: getattr(one, name)[:0] for name in _ARRAYS})
 
 
 def _join(parts: list[Estimates]) -> Estimates:
     """Return all estimates in order of snapshot, target and alternative."""
-    parts = [_no_estimates(), *parts]
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
+    parts = [_nothing(0, Status.NO_TARGET), *parts]  # the first row is dropped: there may be no other part
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])[1:] for name in FORM}
     order = np.lexsort((joined["alternative"], joined["target"], joined["row"]))
     return Estimates(**{name: values[order] for name, values in joined.items()})

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid, ignoring_overflow
-from nlosctl.contract.results import Estimates, Flags
+from nlosctl.contract.results import Estimates, Flags, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
@@ -96,28 +96,20 @@ def ranked_estimates(
     fixes: RankedFixes, status: StatusArray, center_x: FloatArray, center_y: FloatArray, covariance_kind: str
 ) -> Estimates:
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status."""
-    answered = status <= Status.BOUNDARY
-    covariance = fixes.covariance
-    written = np.isfinite(fixes.cost) & answered[:, None] & _sound(covariance)
+    written = np.isfinite(fixes.cost) & has_position(status)[:, None] & _sound(fixes.covariance)
     written &= (status != Status.BOUNDARY)[:, None]
     written[:, 0] = True
     row, alternative = np.nonzero(written)
-    has_position = answered[row]
-
-    def pick(values: FloatArray) -> FloatArray:
-        return np.where(has_position, values[row, alternative], np.nan)
-
-    spread = np.stack([pick(covariance.xx), pick(covariance.xy), pick(covariance.yy)], axis=1)
+    at = row, alternative
     before = np.cumsum(written, axis=1) - 1
-    return Estimates(
+    return Estimates.of(
+        status[row],
+        (fixes.x[at] + center_x[row], fixes.y[at] + center_y[row]),
+        fixes.covariance.at(*at),
+        fixes.cost[at],
+        fixes.n_used[at],
         row=row.astype(np.int64),
-        target=np.zeros(row.shape, dtype=np.int64),
-        alternative=before[row, alternative].astype(np.int64),
-        position_m=np.stack([pick(fixes.x) + center_x[row], pick(fixes.y) + center_y[row]], axis=1),
-        covariance_m2=np.where((status <= Status.INFEASIBLE)[row][:, None], spread, np.nan),
-        cost=pick(fixes.cost),
-        n_used=np.where(has_position, fixes.n_used[row, alternative], 0),
-        status=status[row],
+        alternative=before[at].astype(np.int64),
         covariance_kind=covariance_kind,
     )
 
@@ -137,7 +129,7 @@ def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, number
     nothing of any.
     """
     los = restore_rows(los, groups)
-    answered = (status <= Status.BOUNDARY)[:, None]
+    answered = has_position(status)[:, None]
     said = np.full(los.shape, None, dtype=object)
     np.copyto(said, los, where=np.broadcast_to(answered, los.shape))
     columns: dict[str, npt.NDArray[np.generic]] = {"los": said}

@@ -86,7 +86,8 @@ def finish_range_fix(
     estimates = _estimates(
         circles, np.flatnonzero(second), (best, rest), (cost, other_cost), (status, other_status), batch.measurements
     )
-    return Solution(estimates=estimates, flags=_flags(status, residual) if batch.want_flags else None)
+    flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
+    return Solution(estimates=estimates, flags=flags)
 
 
 def _order(one: RangeOptimum, other: RangeOptimum) -> tuple[RangeOptimum, RangeOptimum]:
@@ -161,25 +162,7 @@ def _estimates(
 
     best, rest = optima
     status = np.concatenate([statuses[0], statuses[1][second]])[order]
-    has_position, has_covariance = status <= Status.BOUNDARY, status <= Status.INFEASIBLE
-    position = np.stack(
-        [join(best.x, rest.x) + circles.center_x[row], join(best.y, rest.y) + circles.center_y[row]], axis=1
-    )
-    a, b = best.covariance, rest.covariance
-    covariance = np.stack([join(a.xx, b.xx), join(a.xy, b.xy), join(a.yy, b.yy)], axis=1)
-    return Estimates(
-        row=row,
-        target=np.zeros_like(row),
-        alternative=alternative,
-        position_m=np.where(has_position[:, None], position, np.nan),
-        covariance_m2=np.where(has_covariance[:, None], covariance, np.nan),
-        cost=np.where(has_position, join(*costs), np.nan),
-        n_used=np.where(has_position, measurements, 0),
-        status=status,
-    )
-
-
-def _flags(status: StatusArray, residual_m: FloatArray) -> Flags:
-    answered = (status <= Status.BOUNDARY)[:, None]
-    used = np.broadcast_to(answered, residual_m.shape).copy()
-    return Flags(used=used, columns={"residual_m": np.where(answered, residual_m, np.nan)})
+    position = (join(best.x, rest.x) + circles.center_x[row], join(best.y, rest.y) + circles.center_y[row])
+    pairs = zip(best.covariance, rest.covariance, strict=True)
+    covariance = SymmetricMatrix(*(join(first, other) for first, other in pairs))
+    return Estimates.of(status, position, covariance, join(*costs), measurements, row=row, alternative=alternative)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, StatusArray, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, ScalarT, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -56,26 +56,19 @@ def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) ->
     status = mark_ambiguous(fits, judged, ambiguous_within)
     x, y = rows.frame.to_global(fits.x, fits.y)
     turned = rows.frame.matrix_to_global(covariance)
-    answered = status <= Status.BOUNDARY
-    certain = status <= Status.INFEASIBLE
 
-    def by_snapshot(flat: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def by_snapshot(flat: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         return np.ascontiguousarray(rows.dense(flat)).reshape(-1)
 
     size, count = rows.shape
-    position = np.stack([by_snapshot(np.where(answered, value, np.nan)) for value in (x, y)], axis=1)
-    matrix = np.stack(
-        [by_snapshot(np.where(certain, value, np.nan)) for value in (turned.xx, turned.xy, turned.yy)], axis=1
-    )
-    places = np.tile(np.arange(count), size)
-    return Estimates(
+    measurement = np.tile(np.arange(count), size)
+    return Estimates.of(
+        by_snapshot(status),
+        (by_snapshot(x), by_snapshot(y)),
+        turned.map(by_snapshot),
+        by_snapshot(fits.cost),
+        1,
         row=np.repeat(np.arange(size), count),
-        target=places,
-        alternative=np.zeros_like(places),
-        position_m=np.asarray(position, dtype=np.float64),
-        covariance_m2=np.asarray(matrix, dtype=np.float64),
-        cost=np.asarray(by_snapshot(np.where(answered, fits.cost, np.nan)), dtype=np.float64),
-        n_used=np.asarray(by_snapshot(answered.astype(np.int64)), dtype=np.int64),
-        status=np.asarray(by_snapshot(status), dtype=np.uint8),
-        measurement=places,
+        target=measurement,
+        measurement=measurement,
     )
