@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
-from nlosctl.geometry.error_ellipses import circular_error_probable, error_ellipse
+from nlosctl.geometry.ellipses import circular_error_probable, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["Bounds", "bounds_of"]

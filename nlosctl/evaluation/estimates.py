@@ -14,7 +14,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis
 from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_std_error, rows_by_group
 from nlosctl.evaluation.summaries import EstimateSummary
-from nlosctl.geometry.error_ellipses import ellipse_threshold
+from nlosctl.geometry.ellipses import ellipse_threshold
 
 __all__ = ["EstimateRows", "EstimateScores", "nearest_alternatives"]
 

@@ -12,8 +12,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.echoes.assignment import choose_disjoint
-from nlosctl.solvers.echoes.candidates import Candidates, Gates, find_candidates
-from nlosctl.solvers.echoes.clutter import clutter_density, target_weights
+from nlosctl.solvers.echoes.candidates import Candidates, Gates, clutter_density, find_candidates, target_weights
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, Found, IdentificationOptions, identify
 from nlosctl.solvers.echoes.type_sets import Gate, cross_all, find_seeds

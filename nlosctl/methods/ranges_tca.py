@@ -10,8 +10,8 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.echoes.echoes import Echoes
+from nlosctl.solvers.echoes.structured_sets import ClusteringOptions, cluster_echoes, echoes_of_sets
 from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, Found, identify
-from nlosctl.solvers.echoes.type_clustering import ClusteringOptions, cluster_echoes, echoes_of_sets
 from nlosctl.solvers.echoes.type_sets import Gate
 
 __all__ = ["METHOD", "TypeClusteringOptions", "solve"]

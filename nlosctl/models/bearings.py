@@ -19,12 +19,11 @@ from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
-from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
+from nlosctl.geometry.lines import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
-from nlosctl.models.direct_rows import DirectRows, locate_direct_rows
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
-from nlosctl.models.wall_rows import WallRows, locate_walls
+from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls
 
 __all__ = ["SightLines", "Survey", "predict_bearings", "sight_lines"]
 

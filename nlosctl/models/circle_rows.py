@@ -15,7 +15,7 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.circular_reflection import ReflectedPath, all_points, reflect_at
 from nlosctl.geometry.short_arc import short_arc_point
 from nlosctl.geometry.visibility import clears_blocker, elevation, horizon_elevation, sees_by_reflection
-from nlosctl.models.placed_rows import PlacedRows
+from nlosctl.models.selected_rows import SelectedRows
 
 __all__ = ["CircleRows", "circle_table", "likeliest_points", "locate_circle_rows", "misplaced_sensors"]
 
@@ -25,7 +25,7 @@ _GROUND_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
-class CircleRows(PlacedRows):
+class CircleRows(SelectedRows):
     """N rows of a block that are seen by reflection on a circle.
 
     ``blocker_radius`` is NaN where the circle has none: then any of up to four paths may be the row's.

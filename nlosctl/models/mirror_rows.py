@@ -10,7 +10,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.blocks import gather_rows
 from nlosctl.geometry.circles import leave_circle
-from nlosctl.geometry.mirrors import side_of_line
+from nlosctl.geometry.lines import side_of_line
 from nlosctl.models.circle_rows import CircleRows
 
 __all__ = ["Focusing", "MirrorRows", "gather_mirrors", "place_tangents"]

@@ -8,12 +8,12 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.geometry.circular_reflection import ReflectedPath
-from nlosctl.geometry.mirrors import side_of_line
+from nlosctl.geometry.lines import side_of_line
 from nlosctl.geometry.visibility import elevation, horizon_elevation
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
-from nlosctl.models.direct_rows import DirectRows
 from nlosctl.models.mirror_rows import MirrorRows
+from nlosctl.models.obstacles import DirectRows
 
 __all__ = ["Margins", "scene_margins"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.scene import CircleReflector, Reflector
 from nlosctl.geometry.circles import leave_circle
-from nlosctl.geometry.mirrors import reflect_direction
+from nlosctl.geometry.lines import reflect_direction
 
 __all__ = ["TracedRays", "trace_back"]
 

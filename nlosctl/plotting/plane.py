@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import CircleReflector, Reflector, Scene, SegmentReflector
-from nlosctl.geometry.error_ellipses import ellipse_threshold, error_ellipse
+from nlosctl.geometry.ellipses import ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.plotting.figures import SeriesStyle, axis_label
 from nlosctl.plotting.library import Axes, Circle, Ellipse, FuncFormatter

@@ -13,7 +13,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, SegmentReflector, Sensor
 from nlosctl.errors import UsageError
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.geometry.segments import crosses_segment, reflect_in_segment
+from nlosctl.geometry.lines import crosses_segment, reflect_in_segment
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "MadhowWallsOptions", "WallPath", "generate", "scene", "trace_paths"]

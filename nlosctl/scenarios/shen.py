@@ -9,8 +9,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
-from nlosctl.models.path_noise import signal_to_noise, triplet_standard_deviations
-from nlosctl.models.reflected_paths import trace_over_objects
+from nlosctl.models.object_paths import signal_to_noise, trace_over_objects, triplet_standard_deviations
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 from nlosctl.scenarios.triplet_rows import triplet_columns
 

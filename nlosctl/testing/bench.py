@@ -11,8 +11,8 @@ import numpy as np
 
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Solution
+from nlosctl.testing.draws import Draw, Trial
 from nlosctl.testing.moves import copy_batch, replace_rows
-from nlosctl.testing.trials import Draw, Trial
 
 __all__ = ["Bench", "LawBroken"]
 

@@ -3,22 +3,165 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.batches import BearingBatch, RangeBatch, TripletBatch
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearings import predict_bearings
-from nlosctl.testing.range_draws import RANGE_DRAWS
-from nlosctl.testing.trials import Draw, Trial
-from nlosctl.testing.triplet_draws import TRIPLET_DRAWS
+from nlosctl.models.ranges import predict_ranges
+from nlosctl.models.triplets import predict_triplets
 
-__all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings"]
+__all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings", "draw_echoes", "draw_ranges", "draw_triplets"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """A drawn batch, with the size of its scene in metres: what rounding is measured against."""
+
+    batch: Any
+    size_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draw:
+    """How batches of a kind are drawn and turned.
+
+    ``trial(generator, snapshots, measurements, fault)`` draws a batch; ``fault`` is None for ordinary snapshots, or
+    one of ``faults``, words for what is degenerate in every snapshot of it. ``directions`` names the batch's arrays
+    that turn with the frame; those that end in ``_xy_m`` are known to be positions.
+    """
+
+    trial: Callable[[np.random.Generator, int, int, str | None], Trial]
+    faults: tuple[str, ...]
+    directions: tuple[str, ...]
+
 
 _SCALES_M = (1e-2, 1.0, 1e3, 1e6)
+_ECHO_SENSORS = 4
+
+
+def draw_ranges(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
+    """Draw ranges of one source per snapshot, each from a sensor of its own; unequal stds of 0.01 % to 1 % of the size.
+
+    Half of the batches have sensors above the plane of the sources.
+    """
+    shape = (snapshots, measurements)
+    scale = float(generator.choice(_SCALES_M))
+    sensor_xy = generator.uniform(-scale, scale, (*shape, 2))
+    source_xy = generator.uniform(-scale, scale, (snapshots, 1, 2))
+    if fault == "one place":
+        sensor_xy[:] = sensor_xy[:, :1]
+    if fault == "on one line":
+        sensor_xy[..., 1] = 0.5 * sensor_xy[..., 0]
+    if fault == "on a sensor":
+        source_xy[:] = sensor_xy[:, :1]
+    height = np.full(shape, 0.1 * scale * float(generator.integers(0, 2)))
+    std = scale * 10.0 ** generator.uniform(-4.0, -2.0, shape)
+    noise = (0.0 if fault == "on a sensor" else 1.0) * std * generator.normal(size=shape)
+    range_m = np.abs(predict_ranges(sensor_xy, height, source_xy) + noise) + 1e-12 * scale
+    if fault == "do not meet":
+        range_m *= 0.1
+    sensor = np.tile(np.arange(measurements), (snapshots, 1))
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=6.0 * scale)
+    return Trial(batch=_range_batch(generator, sensor, sensor_xy, range_m, std, height, field), size_m=3.0 * scale)
+
+
+def draw_echoes(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
+    """Draw echoes of up to three targets and clutter at four sensors in a round field; equal stds."""
+    shape = (snapshots, measurements)
+    scale = float(generator.choice((100.0, 400.0)))
+    place = generator.uniform(-scale, scale, (snapshots, _ECHO_SENSORS, 2))
+    if fault == "one place":
+        place[:] = place[:, :1]
+    if fault == "on one line":
+        place[..., 1] = 0.5 * place[..., 0]
+    sensor = np.tile(np.arange(measurements) % _ECHO_SENSORS, (snapshots, 1))
+    target = np.arange(measurements) // _ECHO_SENSORS
+    targets = generator.uniform(-0.5 * scale, 0.5 * scale, (snapshots, int(target.max(initial=0)) + 1, 2))
+    sensor_xy = np.take_along_axis(place, sensor[:, :, None], axis=1)
+    height = np.zeros(shape)
+    std = np.full(shape, 1e-3 * scale)
+    range_m = np.abs(predict_ranges(sensor_xy, height, targets[:, target]) + std * generator.normal(size=shape))
+    clutter = (target >= 2) | (fault == "clutter alone")
+    range_m = np.where(clutter, generator.uniform(0.1 * scale, 3.0 * scale, shape), range_m)
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=2.0 * scale)
+    batch = _range_batch(generator, sensor, sensor_xy, range_m, std, height, field)
+    return Trial(batch=batch, size_m=3.0 * scale)
+
+
+def _range_batch(
+    generator: np.random.Generator,
+    sensor: IntArray,
+    sensor_xy: FloatArray,
+    range_m: FloatArray,
+    std: FloatArray,
+    height: FloatArray,
+    field: CircleField,
+) -> RangeBatch:
+    return RangeBatch(
+        field=field,
+        seed=np.asarray(generator.integers(0, 2**63, range_m.shape[0]), dtype=np.uint64),
+        sensor=np.asfortranarray(sensor, dtype=np.int64),
+        sensor_xy_m=np.asfortranarray(sensor_xy),
+        range_m=np.asfortranarray(range_m),
+        range_std_m=np.asfortranarray(std),
+        path=np.full(range_m.shape, -1, dtype=np.int64, order="F"),
+        sensor_height_m=np.asfortranarray(height),
+    )
+
+
+_TRIPLET_SCALES_M = (1.0, 1e3, 1e5)
+
+
+def draw_triplets(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
+    """Draw paths over one target per snapshot, a third of them indirect: longer, and with other directions.
+
+    Every path has its own transmitter and receiver, and unequal stds of 0.1 to 2 degrees and 0.01 to 1 % of the size.
+    """
+    shape = (snapshots, measurements)
+    scale = float(generator.choice(_TRIPLET_SCALES_M))
+    tx, rx = generator.uniform(-scale, scale, (2, *shape, 2))
+    target = generator.uniform(-scale, scale, (snapshots, 1, 2))
+    if fault == "one place":
+        rx = tx.copy()
+    if fault == "on the baseline":
+        target = 0.5 * (tx + rx)
+    if fault == "on a transmitter":
+        target = tx.copy()
+    dod, doa, length = predict_triplets(tx, rx, np.broadcast_to(target, (*shape, 2)))
+    indirect = generator.random(shape) < 1.0 / 3.0
+    dod_std, doa_std = np.radians(10.0 ** generator.uniform(-1.0, 0.3, (2, *shape)))
+    length_std = scale * 10.0 ** generator.uniform(-4.0, -2.0, shape)
+    noise = generator.normal(size=(3, *shape))
+    dod = np.where(indirect, generator.uniform(-np.pi, np.pi, shape), dod + dod_std * noise[0])
+    doa = doa + doa_std * noise[1]
+    length = np.abs(length + length_std * noise[2]) * np.where(indirect, generator.uniform(1.0, 3.0, shape), 1.0)
+    length += 1e-12 * scale
+    if fault == "parallel":
+        doa = dod.copy()
+    if fault == "no ellipse":
+        length = 0.5 * np.hypot(*np.moveaxis(rx - tx, -1, 0))
+    batch = TripletBatch(
+        seed=np.asarray(generator.integers(0, 2**63, snapshots), dtype=np.uint64),
+        tx_xy_m=np.asfortranarray(tx),
+        rx_xy_m=np.asfortranarray(rx),
+        dod_rad=np.asfortranarray(wrap_angle(dod)),
+        doa_rad=np.asfortranarray(wrap_angle(doa)),
+        path_length_m=np.asfortranarray(length),
+        dod_std_rad=np.asfortranarray(dod_std),
+        doa_std_rad=np.asfortranarray(doa_std),
+        path_length_std_m=np.asfortranarray(length_std),
+    )
+    return Trial(batch=batch, size_m=3.0 * scale)
+
+
 _WRAPS = 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])
 
 
@@ -104,13 +247,25 @@ def _number_paths(sensor: IntArray) -> IntArray:
     return path
 
 
+_TRIPLET_DRAW = Draw(
+    trial=draw_triplets,
+    faults=("one place", "on the baseline", "on a transmitter", "parallel", "no ellipse"),
+    directions=("dod_rad", "doa_rad"),
+)
+
 DRAWS: dict[tuple[str, str], Draw] = {
     ("bearings", "localize"): Draw(
         trial=draw_bearings,
         faults=("parallel", "one place", "on a sensor", "behind"),
         directions=("bearing_rad",),
     ),
-    **RANGE_DRAWS,
-    **TRIPLET_DRAWS,
+    ("ranges", "localize"): Draw(
+        trial=draw_ranges, faults=("one place", "on one line", "on a sensor", "do not meet"), directions=()
+    ),
+    ("ranges", "identify-los"): Draw(
+        trial=draw_echoes, faults=("one place", "on one line", "clutter alone"), directions=()
+    ),
+    ("triplets", "localize"): _TRIPLET_DRAW,
+    ("triplets", "detect-ip"): _TRIPLET_DRAW,
 }
 """How batches are drawn, by kind of measurement and job."""

@@ -9,7 +9,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import BoxField
 from nlosctl.evaluation.targets import CASES
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets, candidate_sets
-from nlosctl.solvers.echoes.type_clustering import ClusteringOptions
+from nlosctl.solvers.echoes.structured_sets import ClusteringOptions
 
 SENSORS = np.array([[0.0, -90.0], [80.0, 40.0], [-80.0, 55.0]])
 TARGETS = np.array([[20.0, 30.0], [-45.0, -20.0]])

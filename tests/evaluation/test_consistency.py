@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis
 from nlosctl.evaluation.error_statistics import error_percentiles
-from nlosctl.geometry.error_ellipses import ellipse_threshold
+from nlosctl.geometry.ellipses import ellipse_threshold
 
 
 def test_squared_mahalanobis_is_the_quadratic_form():

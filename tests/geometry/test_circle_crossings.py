@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nlosctl.geometry.circle_crossings import cross_circles
+from nlosctl.geometry.circles import cross_circles
 
 
 def cross(one: tuple[float, float, float], other: tuple[float, float, float], gap: float = 0.0) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import i0e
 
-from nlosctl.geometry.error_ellipses import circular_error_probable, error_ellipse
+from nlosctl.geometry.ellipses import circular_error_probable, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 
 

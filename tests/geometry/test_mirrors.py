@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlosctl.geometry.mirrors import reflect_direction, reflect_points, side_of_line
+from nlosctl.geometry.lines import reflect_direction, reflect_points, side_of_line
 
 COORDINATE = st.floats(-1e4, 1e4)
 ANGLE = st.floats(-math.pi, math.pi)

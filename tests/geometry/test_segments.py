@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlosctl.geometry.segments import crosses_segment, reflect_in_segment
+from nlosctl.geometry.lines import crosses_segment, reflect_in_segment
 
 
 def test_crossings_agree_with_parametrized_lines() -> None:

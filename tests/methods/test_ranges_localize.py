@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.methods import ranges_r_ls, ranges_sr_ls
-from nlosctl.testing.range_draws import draw_ranges
+from nlosctl.testing.draws import draw_ranges
 
 SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 8.0), (0.0, 8.0)]
 LINE = [(0.0, 0.0), (10.0, 0.0), (25.0, 0.0)]

@@ -14,7 +14,7 @@ from nlosctl.contract.fields import BoxField
 from nlosctl.methods import ranges_extended_tca, ranges_tca
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import read_echoes
-from nlosctl.solvers.echoes.type_clustering import cluster_echoes
+from nlosctl.solvers.echoes.structured_sets import cluster_echoes
 from nlosctl.solvers.echoes.type_sets import Gate
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from nlosctl.models.ranges import range_circles
 from nlosctl.solvers.ranges.likelihood import RangeProblem, SquaredRangeProblem
-from nlosctl.testing.range_draws import draw_ranges
+from nlosctl.testing.draws import draw_ranges
 
 _POINTS = 40
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from nlosctl.geometry.triplets import TripletRays
-from nlosctl.models.path_noise import signal_to_noise, triplet_standard_deviations
-from nlosctl.models.reflected_paths import trace_over_objects
+from nlosctl.models.object_paths import signal_to_noise, trace_over_objects, triplet_standard_deviations
 from nlosctl.models.triplets import distance_to_ellipse, predict_triplets
 
 TX, RX = np.array([[-2.5, 0.0]]), np.array([[2.5, 0.0]])

@@ -13,7 +13,7 @@ from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, Segmen
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_ml
 from nlosctl.models.bearings import predict_bearings, sight_lines
-from nlosctl.models.wall_rows import hidden_by_walls
+from nlosctl.models.obstacles import hidden_by_walls
 
 _SENSORS = np.array([[[0.0, 0.0], [8.0, 0.0], [4.0, -3.0]]])
 _SOURCE = np.array([4.0, 5.0])

@@ -13,7 +13,7 @@ import pytest
 from flat_solving import bearings_batch, dense_batch, solve, solved_rows, summaries
 
 from nlosctl.contract.scene import LineReflector, Scene
-from nlosctl.geometry.mirrors import reflect_points
+from nlosctl.geometry.lines import reflect_points
 from nlosctl.models.bearings import predict_bearings, sight_lines
 from nlosctl.scenarios.catalogue import find_scenario
 from nlosctl.scenarios.spec import draw_snapshots

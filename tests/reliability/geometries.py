@@ -9,9 +9,8 @@ import numpy as np
 
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import LineReflector, Scene
-from nlosctl.testing.draws import DRAWS
+from nlosctl.testing.draws import DRAWS, Trial
 from nlosctl.testing.moves import Motion, move_batch
-from nlosctl.testing.trials import Trial
 
 __all__ = ["drawn", "moved", "nearly", "scaled", "scaled_options"]
 

@@ -18,7 +18,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, parse_frame
 from nlosctl.errors import DataError, MethodError, NlosctlError
 from nlosctl.geometry.earth import EarthPlane
-from nlosctl.geometry.error_ellipses import ellipse_threshold, error_ellipse
+from nlosctl.geometry.ellipses import ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.scenes.scene_file import SCENE_KEY, plane_of, scene_from_toml

@@ -16,7 +16,7 @@ from nlosctl.contract.scene import EarthFrame
 from nlosctl.contract.tables import ADDED_COLUMNS, ELLIPSE
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.evaluation.consistency import squared_mahalanobis
-from nlosctl.geometry.error_ellipses import circular_error_probable, ellipse_threshold, error_ellipse
+from nlosctl.geometry.ellipses import circular_error_probable, ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.layouts import TRUTH_NAMES, ChunkEstimates

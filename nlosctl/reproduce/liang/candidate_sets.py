@@ -10,8 +10,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
-from nlosctl.solvers.echoes.structured_sets import StructuredSets
-from nlosctl.solvers.echoes.type_clustering import ClusteringOptions, cluster_echoes
+from nlosctl.solvers.echoes.structured_sets import ClusteringOptions, StructuredSets, cluster_echoes
 from nlosctl.solvers.echoes.type_sets import Gate, cross_all
 
 __all__ = ["CandidateSets", "candidate_sets"]

@@ -24,7 +24,7 @@ from nlosctl.reproduce.panels import curve
 from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, share
 from nlosctl.reproduce.simulated import Simulated, simulated
 from nlosctl.reproduce.verdicts import Expected, printed
-from nlosctl.solvers.echoes.type_clustering import ClusteringOptions
+from nlosctl.solvers.echoes.structured_sets import ClusteringOptions
 
 __all__ = [
     "CHUNK_TRIALS",

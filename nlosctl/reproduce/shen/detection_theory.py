@@ -13,8 +13,7 @@ from scipy.special import ndtr, ndtri
 
 from nlosctl.arrays import FloatArray
 from nlosctl.geometry.triplets import baseline_frames
-from nlosctl.models.path_noise import signal_to_noise, triplet_standard_deviations
-from nlosctl.models.reflected_paths import ObjectPaths, trace_over_objects
+from nlosctl.models.object_paths import ObjectPaths, signal_to_noise, trace_over_objects, triplet_standard_deviations
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.triplets.difference_rules import rule_quantity
 

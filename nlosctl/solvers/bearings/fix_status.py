@@ -1,7 +1,8 @@
-"""What every bearings method does with its fix: is it an answer at all, what does it cost, what is left over?"""
+"""What every bearings method does with its fix: is it an answer, what does it cost, what is left over?"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +14,37 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, Survey
-from nlosctl.solvers.bearings.near_sensor_covariance import Widened, widen_near_sensors
 
-__all__ = ["CONDITION_LIMIT", "finish_bearings_fix", "judge_fixes", "nearly_singular"]
+__all__ = ["CONDITION_LIMIT", "Widened", "finish_bearings_fix", "judge_fixes", "nearly_singular", "widen_near_sensors"]
+
+Widened = Callable[[IntArray, FloatArray], SymmetricMatrix]
+"""Of some snapshots (N,), the covariance with all squared ranges increased by so much (N,), in square metres."""
+
+_NEAR = 3.0
+"""A fix is near a sensor when it is not more standard deviations away."""
+
+_ROUNDS = 2
+
+
+def widen_near_sensors(covariance: SymmetricMatrix, nearest_m: FloatArray, widened: Widened) -> SymmetricMatrix:
+    """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), larger where that is near.
+
+    A bearing says where a source is to std times its range; the range from a near sensor is itself as uncertain as the
+    fix. There the expected squared range takes the place of the squared range at the fix: the square plus the larger
+    eigenvalue of the covariance, twice over. Other rows keep their bits.
+    """
+    with ignoring_overflow():
+        larger = covariance.eigenvalues()[1]
+        near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
+        if not near.size:
+            return covariance
+        larger = larger[near]
+        for _ in range(_ROUNDS):
+            wider = widened(near, larger)
+            larger = wider.eigenvalues()[1]
+    result = covariance.map(np.copy)
+    result.put(near, wider)
+    return result
 
 
 CONDITION_LIMIT = 1e6

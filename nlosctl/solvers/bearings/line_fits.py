@@ -10,7 +10,7 @@ from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_ove
 from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.near_sensor_covariance import Widened
+from nlosctl.solvers.bearings.fix_status import Widened
 
 __all__ = [
     "LineFit",

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.blocks import gather_rows
-from nlosctl.geometry.mirrors import side_of_line
+from nlosctl.geometry.lines import side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.mirror_rows import Focusing, MirrorRows

@@ -13,11 +13,22 @@ from typing import Literal
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.contract.options import option
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.solvers.echoes.type_sets import CrossingTable, Seeds
+from nlosctl.solvers.echoes.echoes import Echoes
+from nlosctl.solvers.echoes.targets import IdentificationOptions
+from nlosctl.solvers.echoes.type_sets import CrossingTable, Gate, Seeds, cross_all, find_seeds, gather_circles
 
-__all__ = ["StructuredSets", "Uniqueness", "build_sets", "cut_at_elbow", "unique_sets"]
-
+__all__ = [
+    "ClusteringOptions",
+    "StructuredSets",
+    "Uniqueness",
+    "build_sets",
+    "cluster_echoes",
+    "cut_at_elbow",
+    "echoes_of_sets",
+    "unique_sets",
+]
 
 Uniqueness = Literal["points", "circles"]
 """What two sets may not share: a point, as the paper has it, or a circle."""
@@ -116,3 +127,25 @@ def _crossings_of(table: CrossingTable, circles: IntArray) -> _Crossings:
 def _mean(values: FloatArray) -> FloatArray:
     mean: FloatArray = sum_measurements(values) / values.shape[1]
     return mean
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusteringOptions(IdentificationOptions):
+    """Parameters that the clustering methods share."""
+
+    unique: Literal["points", "circles"] = option(
+        "points", meaning="what two targets may not share: a crossing point (as the paper has it), or a circle"
+    )
+
+
+def cluster_echoes(echoes: Echoes, gate: Gate, options: ClusteringOptions) -> tuple[StructuredSets, Iterator[int]]:
+    """Return the structured sets of a snapshot, and the places of the unique ones by rising spread."""
+    table = cross_all(echoes, options.gap_tolerance_m, gate)
+    circles, seeds = gather_circles(table, find_seeds(table))
+    sets = build_sets(table, circles, seeds)
+    return sets, unique_sets(sets, options.unique)
+
+
+def echoes_of_sets(echoes: Echoes, sets: StructuredSets, chosen: list[int]) -> IntArray:
+    """Return the echo (T, N) that each chosen set takes of each sensor."""
+    return sets.circles[np.array(chosen, dtype=np.int64)] - np.arange(echoes.sensors) * echoes.most

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.geometry.circle_crossings import cross_circles
+from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.regions import Region
 from nlosctl.solvers.echoes.echoes import Echoes
 

@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
-from nlosctl.models.wall_rows import hidden_by_walls
+from nlosctl.models.obstacles import hidden_by_walls
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs, cross_rays, end_rays
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 

@@ -14,7 +14,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_di
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements
-from nlosctl.geometry.circle_crossings import cross_circles
+from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.regions import BoxRegion, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles

@@ -1,4 +1,4 @@
-"""Finite walls of the scene: which rows can a point be seen by, along the path that each states?"""
+"""Obstacles of the scene: from which points can a row be seen past opaque circles and walls?"""
 
 from __future__ import annotations
 
@@ -7,11 +7,55 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
+from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.blocks import gather_rows
-from nlosctl.geometry.segments import crosses_segment
+from nlosctl.geometry.lines import crosses_segment
+from nlosctl.geometry.visibility import sees_directly
+from nlosctl.models.selected_rows import SelectedRows
 
-__all__ = ["WallRows", "hidden_by_walls", "locate_walls"]
+__all__ = ["DirectRows", "WallRows", "hidden_by_walls", "locate_direct_rows", "locate_walls"]
+
+
+@dataclass(frozen=True)
+class DirectRows(SelectedRows):
+    """N direct rows about the centre of one opaque circle; ``min_elevation_rad`` is -inf where none is demanded."""
+
+    blocker_radius: FloatArray
+    min_elevation_rad: FloatArray
+
+    def outside(self, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which rows (N,) can't see their point (B,) about the local origin: not in the region A3."""
+        source_x, source_y = self.about_circle(x, y)
+        limits = (self.blocker_radius, self.min_elevation_rad)
+        return ~sees_directly(self.sensor_x, self.sensor_y, source_x, source_y, *limits)
+
+
+def locate_direct_rows(
+    scene: Scene, reflector: IntArray, sensor_x: FloatArray, sensor_y: FloatArray
+) -> tuple[DirectRows, ...]:
+    """Return the direct rows of a block (B, K), once about each opaque circle of the scene (centres in its frame).
+
+    Layers about the same opaque circle count once, with the least of their elevations.
+    """
+    blockers: dict[tuple[float, float, float], float] = {}
+    for circle in scene.reflectors:
+        if isinstance(circle, CircleReflector) and circle.blocker_radius is not None:
+            least = -np.inf if circle.min_elevation_deg is None else np.radians(circle.min_elevation_deg)
+            key = (*circle.center, circle.blocker_radius)
+            blockers[key] = min(blockers.get(key, np.inf), least)
+    if not blockers:
+        return ()
+    measurement, snapshot = np.nonzero((reflector < 0).T)
+    x, y = sensor_x[snapshot, measurement], sensor_y[snapshot, measurement]
+
+    def fill(value: float) -> FloatArray:
+        return np.full(x.shape, value)
+
+    return tuple(
+        DirectRows(snapshot, measurement, x - mx, y - my, fill(mx), fill(my), fill(radius), fill(least))
+        for (mx, my, radius), least in blockers.items()
+        if snapshot.size
+    )
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray, IntArray, ScalarT
 from nlosctl.geometry.blocks import gather_rows
 
-__all__ = ["PlacedRows"]
+__all__ = ["SelectedRows"]
 
-RowsT = TypeVar("RowsT", bound="PlacedRows")
+RowsT = TypeVar("RowsT", bound="SelectedRows")
 
 
 @dataclass(frozen=True)
-class PlacedRows:
+class SelectedRows:
     """N rows of a block. Sensors are given about the circle's centre, the centre about the snapshot's local origin.
 
     ``snapshot`` and ``measurement`` are the row's place in the block (B, K); rows are ordered by measurement, then by
