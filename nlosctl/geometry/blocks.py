@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray, ScalarT
 
-__all__ = ["RowBlock", "gather_rows", "max_measurements", "rows_of", "sum_measurements", "take_rows"]
+__all__ = ["RowBlock", "gather_rows", "max_measurements", "rows_of", "sum_measurements"]
 
 ValueT = TypeVar("ValueT")
 
@@ -61,8 +61,3 @@ def max_measurements(values: FloatArray) -> FloatArray:
     for k in range(values.shape[1]):
         np.maximum(largest, values[:, k], out=largest)
     return largest
-
-
-def take_rows(array: FloatArray, rows: IntArray) -> FloatArray:
-    """Return rows of a block (B, K) in Fortran order; ``rows`` must rise, so that B of them are the block itself."""
-    return array if rows.shape[0] == array.shape[0] else gather_rows(array, rows)

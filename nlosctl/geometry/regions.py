@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
+from nlosctl.geometry.blocks import RowBlock
 
 __all__ = ["BoxRegion", "CircleRegion", "PolygonRegion", "Region"]
 
@@ -47,7 +48,7 @@ class Region(Protocol):
 
 
 @dataclass(frozen=True)
-class BoxRegion:
+class BoxRegion(RowBlock):
     """Boxes along the axes; each array (B,)."""
 
     xmin: FloatArray
@@ -82,13 +83,9 @@ class BoxRegion:
         """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
         return _near(self.edge_distance_m(x, y), tolerance_m)
 
-    def take(self, rows: IntArray) -> BoxRegion:
-        """Return the regions of some rows."""
-        return BoxRegion(self.xmin[rows], self.xmax[rows], self.ymin[rows], self.ymax[rows])
-
 
 @dataclass(frozen=True)
-class CircleRegion:
+class CircleRegion(RowBlock):
     """Discs; each array (B,)."""
 
     x: FloatArray
@@ -118,13 +115,9 @@ class CircleRegion:
         """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
         return _near(self.edge_distance_m(x, y), tolerance_m)
 
-    def take(self, rows: IntArray) -> CircleRegion:
-        """Return the regions of some rows."""
-        return CircleRegion(self.x[rows], self.y[rows], self.radius[rows])
-
 
 @dataclass(frozen=True)
-class PolygonRegion:
+class PolygonRegion(RowBlock):
     """Simple polygons of V vertices in order; ``x`` and ``y`` have shape (B, V)."""
 
     x: FloatArray
@@ -168,10 +161,6 @@ class PolygonRegion:
     def on_edge(self, x: FloatArray, y: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
         """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
         return _near(self.edge_distance_m(x, y), tolerance_m)
-
-    def take(self, rows: IntArray) -> PolygonRegion:
-        """Return the regions of some rows."""
-        return PolygonRegion(self.x[rows], self.y[rows])
 
     def _edges(self, like: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
         count = self.x.shape[1]

@@ -17,7 +17,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, i
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import cosine_sine
-from nlosctl.geometry.blocks import gather_rows, sum_measurements
+from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.lines import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -39,7 +39,7 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class SightLines:
+class SightLines(RowBlock):
     """Rays (B, K) about a local origin (B,): ``origin + t (cosine, sine)``, t > 0.
 
     ``handedness`` is -1 where the row was unfolded by a mirror (a bearing that turns one way turns the ray the
@@ -60,25 +60,6 @@ class SightLines:
     circles: CircleRows | None = None
     direct: tuple[DirectRows, ...] = ()
     walls: WallRows | None = None
-
-    def take(self, rows: IntArray) -> SightLines:
-        """Return the rays of some snapshots, in any order and as often as named."""
-        mirrors, focusing, circles = self.mirrors, self.focusing, self.circles
-        return SightLines(
-            center_x=self.center_x[rows],
-            center_y=self.center_y[rows],
-            origin_x=gather_rows(self.origin_x, rows),
-            origin_y=gather_rows(self.origin_y, rows),
-            cosine=gather_rows(self.cosine, rows),
-            sine=gather_rows(self.sine, rows),
-            std_rad=gather_rows(self.std_rad, rows),
-            handedness=None if self.handedness is None else gather_rows(self.handedness, rows),
-            mirrors=None if mirrors is None else mirrors.take(rows),
-            focusing=None if focusing is None else focusing.take(rows),
-            circles=None if circles is None else circles.take(rows, *self.origin_x.shape),
-            direct=tuple(direct.take(rows, *self.origin_x.shape) for direct in self.direct),
-            walls=None if self.walls is None else self.walls.take(rows),
-        )
 
     def range_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the unfolded distance (B, K) of points (B,), given about the local origin, from the origins."""

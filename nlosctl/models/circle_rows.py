@@ -104,6 +104,7 @@ def locate_circle_rows(
     impossible = outside | under
     horizon = horizon_elevation(distance, blocker)
     return CircleRows(
+        shape=reflector.shape,
         snapshot=snapshot,
         measurement=measurement,
         sensor_x=np.where(impossible, np.nan, x),

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
-from nlosctl.geometry.blocks import gather_rows
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.lines import side_of_line
 from nlosctl.models.circle_rows import CircleRows
@@ -17,7 +17,7 @@ __all__ = ["Focusing", "MirrorRows", "gather_mirrors", "place_tangents"]
 
 
 @dataclass(frozen=True)
-class MirrorRows:
+class MirrorRows(RowBlock):
     """The mirror of each row: a point on it (about the local origin), its angle, and the side of the sensor.
 
     Shape (B, K). ``sensor_side_m`` is the sensor's signed distance from it, NaN for direct rows and for circle rows
@@ -28,10 +28,6 @@ class MirrorRows:
     point_y: FloatArray
     angle_rad: FloatArray
     sensor_side_m: FloatArray
-
-    def take(self, rows: IntArray) -> MirrorRows:
-        """Return the mirrors of some snapshots, in any order and as often as named."""
-        return MirrorRows(*(gather_rows(array, rows) for array in vars(self).values()))
 
     def about(self, origin_x: FloatArray, origin_y: FloatArray) -> MirrorRows:
         """Return the same mirrors about local origins (B,)."""
@@ -46,7 +42,7 @@ class MirrorRows:
 
 
 @dataclass(frozen=True)
-class Focusing:
+class Focusing(RowBlock):
     """How circles focus rays (B, K): spread = range - ``strength`` (range - ``first_leg_m``); 0 for other rows.
 
     ``strength`` is 2 l1 / (R cos i) with l1 the first leg, from the sensor to the circle.
@@ -54,10 +50,6 @@ class Focusing:
 
     first_leg_m: FloatArray
     strength: FloatArray
-
-    def take(self, rows: IntArray) -> Focusing:
-        """Return those of some snapshots, in any order and as often as named."""
-        return Focusing(gather_rows(self.first_leg_m, rows), gather_rows(self.strength, rows))
 
 
 def gather_mirrors(scene: Scene, reflector: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
-from nlosctl.geometry.blocks import gather_rows
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.lines import crosses_segment
 from nlosctl.geometry.visibility import sees_directly
 from nlosctl.models.selected_rows import SelectedRows
@@ -52,14 +52,16 @@ def locate_direct_rows(
         return np.full(x.shape, value)
 
     return tuple(
-        DirectRows(snapshot, measurement, x - mx, y - my, fill(mx), fill(my), fill(radius), fill(least))
+        DirectRows(
+            reflector.shape, snapshot, measurement, x - mx, y - my, fill(mx), fill(my), fill(radius), fill(least)
+        )
         for (mx, my, radius), least in blockers.items()
         if snapshot.size
     )
 
 
 @dataclass(frozen=True)
-class WallRows:
+class WallRows(RowBlock):
     """The segment reflectors of a scene, ends x1, y1, x2, y2 (metres) by their place in it, and the rows' reflectors.
 
     ``reflector`` (B, K) is -1 for direct rows; ``center`` (B,) is the local origin of the points asked for.
@@ -69,10 +71,6 @@ class WallRows:
     reflector: IntArray
     center_x: FloatArray
     center_y: FloatArray
-
-    def take(self, rows: IntArray) -> WallRows:
-        """Return those of some snapshots, in any order and as often as named."""
-        return WallRows(self.ends_m, gather_rows(self.reflector, rows), self.center_x[rows], self.center_y[rows])
 
     def unseen(self, origin_x: FloatArray, origin_y: FloatArray, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return to which rows (B, K), with unfolded origins, points (B,) about the local origins can't be visible.

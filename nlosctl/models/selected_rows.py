@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +12,6 @@ from nlosctl.arrays import FloatArray, IntArray, ScalarT
 from nlosctl.geometry.blocks import gather_rows
 
 __all__ = ["SelectedRows"]
-
-RowsT = TypeVar("RowsT", bound="SelectedRows")
 
 
 @dataclass(frozen=True)
@@ -24,6 +22,7 @@ class SelectedRows:
     snapshot.
     """
 
+    shape: tuple[int, int]
     snapshot: IntArray
     measurement: IntArray
     sensor_x: FloatArray
@@ -43,17 +42,18 @@ class SelectedRows:
         """Return ``values`` (N,) as the block (B, K), without a copy; the rows must be all there are of it."""
         return values.reshape(-1 if snapshots else 0, snapshots).T
 
-    def take(self: RowsT, rows: IntArray, snapshots: int, measurements: int) -> RowsT:
-        """Return the rows of some snapshots (any order, repeated) of the block, which has that size."""
-        number = np.full((snapshots, measurements), -1, dtype=np.int64, order="F")
+    def take(self, rows: IntArray) -> Self:
+        """Return the rows of some snapshots of the block, in any order and with repetitions."""
+        number = np.full(self.shape, -1, dtype=np.int64, order="F")
         self.place_in(number, np.arange(self.snapshot.shape[0]))
         taken = gather_rows(number, rows).T
         measurement, snapshot = np.nonzero(taken >= 0)
         chosen = taken[measurement, snapshot]
-        others = {field.name: getattr(self, field.name)[chosen] for field in fields(self)}
-        return replace(self, **{**others, "snapshot": snapshot, "measurement": measurement})
+        arrays = {name: array[chosen] for name, array in vars(self).items() if name != "shape"}
+        shape = (rows.shape[0], self.shape[1])
+        return replace(self, **{**arrays, "shape": shape, "snapshot": snapshot, "measurement": measurement})
 
-    def about(self: RowsT, origin_x: FloatArray, origin_y: FloatArray) -> RowsT:
+    def about(self, origin_x: FloatArray, origin_y: FloatArray) -> Self:
         """Return the same rows with their centres about local origins (B,)."""
         x, y = origin_x[self.snapshot], origin_y[self.snapshot]
         return replace(self, center_x=self.center_x - x, center_y=self.center_y - y)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from nlosctl.geometry.blocks import gather_rows, max_measurements, sum_measurements, take_rows
+from nlosctl.geometry.blocks import RowBlock, gather_rows, max_measurements, rows_of, sum_measurements
 
 
 @pytest.mark.parametrize("measurements", [0, 1, 2, 7, 8, 9, 64, 200])
@@ -40,9 +42,27 @@ def test_only_the_last_axis_is_summed() -> None:
     np.testing.assert_array_equal(sum_measurements(values), values.sum(axis=2))
 
 
-def test_gathered_rows_are_in_the_order_requested() -> None:
-    """Rows come in the order requested; all rows in ascending order are the block itself, not a copy."""
+@dataclass(frozen=True)
+class Block(RowBlock):
+    """Arrays with one row per snapshot, a nested block, a missing array and an option."""
+
+    values: npt.NDArray[np.float64]
+    inner: Block | None
+    missing: None = None
+    option: bool = True
+
+
+def test_rows_come_in_the_given_order() -> None:
+    """Rows of arrays, tuples and blocks come in the given order, with repetitions, in Fortran order."""
     block = np.arange(12.0).reshape(4, 3)
     np.testing.assert_array_equal(gather_rows(block, np.array([2, 0, 2, 1])), block[[2, 0, 2, 1]])
-    np.testing.assert_array_equal(take_rows(block, np.array([1, 3])), block[[1, 3]])
-    assert take_rows(block, np.arange(4)) is block
+    one, (other, nothing) = rows_of((block[:, 0], (block, None)), np.array([1, 3]))
+    np.testing.assert_array_equal(one, block[[1, 3], 0])
+    np.testing.assert_array_equal(other, block[[1, 3]])
+    assert nothing is None
+    taken = Block(block, Block(block + 1.0, None)).take(np.array([3, 1, 3]))
+    assert taken.inner is not None
+    np.testing.assert_array_equal(taken.values, block[[3, 1, 3]])
+    np.testing.assert_array_equal(taken.inner.values, block[[3, 1, 3]] + 1.0)
+    assert taken.values.flags.f_contiguous
+    assert taken.option

@@ -55,7 +55,7 @@ class MixedBearingProblem:
         kept = np.flatnonzero(place[self.plain_rows] >= 0)
         return MixedBearingProblem(
             None if self.straight is None else self.straight.take(rows),
-            self.circles.take(rows, *shape),
+            self.circles.take(rows),
             gather_rows(self.inverse_std, rows),
             place[self.plain_rows[kept]],
             None if self.plain is None or not kept.size else self.plain.take(kept),

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.blocks import take_rows
+from nlosctl.arrays import FloatArray, ignoring_overflow
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.optimization.problem import Evaluation
@@ -22,7 +22,7 @@ _SMALL_BLOCK = 128
 
 
 @dataclass(frozen=True)
-class BearingProblem:
+class BearingProblem(RowBlock):
     """Half the chi-square of the residuals of rays (B, K), as a function of a point about the local origin."""
 
     origin_x: FloatArray
@@ -35,15 +35,6 @@ class BearingProblem:
     def of_lines(cls, lines: SightLines) -> BearingProblem:
         """Return the problem of a block of sight lines."""
         return cls(lines.origin_x, lines.origin_y, lines.cosine, lines.sine, 1.0 / lines.std_rad)
-
-    def take(self, rows: IntArray) -> BearingProblem:
-        """Return the problems of some rows, in Fortran order."""
-        return BearingProblem(
-            *(
-                take_rows(array, rows)
-                for array in (self.origin_x, self.origin_y, self.cosine, self.sine, self.inverse_std)
-            )
-        )
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient (from (23) of Song et al.) and the exact second derivatives.

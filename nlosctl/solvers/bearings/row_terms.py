@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.geometry.blocks import gather_rows
+from nlosctl.arrays import BoolArray, FloatArray
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.lines import side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
@@ -22,7 +22,7 @@ _LEAST_WIDTH = 0.05
 
 
 @dataclass(frozen=True)
-class DirectBearings:
+class DirectBearings(RowBlock):
     """Rows (B, K) of unfolded rays with Gaussian bearing errors, truncated to a right angle on either side.
 
     A row can't be direct from points behind its origin, closer to it than ``minimum_range_m`` (B,), or on another
@@ -66,23 +66,6 @@ class DirectBearings:
             measured_m,
             precision,
             lognormal,
-        )
-
-    def take(self, rows: IntArray) -> DirectBearings:
-        """Return the rows of some snapshots."""
-
-        def some(array: FloatArray | None) -> FloatArray | None:
-            return None if array is None else gather_rows(array, rows)
-
-        return DirectBearings(
-            self.lines.take(rows),
-            gather_rows(self.offset_across, rows),
-            gather_rows(self.offset_along, rows),
-            gather_rows(self.weight, rows),
-            self.squared_minimum[rows],
-            some(self.measured_m),
-            some(self.precision),
-            self.lognormal,
         )
 
     def misfit(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.blocks import gather_rows
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
@@ -43,7 +43,7 @@ class MixtureRows(Protocol):
 
 
 @dataclass(frozen=True)
-class Mixture:
+class Mixture(RowBlock):
     """The mixtures of B snapshots; rows are in an order in which groups are together.
 
     ``log_direct`` (B, K) is the logarithm of w_l p_l / u_l where the misfit is nought, minus infinity for a row that
@@ -81,17 +81,6 @@ class Mixture:
     def count(self) -> int:
         """The number of rows, K."""
         return int(self.log_direct.shape[1])
-
-    def take(self, rows: IntArray) -> Mixture:
-        """Return the mixtures of some snapshots; a snapshot may be named several times."""
-        return Mixture(
-            self.rows.take(rows),
-            gather_rows(self.log_direct, rows),
-            self.obstructed[rows],
-            None if self.last is None else gather_rows(self.last, rows),
-            self.log_nlos[rows],
-            self.least_cost[rows],
-        )
 
     def take_rows(self, rows: IntArray) -> Mixture:
         """Return the mixtures of some snapshots, in rising order, each named once: all of them are this itself."""

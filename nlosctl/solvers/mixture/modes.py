@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.blocks import rows_of
+from nlosctl.geometry.blocks import RowBlock, rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, Starts, choose_starts, leave_out_slope
@@ -204,7 +204,7 @@ class _Search:
 
 
 @dataclass(frozen=True)
-class _Bounded:
+class _Bounded(RowBlock):
     """Mixtures (N,) of some snapshots whose cost is infinite outside the search field."""
 
     mixture: Mixture
@@ -215,9 +215,6 @@ class _Bounded:
         at = self.mixture.evaluate(x, y)
         inside = self.allowed(self.snapshot, x[:, None], y[:, None])[:, 0]
         return at._replace(cost=np.where(inside, at.cost, np.inf))
-
-    def take(self, rows: IntArray) -> _Bounded:
-        return _Bounded(self.mixture.take(rows), self.snapshot[rows], self.allowed)
 
 
 def _rank(found: _Found) -> Modes:

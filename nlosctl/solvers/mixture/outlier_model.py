@@ -12,7 +12,7 @@ from scipy.special import erf
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.geometry.blocks import gather_rows, max_measurements, sum_measurements
+from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.regions import Region
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.models.search_regions import search_region
@@ -32,7 +32,7 @@ _MINIMUM_RANGE_SHARE = 0.005
 
 
 @dataclass(frozen=True)
-class OutlierModel:
+class OutlierModel(RowBlock):
     """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
 
     ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the
@@ -50,21 +50,6 @@ class OutlierModel:
     sensor_extent_m: FloatArray
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
-
-    def take(self, rows: IntArray) -> OutlierModel:
-        """Return the model of some snapshots."""
-        return OutlierModel(
-            lines=self.lines.take(rows),
-            mixture=self.mixture.take(rows),
-            leader=gather_rows(self.leader, rows),
-            share=gather_rows(self.share, rows),
-            region=self.region.take(rows),
-            minimum_range_m=self.minimum_range_m[rows],
-            extent_m=self.extent_m[rows],
-            sensor_extent_m=self.sensor_extent_m[rows],
-            measured_m=None if self.measured_m is None else gather_rows(self.measured_m, rows),
-            range_std_m=None if self.range_std_m is None else gather_rows(self.range_std_m, rows),
-        )
 
     def uninformative(self) -> BoolArray:
         """Return where the rows (B,) can't say where a source is, whatever they read.
