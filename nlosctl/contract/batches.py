@@ -1,4 +1,4 @@
-"""What a method is given: dense blocks of snapshots that have the same number of measurements.
+"""The input of a method: dense blocks of snapshots that have the same number of measurements.
 
 Arrays have shape (B, K) or (B, K, 2): B snapshots, K measurements each, the last axis x and y. They are stored
 in Fortran order, so that ``array[:, k]`` and ``array[..., 0]`` are contiguous, and they are read-only. Sum over
@@ -21,14 +21,14 @@ __all__ = ["Batch", "BearingBatch", "RangeBatch", "TripletBatch", "batch_class"]
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What batches of every kind of measurement have.
+    """The fields that batches of every kind of measurement share.
 
-    ``seed`` (B,) is each snapshot's own seed: a randomized method draws from it alone. ``want_flags`` is false
-    when nobody will read the flags: a method may then leave them out. ``field`` is where the methods that search
-    look for a source (`nlosctl.models.search_regions` makes regions of it). ``want_details`` is true when the
-    flags are to show what they were decided by, ``want_trace`` when a sequential method is to tell its steps.
-    ``SOURCES`` says of which columns of the file each array is made, ``ABSENT`` what fills an array where the file
-    lacks its columns; an array without it is None then.
+    ``seed`` (B,) is each snapshot's own seed, the only source of random numbers for a randomized method. If
+    ``want_flags`` is false the flags are not used, and a method may omit them. ``field`` is the search region of
+    methods that search (`nlosctl.models.search_regions` evaluates it). If ``want_details`` is true the flags include
+    the quantities behind the decision; if ``want_trace`` is true a sequential method returns its steps.
+    ``SOURCES`` names the input columns of each array, ``ABSENT`` the value that fills an array if the input lacks
+    its columns; an array that is not in ``ABSENT`` is None then.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -52,11 +52,11 @@ class BearingBatch(Batch):
     """B snapshots of K bearings each.
 
     ``sensor`` numbers the sensors (equal numbers: the same sensor), ``path`` numbers the measurements of one
-    sensor, ``reflector`` is a place in ``scene.reflectors`` or -1 for the direct path. ``sensor_xy_m`` is in
+    sensor, ``reflector`` is an index into ``scene.reflectors``, or -1 for the direct path. ``sensor_xy_m`` is in
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
-    ``range_m`` and ``range_std_m`` are None where no row has a range, and NaN in rows that have none. ``prior_xy_m``
-    and ``prior_std_m`` are where the source was expected before: None or NaN where nothing was known, else alike in
-    all rows of a snapshot.
+    ``range_m`` and ``range_std_m`` are NaN in rows without a range, and None if no row has one. ``prior_xy_m`` and
+    ``prior_std_m`` are the prior position and its standard deviation, equal in all rows of a snapshot; None or NaN
+    if there is no prior.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -95,7 +95,7 @@ class RangeBatch(Batch):
 
     ``sensor`` numbers the sensors, ``path`` the measurements of one sensor (-1: not numbered). ``sensor_xy_m``,
     ``range_m`` and ``range_std_m`` are in metres; all are finite, ranges and stds positive. ``sensor_height_m`` is
-    the sensor's height over the plane of the targets: 0 where ranges are measured in the plane, else they are slant.
+    the sensor's height above the plane of the targets: 0 for ranges in the plane, else the ranges are slant ranges.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {

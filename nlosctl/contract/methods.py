@@ -1,4 +1,4 @@
-"""The specification of a method: what a plugin's entry point must name."""
+"""The specification of a method, to which a plugin's entry point refers."""
 
 from __future__ import annotations
 
@@ -29,31 +29,31 @@ OLDEST_CONTRACT_VERSION = 1
 """The oldest version whose plugins still work; raised when something is taken away or changes its meaning."""
 
 HALF_CHI_SQUARE = "half the chi-square of the residuals"
-"""The ``cost`` of methods whose cost is that; others say in their own words what theirs is."""
+"""The ``cost`` of methods whose cost is that; others describe their own."""
 
 LEAST_HALF_CHI_SQUARE = f"{HALF_CHI_SQUARE}, minimized"
-"""The ``cost`` of methods that minimize it: then it tells whether the measurements fit together."""
+"""The ``cost`` of methods that minimize it: it then shows whether the measurements are consistent."""
 
 Job = Literal["localize", "detect-ip", "identify-los"]
 
 Law = Literal["frame", "order"]
-"""The laws that a method may be exempt from: moving and turning the frame; permuting the measurements."""
+"""The laws that a method may be exempt from: motions of the frame; permutations of the measurements."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodSpec:
     """A method, frozen.
 
-    ``kind`` is the kind of measurement that it consumes, ``options`` a frozen dataclass whose fields (declared with
-    `nlosctl.contract.options.option`) are the ``--param`` keys, ``flags`` the columns that it adds to the flags
-    besides ``used``, ``cost`` what its cost is, ``minimum_measurements`` the least number of rows with which it can
-    answer, ``covariance_kinds`` what its covariance may account for where that is not simply the noise,
-    ``randomized`` whether it draws random numbers, ``traces`` whether it can tell its steps, ``searches`` whether it
-    keeps to the search field, ``reads`` the optional columns that it uses. ``details`` are the flags' further columns
-    when the batch wants details, ``flags_with(options)`` those that an option asks for; ``flags_needing`` names, for
-    some of them, the column without which the input leaves nothing to say.
+    ``kind`` is the kind of measurement, ``options`` a frozen dataclass whose fields (declared with
+    `nlosctl.contract.options.option`) are the method's parameters, ``flags`` the columns that it adds to the flags
+    besides ``used``, ``cost`` a description of its cost, ``minimum_measurements`` the smallest number of rows it can
+    solve. ``covariance_kinds`` states what its covariance may account for other than the noise, ``randomized``
+    whether it draws random numbers, ``traces`` whether it can return its steps, ``searches`` whether it stays within
+    the search region, ``reads`` the optional columns that it uses. ``details`` are further columns of the flags if
+    the batch wants details, ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns,
+    the input column without which they have no values.
     ``estimates`` is false for a detector that estimates nothing. ``contract_version`` is the version of this contract
-    that a plugin was written for, as a plain number; built-in methods, which come with the contract, leave it out.
+    that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
@@ -81,13 +81,13 @@ class MethodSpec:
 
     @property
     def cost_tells_fit(self) -> bool:
-        """Whether the cost can be held against the chi-square distribution of a good fit."""
+        """Whether the cost can be compared with the chi-square distribution of a good fit."""
         return self.cost == LEAST_HALF_CHI_SQUARE
 
     def flag_columns(self, options: Any, scene: Scene, given: Container[str], *, details: bool) -> tuple[str, ...]:
         """Return the columns that it adds to the flags under ``options``, with or without the details.
 
-        Some are said only where the scene has circles, or where the input has another column (``given``).
+        Some require circles in the scene, or another column among those of the input (``given``).
         """
         asked_for = () if self.flags_with is None else self.flags_with(options)
         of_circles = {column.name for column in FLAGS.columns if column.of_circles}
@@ -105,14 +105,14 @@ class MethodSpec:
 
 
 def contract_fault(version: int | None) -> str:
-    """Return in words why a plugin written for a version of the contract can't be used here; empty where it can."""
+    """Return why a plugin written for a version of the contract can't be used here; empty if it can."""
     return version_fault(version, CONTRACT_VERSION, OLDEST_CONTRACT_VERSION, "MethodSpec")
 
 
 def version_fault(version: int | None, here: int, oldest: int, spec: str) -> str:
-    """Return why what was written for a version can't be used by ``here``, which works back to ``oldest``."""
+    """Return why a plugin for ``version`` can't be used by version ``here``, which supports ``oldest`` and later."""
     if version is None:
-        return f"doesn't say for which contract version it was written: give its {spec} contract_version={here}"
+        return f"doesn't state its contract version: give its {spec} contract_version={here}"
     if version > here:
         return f"was written for contract version {version}, newer than {here} of this nlosctl: upgrade nlosctl"
     if version < oldest:

@@ -1,4 +1,4 @@
-"""Random numbers drawn from each snapshot's own seed: the same whoever else is in the block."""
+"""Random numbers from each snapshot's own seed, which do not depend on the rest of the block."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ import numpy as np
 
 from nlosctl.arrays import IntArray, SeedArray
 
-__all__ = ["random_keys", "random_order", "snapshot_seeds"]
+__all__ = ["GOLDEN_RATIO", "random_keys", "random_order", "snapshot_seeds"]
 
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+GOLDEN_RATIO = np.uint64(0x9E3779B97F4A7C15)
+"""The fraction of the golden ratio in units of 2^-64: its multiples are spread evenly."""
 
 
 def random_keys(seed: SeedArray, count: int, stream: int = 0) -> SeedArray:
-    """Return ``count`` independent 64-bit words (B, count) for each seed (B,); ``stream`` tells uses apart.
+    """Return ``count`` independent 64-bit words (B, count) for each seed (B,); ``stream`` numbers independent uses.
 
     SplitMix64 (Steele, Lea, Flood 2014), as a counter-based generator.
     """
-    start = _mix(seed + np.array([2 * stream + 1], dtype=np.uint64) * _GOLDEN)
-    steps = np.arange(1, count + 1, dtype=np.uint64) * _GOLDEN
+    start = _mix(seed + np.array([2 * stream + 1], dtype=np.uint64) * GOLDEN_RATIO)
+    steps = np.arange(1, count + 1, dtype=np.uint64) * GOLDEN_RATIO
     return _mix(start[:, None] + steps)
 
 
@@ -43,7 +44,7 @@ def _digest(ids: Sequence[str]) -> SeedArray:
 
 def _scrambled(key: SeedArray) -> SeedArray:
     """Return one step of SplitMix64 from each state (Steele, Lea, Flood 2014)."""
-    return _mix(key + _GOLDEN)
+    return _mix(key + GOLDEN_RATIO)
 
 
 def _mix(key: SeedArray) -> SeedArray:

@@ -1,4 +1,4 @@
-"""The scene: sensors and reflectors that stay where they are."""
+"""The scene: stationary sensors and reflectors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class LineReflector:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentReflector:
-    """A finite wall from ``start`` to ``end`` (metres, not equal): mirrors within it, blocks what would pass it."""
+    """A finite wall from ``start`` to ``end`` (metres, not equal): it reflects, and blocks paths across it."""
 
     name: str
     start: tuple[float, float]
@@ -91,8 +91,8 @@ class EarthFrame:
     @property
     def words(self) -> str:
         """The frame in words that `parse_frame` takes: a CRS, or latitude, longitude and any rotation."""
-        place = self.crs if self.crs is not None else f"{self.origin_lat_deg!r} {self.origin_lon_deg!r}"
-        return f"{place} {self.rotation_deg!r}" if self.rotation_deg else place
+        origin = self.crs if self.crs is not None else f"{self.origin_lat_deg!r} {self.origin_lon_deg!r}"
+        return f"{origin} {self.rotation_deg!r}" if self.rotation_deg else origin
 
 
 def parse_frame(words: str, option: str) -> EarthFrame:
@@ -130,5 +130,5 @@ class Scene:
 
     @property
     def reflector_names(self) -> tuple[str, ...]:
-        """The names of the reflectors; a batch refers to them by their place in it."""
+        """The names of the reflectors; a batch refers to them by index."""
         return tuple(reflector.name for reflector in self.reflectors)

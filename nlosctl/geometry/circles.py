@@ -25,7 +25,7 @@ def leave_circle(x: FloatArray, y: FloatArray, cosine: FloatArray, sine: FloatAr
     """Return where rays from (x, y) along (cosine, sine) leave circles of ``radius``. All shapes broadcast.
 
     Equations (41)-(43) of Song, Willett, Zhou 2013 without a slope: hit = s + k u with
-    k = -s.u + sqrt((s.u)^2 - s.s + R^2), the forward one of the two. NaN for rays that do not start inside.
+    k = -s.u + sqrt((s.u)^2 - s.s + R^2), the forward of the two. NaN for rays whose origin is not inside.
     """
     along = x * cosine + y * sine
     depth = radius * radius - (x * x + y * y)
@@ -47,8 +47,8 @@ def cross_circles(
 
     Centres (..., 2) and radii (...) broadcast. The first root lies to the left of the way from centre 1 to
     centre 2, the second to the right. Circles that miss each other by at most ``gap_tolerance`` have one point,
-    the middle of the closest approach, as their first root. Roots that are not there are NaN: circles farther
-    apart, concentric ones, and those of a radius that is not positive.
+    the middle of the closest approach, as their first root. Missing roots are NaN: circles farther
+    apart, concentric circles, and radii that are not positive.
     """
     dx, dy = center_2_xy[..., 0] - center_1_xy[..., 0], center_2_xy[..., 1] - center_1_xy[..., 1]
     distance = np.hypot(dx, dy)

@@ -31,12 +31,12 @@ MAX_PATHS = 4
 """The largest number of specular points between two points in a circle (Lemma 1)."""
 
 _TANGENT = 1e-12
-"""Within this (relative) of the separatrix two of the points are one."""
+"""Within this (relative) of the separatrix two of the points coincide."""
 
 
 @dataclass(frozen=True)
 class ReflectedPath:
-    """Paths from a source to the reflection point to the sensor; all arrays have one shape, NaN where there is none.
+    """Paths from a source to the reflection point to the sensor; all arrays have one shape, NaN where there is no path.
 
     ``hit_x``, ``hit_y`` is the reflection point about the centre, ``first_leg_m`` its distance from the sensor,
     ``second_leg_m`` from the source, ``bearing_rad`` the direction in which the sensor sees it, in (-pi, pi].
@@ -173,7 +173,7 @@ def reflect_at(
     source_x: FloatArray,
     source_y: FloatArray,
 ) -> ReflectedPath:
-    """Return the paths by reflection points that are known; shapes broadcast, (34) with atan2 for the bearing."""
+    """Return the paths over known reflection points; shapes broadcast, (34) with atan2 for the bearing."""
     out_x, out_y = hit_x - sensor_x, hit_y - sensor_y
     back_x, back_y = source_x - hit_x, source_y - hit_y
     first, second = _length(out_x, out_y), _length(back_x, back_y)

@@ -21,7 +21,7 @@ class EarthPlane:
     ``crs`` is in the words that pyproj takes (``EPSG:32632``) and must be projected, in metres. Else the plane is
     azimuthal equidistant about the origin on WGS 84: distances and directions from the origin are exact, and a
     distance d elsewhere is stretched by less than d^2 / 6 R^2. ``rotation_deg`` is the direction of the x axis,
-    counter-clockwise from east. Raises UsageError where pyproj is not installed or the CRS is of no use.
+    counter-clockwise from east. Raises UsageError where pyproj is not installed or the CRS can't be used.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class EarthPlane:
         self._turn_rad = float(np.radians(rotation_deg))
 
     def to_plane(self, lat_deg: FloatArray, lon_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return x and y (N,) in metres; NaN where a place is NaN or the plane does not reach."""
+        """Return x and y (N,) in metres; NaN where a coordinate is NaN or outside the plane."""
         east, north = _finite(self._forward.transform(_single(lon_deg), _single(lat_deg)), lon_deg.shape)
         cos, sin = np.cos(self._turn_rad), np.sin(self._turn_rad)
         return cos * east + sin * north, cos * north - sin * east
@@ -58,7 +58,7 @@ class EarthPlane:
         """Return the direction of true north (N,) in the plane, counter-clockwise from +x; NaN as in `to_earth`."""
         lat, lon = self.to_earth(x_m, y_m)
         if lat.size == 0:
-            return lat  # get_factors refuses it
+            return lat  # get_factors rejects it
         convergence = np.radians(self._factors.get_factors(lon, lat).meridian_convergence)
         return np.where(np.isfinite(convergence), 0.5 * np.pi + convergence - self._turn_rad, np.nan)
 
@@ -66,7 +66,7 @@ class EarthPlane:
 def flat_errors(
     plane: EarthPlane, x_m: FloatArray, y_m: FloatArray, to_x_m: FloatArray, to_y_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return by how much straight lines of the plane (N,) miss the geodesics of WGS 84 between the same places.
+    """Return by how much straight lines of the plane (N,) miss the geodesics of WGS 84 between the same points.
 
     Direction at the first point, in radians in (-pi, pi], and length, in metres: plane minus earth. NaN where a
     point is NaN or off the earth.
@@ -80,13 +80,13 @@ def flat_errors(
     return turned, np.hypot(dx, dy) - length
 
 
-def _single(places: FloatArray) -> Any:
-    """Return a number for one place, else the array: pyproj makes a number of an array of one, which NumPy warns of."""
-    return places.item() if places.size == 1 else places
+def _single(values: FloatArray) -> Any:
+    """Return a number for one value, else the array: pyproj converts arrays of one, and NumPy warns about that."""
+    return values.item() if values.size == 1 else values
 
 
 def _finite(pair: tuple[Any, Any], shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return what pyproj gives, in the shape that was asked, with NaN for its infinities."""
+    """Return the result of pyproj in the requested shape, with NaN for its infinities."""
     one, other = (np.asarray(part).reshape(shape) for part in pair)
     return np.where(np.isfinite(one), one, np.nan), np.where(np.isfinite(other), other, np.nan)
 

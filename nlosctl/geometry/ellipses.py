@@ -76,7 +76,7 @@ def error_ellipse(covariance: SymmetricMatrix) -> ErrorEllipse:
 
 
 def circular_error_probable(semi_major_m: FloatArray, semi_minor_m: FloatArray) -> FloatArray:
-    """Return CEP50 (N,): the radius of the circle about the mean that holds half of a Gaussian with these axes.
+    """Return CEP50 (N,): the radius of the circle about the mean that contains half of a Gaussian with these axes.
 
     Exact to rounding: Newton's method on the distribution of the radius. NaN where an axis is NaN, 0 where both are.
     """

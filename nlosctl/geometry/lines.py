@@ -74,7 +74,7 @@ def reflect_in_segment(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the specular point x, y on the wall from (x1, y1) to (x2, y2) of the way from one point to another.
 
-    All shapes broadcast. NaN where there is none: the points are on different sides of the wall's line, or on it, or
+    All shapes broadcast. NaN where there is no path: the points are on different sides of the wall's line, or on it, or
     the point would lie beyond an end of the wall.
     """
     angle = np.arctan2(y2 - y1, x2 - x1)

@@ -153,9 +153,9 @@ class PolygonRegion(RowBlock):
             along_x, along_y = x2 - x1, y2 - y1
             length2 = along_x * along_x + along_y * along_y
             dot = (x - x1) * along_x + (y - y1) * along_y
-            with ignoring_overflow():  # an edge of no length but for rounding: either end will do
-                place = np.clip(dot / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
-            np.minimum(nearest, np.hypot(x - x1 - place * along_x, y - y1 - place * along_y), out=nearest)
+            with ignoring_overflow():  # an edge whose length is zero up to rounding: either end will do
+                share = np.clip(dot / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
+            np.minimum(nearest, np.hypot(x - x1 - share * along_x, y - y1 - share * along_y), out=nearest)
         return np.where(self.contains(x, y), nearest, -nearest)
 
     def on_edge(self, x: FloatArray, y: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:

@@ -25,7 +25,7 @@ def bracketed_roots(
     """Return the roots (N,) of ``function``, which is negative just above ``low`` and positive just below ``high``.
 
     ``function`` gives value and slope (N,) at points (N,). Newton's step, or half the bracket where that would leave
-    it or shrinks too slowly. A root is held still once a step is not longer than ``tolerance``, so its bits do not
+    it or shrinks too slowly. A root no longer changes once a step is at most ``tolerance``, so its bits do not
     depend on its neighbours. NaN where the function is NaN.
     """
     low, high, root = low.copy(), high.copy(), guess.copy()

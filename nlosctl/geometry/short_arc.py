@@ -18,7 +18,7 @@ __all__ = ["short_arc_point", "short_arc_reflection"]
 
 _NEWTON_STEPS = 5
 _SETTLED = 1e-8
-"""Newton's method doubles its digits: after a step this short the root is exact. Others are searched in a bracket."""
+"""Newton's method doubles its digits: after a step this short the root is exact. Other roots are bracketed."""
 
 
 def short_arc_reflection(
@@ -97,7 +97,7 @@ class _ShortArc:
     def newton_step(self, cosine: FloatArray, sine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return cosine and sine after a step of Newton's method, and the step; no trigonometric function.
 
-        A turn by 2 atan(step / 2), which is the step but for its cube.
+        A turn by 2 atan(step / 2), which is the step up to its cube.
         """
         value, slope = self.value_and_slope(cosine, sine)
         step = value / slope

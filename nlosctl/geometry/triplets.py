@@ -1,6 +1,6 @@
 """Triplets in the frame of their baseline: where the two rays and the ellipse of a path cross each other.
 
-The baseline frame has the transmitter at (-d/2, 0) and the receiver at (d/2, 0). Angles are held as cosines and
+The baseline frame has the transmitter at (-d/2, 0) and the receiver at (d/2, 0). Angles are stored as cosines and
 sines, so that no direction is special. With mu1 the direction of arrival (at the receiver, towards where the wave
 comes from), mu2 that of departure and l the path length, in the notation of Shen, Molisch 2012:
 
@@ -60,7 +60,7 @@ class BaselineFrame:
         )
 
     def matrix_to_global(self, matrix: SymmetricMatrix) -> SymmetricMatrix:
-        """Return covariances of the frame in global axes; whatever where they are not finite."""
+        """Return covariances of the frame in global axes; undefined where they are not finite."""
         cosine2, sine2, both = self.cosine * self.cosine, self.sine * self.sine, self.cosine * self.sine
         with ignoring_overflow():
             return SymmetricMatrix(

@@ -83,7 +83,7 @@ def sees_by_reflection(
 ) -> BoolArray:
     """Return which sources are in the region A2: between the circles, and both legs of their ``path`` are free.
 
-    ``path`` is the one that is asked about; False where it is NaN.
+    ``path`` is the path in question; False where it is NaN.
     """
     source_r = np.hypot(source_x, source_y)
     slack = TOLERANCE * blocker_radius

@@ -95,7 +95,7 @@ def _status(
     (last,) = run.pick(best)[0][-1:]
     x, y = last.x[:, 0], last.y[:, 0]
     covariance = last.covariance.at(slice(None), 0)
-    status = judge_fixes(lines, x, y, lines.survey(x, y), covariance, min_range_m)
+    status = judge_fixes(lines, x, y, lines.ray_residuals(x, y), covariance, min_range_m)
     status[~last.alive[:, 0]] = Status.BEHIND
     free = np.ones(batch.size, dtype=bool) if prior is None else ~prior.known
     status[free & nearly_singular(fit_least_squares(lines).normal)] = Status.DEGENERATE

@@ -1,1 +1,1 @@
-"""What a sensor should read at a position: residual, Jacobian, information."""
+"""Measurement models: residuals, derivatives and information at a position."""

@@ -3,8 +3,8 @@
 A row seen in a mirror is unfolded: its origin is the sensor's image, its direction the bearing's image
 (equations (3), (4) of Song, Willett, Zhou 2013). On a circle the mirror is the tangent where the bearing meets it
 (41)-(45), carried as point and direction: the ray is the very one that the wave came along. After that all rows are
-alike, but for two things: where the point is not on the ray, the bearing of a circle row is that of its true path, and
-the ray's error there is not std times distance but std times the spread of the ray tube.
+alike, except for two things: at a point off the ray, the bearing of a circle row is that of its true path; and the
+error across the ray is std times the width of the ray tube instead of std times distance.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_point
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
 from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls
 
-__all__ = ["SightLines", "Survey", "predict_bearings", "sight_lines"]
+__all__ = ["RayResiduals", "SightLines", "predict_bearings", "sight_lines"]
 
 
 @dataclass(frozen=True)
-class Survey:
-    """What the rays say of a point (B,): unfolded distances in metres, whether it is behind any, chi-square."""
+class RayResiduals:
+    """Points (B,) relative to their rays: unfolded distances in metres, whether behind any origin, chi-square."""
 
     nearest_m: FloatArray
     farthest_m: FloatArray
@@ -43,7 +43,7 @@ class SightLines(RowBlock):
     """Rays (B, K) about a local origin (B,): ``origin + t (cosine, sine)``, t > 0.
 
     ``handedness`` is -1 where the row was unfolded by a mirror (a bearing that turns one way turns the ray the
-    other way), else 1. ``focusing`` and ``circles`` are None where no row is seen on a circle; ``direct`` holds the
+    other way), else 1. ``focusing`` and ``circles`` are None if no row is seen on a circle; ``direct`` lists the
     direct rows once for each opaque circle of the scene. Lengths in metres, ``std_rad`` in radians.
     """
 
@@ -92,13 +92,13 @@ class SightLines(RowBlock):
         return x, y
 
     def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath | None:
-        """Return the paths of the circle rows from points (B,): to be given to what is asked of the same points."""
+        """Return the paths of the circle rows from points (B,), for the other functions of the same points."""
         return None if self.circles is None else self.circles.paths_from(x, y)
 
-    def survey(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> Survey:
-        """Return what the rays of each snapshot say of a point (B,), in one pass over the measurements.
+    def ray_residuals(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> RayResiduals:
+        """Return the distances and chi-square of points (B,), in one pass over the measurements.
 
-        ``paths``, here and below, are those of `paths_from` for the same points, where they are known already.
+        ``paths``, here and below, are those of `paths_from` for the same points, if already computed.
         """
         nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
         chi_square = np.zeros(x.shape)
@@ -116,13 +116,13 @@ class SightLines(RowBlock):
                 scaled = np.arctan2(sine * dx - cosine * dy, along) if bent is None else bent[:, k].copy()
                 scaled /= self.std_rad[:, k]
                 chi_square += scaled * scaled
-        return Survey(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
+        return RayResiduals(np.sqrt(nearest), np.sqrt(farthest), behind, chi_square)
 
     def residual_rad(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> FloatArray:
         """Return the ray's direction minus that of the points (B,) from the origins, (B, K) in (-pi, pi].
 
-        Equals the measured minus the predicted bearing, times ``handedness``; so it is made for circle rows too,
-        but where no path leads to the point.
+        Equals the measured minus the predicted bearing, times ``handedness``, for circle rows too, except
+        where no path leads to the point.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with ignoring_overflow():
@@ -158,8 +158,8 @@ class SightLines(RowBlock):
     ) -> SymmetricMatrix:
         """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
 
-        Rows of infinite std give none; NaN where another row has no path to the point. With ``extra_m2`` (B,) the
-        squared ranges are that much larger, but for rows on a circle.
+        Rows of infinite std add nothing; NaN where another row has no path to the point. With ``extra_m2`` (B,) the
+        squared ranges are that much larger, except for rows on a circle.
         """
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with ignoring_division():
@@ -173,30 +173,30 @@ class SightLines(RowBlock):
             paths = self.circles.paths_from(x, y) if paths is None else paths
             slope_x, slope_y = paths.bearing_gradient()
             inverse_std = 1.0 / self.circles.pick_from(self.std_rad)
-            says_something = inverse_std > 0.0
-            self.circles.place_in(dx, np.where(says_something, -slope_y * inverse_std, 0.0))
-            self.circles.place_in(dy, np.where(says_something, slope_x * inverse_std, 0.0))
+            informative = inverse_std > 0.0
+            self.circles.place_in(dx, np.where(informative, -slope_y * inverse_std, 0.0))
+            self.circles.place_in(dy, np.where(informative, slope_x * inverse_std, 0.0))
         return SymmetricMatrix(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
 
     def all_under_horizon(self) -> BoolArray:
-        """Return in which snapshots (B,) every bearing points under its horizon, from where no wave can come."""
+        """Return in which snapshots (B,) every bearing is below its horizon, where no wave can come from."""
         if self.circles is None:
             return np.zeros(self.center_x.shape, dtype=bool)
         under = np.bincount(self.circles.snapshot[self.circles.under_horizon()], minlength=self.center_x.shape[0])
         return np.asarray(under == self.origin_x.shape[1])
 
     def outside_scene(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> BoolArray:
-        """Return which points (B,) the scene does not allow.
+        """Return which points (B,) the scene rules out.
 
-        On another side of a row's mirror than its sensor, or on the mirror; behind a wall, or off the end of the one
-        that mirrors; or not where a row by a circle or a direct row can come from (regions A2 and A3).
+        Those on the wrong side of a row's mirror (or on the mirror), behind a wall or beyond the end of a reflecting
+        wall, and outside the regions A2 and A3 of rows by circles and direct rows.
         """
         if self.mirrors is None and self.walls is None and not self.direct:
             return np.zeros(x.shape[0], dtype=bool)
         return np.asarray(self.unseen(x, y, paths).any(axis=1))
 
     def unseen(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> BoolArray:
-        """Return to which rows (B, K) a point (B,) cannot be visible, as the scene is."""
+        """Return to which rows (B, K) a point (B,) cannot be visible in the scene."""
         unseen = np.zeros(self.origin_x.shape, dtype=bool, order="F")
         if self.mirrors is not None:
             unseen |= self.mirrors.beyond(x, y)

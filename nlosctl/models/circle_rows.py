@@ -1,6 +1,6 @@
 """Bearings seen by reflection on circles: the true path of each row, its residual and gradient.
 
-Song, Willett, Zhou 2013, Section 3. The rows of a block (B, K) that name a circle are held as flat arrays (N,).
+Song, Willett, Zhou 2013, Section 3. The rows of a block (B, K) that name a circle are stored as flat arrays (N,).
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class CircleRows(SelectedRows):
 def locate_circle_rows(
     scene: Scene, reflector: IntArray, sensor_x: FloatArray, sensor_y: FloatArray, bearing_rad: FloatArray
 ) -> CircleRows | None:
-    """Return the circle rows of a block (B, K), centres in the scene's coordinates, or None where there is none.
+    """Return the circle rows of a block (B, K), centres in the scene's coordinates, or None if there are none.
 
     Rows whose sensor is not inside the circle, or under the blocker, get a sensor that is NaN: no path leads to it.
     """
@@ -96,9 +96,9 @@ def locate_circle_rows(
     measurement, snapshot = np.nonzero(((reflector >= 0) & np.isfinite(table[0])[reflector]).T)
     if not snapshot.size:
         return None
-    place = (snapshot, measurement)
-    middle_x, middle_y, radius, blocker, least = (column[reflector[place]] for column in table)
-    x, y = sensor_x[place] - middle_x, sensor_y[place] - middle_y
+    index = (snapshot, measurement)
+    middle_x, middle_y, radius, blocker, least = (column[reflector[index]] for column in table)
+    x, y = sensor_x[index] - middle_x, sensor_y[index] - middle_y
     distance = np.hypot(x, y)
     outside, under = misplaced_sensors(distance, radius, blocker)
     impossible = outside | under
@@ -114,7 +114,7 @@ def locate_circle_rows(
         radius=radius,
         blocker_radius=blocker,
         least_elevation_rad=np.fmax(horizon, least),
-        bearing_rad=bearing_rad[place],
+        bearing_rad=bearing_rad[index],
         takes_any_path=np.isnan(blocker) | (distance > blocker * (1.0 + _GROUND_TOLERANCE)),
     )
 
@@ -124,13 +124,13 @@ def misplaced_sensors(
 ) -> tuple[BoolArray, BoolArray]:
     """Return which sensors, by their distance from the centre, are not inside the circle, and which under the blocker.
 
-    ``blocker_radius`` is NaN where there is none.
+    ``blocker_radius`` is NaN without a blocker.
     """
     return ~(distance_m < radius), distance_m < blocker_radius * (1.0 - _GROUND_TOLERANCE)
 
 
 def circle_table(scene: Scene) -> tuple[FloatArray, ...]:
-    """Return centre x, y, radius, blocker's radius and least elevation of each reflector (S,); NaN for what is not."""
+    """Return centre x, y, radius, blocker's radius and least elevation of each reflector (S,); NaN if it has none."""
     rows = [
         [
             *reflector.center,
@@ -155,7 +155,7 @@ def likeliest_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the reflection points (N,) of the shortest free paths; of the shortest of all where none is free.
 
-    ``blocker_radius`` is NaN where there is none. NaN where there is no path.
+    ``blocker_radius`` is NaN without a blocker. The result is NaN where there is no path.
     """
     hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
     length = np.hypot(hit_x - sensor_x, hit_y - sensor_y) + np.hypot(hit_x - source_x, hit_y - source_y)

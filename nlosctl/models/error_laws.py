@@ -1,4 +1,4 @@
-"""Laws of measurement errors: how often a weighted sum of three errors goes beyond a threshold.
+"""Distributions of measurement errors: how often a weighted sum of three errors exceeds a threshold.
 
 A decision variable is linear in the errors of DOA, DOD and path length (equation (19) of Shen, Molisch 2012): three
 independent errors of one law, each with standard deviation 1, weighted by w1, w2, w3 (metres). Its distribution is
@@ -56,7 +56,7 @@ class GaussianErrors:
         return generator.standard_normal(count)
 
     def survival(self, scaled: FloatArray, weights: Weights) -> FloatArray:
-        """Return the normal survival function, whatever the weights; equation (26)."""
+        """Return the normal survival function, for any weights; equation (26)."""
         return np.asarray(ndtr(-scaled))
 
 
@@ -153,7 +153,7 @@ class StudentErrors:
 
 @lru_cache(maxsize=8)
 def _student_characteristic(nu: float) -> tuple[FloatArray, float, CubicSpline]:
-    """Return the places t, their step, and the characteristic function of Student's law with standard deviation 1."""
+    """Return the nodes t, their step, and the characteristic function of Student's law with standard deviation 1."""
     step = 2.0 * math.pi / min(max(2.0 * 10.0 ** (8.0 / nu), 60.0), 400.0)
     t = np.arange(1, math.ceil(max(9.0, 36.0 / math.sqrt(nu - 2.0)) / step) + 1) * step
     knots = np.linspace(0.0, float(t[-1]), 6001)
@@ -200,8 +200,8 @@ def parse_error_law(text: str) -> ErrorLaw:
 def quantile(law: ErrorLaw, probability: float, weights: Weights, shift: FloatArray | float = 0.0) -> FloatArray:
     """Return the threshold, in standard deviations, that |shift + sum| exceeds with ``probability``; elementwise.
 
-    ``shift`` >= 0 is the mean in standard deviations: 0 for direct paths, equations (25), (27). Found by false
-    position in brackets (Illinois), to 1e-12 in probability; rows that are done are left alone.
+    ``shift`` >= 0 is the mean in standard deviations: 0 for direct paths, equations (25), (27). Computed by false
+    position in brackets (Illinois) to 1e-12 in probability; converged rows do not change.
     """
     arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in (shift, *weights)))
     if isinstance(law, GaussianErrors) and not np.any(arrays[0]):
@@ -270,7 +270,7 @@ def _unit_weights(weights: Weights) -> tuple[FloatArray, FloatArray, FloatArray]
 def _simplex_rule(nodes_u: int, nodes_v: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return shares of corners 2 and 3 and weights of a rule over a triangle of area 1/2.
 
-    Gauss's, its nodes drawn towards the corner of the smallest weights, where the integrand may end abruptly.
+    Gauss's rule, its nodes concentrated at the corner of the smallest weights, where the integrand may end abruptly.
     """
     point_u, weight_u = np.polynomial.legendre.leggauss(nodes_u)
     point_v, weight_v = np.polynomial.legendre.leggauss(nodes_v)

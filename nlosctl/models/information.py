@@ -30,7 +30,7 @@ class Information:
 
 @dataclass(frozen=True, kw_only=True)
 class InformationModel:
-    """How one kind of measurement tells of positions.
+    """The information that one kind of measurement has on positions.
 
     ``at(batch, x, y)`` is the information of each snapshot about its point (B,), for Gaussian errors, from those rows
     that can see it as the scene is. ``seen_from(batch, x, y)`` is a batch with a snapshot for each point (V,): the
@@ -45,10 +45,10 @@ def _bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> I
     lines = sight_lines(batch)
     local_x, local_y = x - lines.center_x, y - lines.center_y
     seen = ~lines.unseen(local_x, local_y)
-    telling = replace(lines, std_rad=np.where(seen, lines.std_rad, np.inf))
-    matrix = telling.information(local_x, local_y)
+    informative = replace(lines, std_rad=np.where(seen, lines.std_rad, np.inf))
+    matrix = informative.information(local_x, local_y)
     if batch.range_m is not None and batch.range_std_m is not None:
-        matrix = _with_ranges(matrix, telling, np.where(seen, batch.range_std_m, np.nan), local_x, local_y)
+        matrix = _with_ranges(matrix, informative, np.where(seen, batch.range_std_m, np.nan), local_x, local_y)
     return Information(matrix, np.count_nonzero(seen, axis=1))
 
 
@@ -125,4 +125,4 @@ UNIT_INFORMATION: dict[str, Callable[[Any, FloatArray, FloatArray], SymmetricMat
     "bearings": _unit_bearing_information,
     "ranges": _unit_range_information,
 }
-"""Information of points (B,) if every row told its line or circle of position with a std of 1 m: the geometry alone."""
+"""Information of points (B,) if every line or circle of position had a std of 1 m: the geometry alone."""

@@ -53,7 +53,7 @@ class Focusing(RowBlock):
 
 
 def gather_mirrors(scene: Scene, reflector: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return point x, point y and angle of the mirror of each row; NaN on circles, whatever for direct rows (-1)."""
+    """Return point x, point y and angle of the mirror of each row; NaN on circles, undefined for direct rows (-1)."""
     table = np.array(
         [
             [*mirror.point, np.arctan2(mirror.direction[1], mirror.direction[0])]

@@ -18,7 +18,7 @@ __all__ = ["DirectRows", "WallRows", "hidden_by_walls", "locate_direct_rows", "l
 
 @dataclass(frozen=True)
 class DirectRows(SelectedRows):
-    """N direct rows about the centre of one opaque circle; ``min_elevation_rad`` is -inf where none is demanded."""
+    """N direct rows about the centre of one opaque circle; ``min_elevation_rad`` is -inf without a limit."""
 
     blocker_radius: FloatArray
     min_elevation_rad: FloatArray
@@ -62,7 +62,7 @@ def locate_direct_rows(
 
 @dataclass(frozen=True)
 class WallRows(RowBlock):
-    """The segment reflectors of a scene, ends x1, y1, x2, y2 (metres) by their place in it, and the rows' reflectors.
+    """The segment reflectors of a scene, ends x1, y1, x2, y2 (metres) by their index in it, and the rows' reflectors.
 
     ``reflector`` (B, K) is -1 for direct rows; ``center`` (B,) is the local origin of the points asked for.
     """
@@ -78,13 +78,13 @@ class WallRows(RowBlock):
         A row by a wall needs its way to meet the wall between its ends, a direct row must not meet any wall.
         """
         unseen = np.zeros(origin_x.shape, dtype=bool)
-        for place, (x1, y1, x2, y2) in self.ends_m.items():
+        for index, (x1, y1, x2, y2) in self.ends_m.items():
             corners = (x1 - self.center_x, y1 - self.center_y, x2 - self.center_x, y2 - self.center_y)
             with ignoring_overflow():
                 meets = crosses_segment(
                     origin_x, origin_y, x[:, None], y[:, None], *(corner[:, None] for corner in corners)
                 )
-            unseen |= (self.reflector == place) & ~meets
+            unseen |= (self.reflector == index) & ~meets
             unseen |= (self.reflector < 0) & meets
         return unseen
 
@@ -92,8 +92,8 @@ class WallRows(RowBlock):
 def locate_walls(scene: Scene, reflector: IntArray, center_x: FloatArray, center_y: FloatArray) -> WallRows | None:
     """Return the walls of a scene for rows (B, K) about local origins (B,); None where it has none."""
     ends = {
-        place: (*wall.start, *wall.end)
-        for place, wall in enumerate(scene.reflectors)
+        index: (*wall.start, *wall.end)
+        for index, wall in enumerate(scene.reflectors)
         if isinstance(wall, SegmentReflector)
     }
     return WallRows(ends, reflector, center_x, center_y) if ends else None

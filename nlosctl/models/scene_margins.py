@@ -50,9 +50,9 @@ def scene_margins(lines: SightLines, x: FloatArray, y: FloatArray) -> list[Margi
 
 def _beside_mirrors(rows: MirrorRows, x: FloatArray, y: FloatArray) -> Margins:
     measurement, snapshot = np.nonzero(np.isfinite(rows.sensor_side_m).T)
-    place = (snapshot, measurement)
-    angle, sensor_side = rows.angle_rad[place], rows.sensor_side_m[place]
-    side = side_of_line(x[snapshot], y[snapshot], rows.point_x[place], rows.point_y[place], angle)
+    index = (snapshot, measurement)
+    angle, sensor_side = rows.angle_rad[index], rows.sensor_side_m[index]
+    side = side_of_line(x[snapshot], y[snapshot], rows.point_x[index], rows.point_y[index], angle)
     sign = np.sign(sensor_side)
     clearance = _CLEARANCE * np.abs(sensor_side)
     return Margins(snapshot, sign * side - clearance, -sign * np.sin(angle), sign * np.cos(angle))

@@ -1,4 +1,4 @@
-"""The search field of a batch as regions about each snapshot's local origin."""
+"""The search region of each snapshot, about its local origin."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def search_region(
     """Return the regions (B,) that ``field`` means, about the local origins ``center`` (B,).
 
     ``sensor_x`` and ``sensor_y`` (B, K) are the sensors' positions in the same frame as ``center`` (metres). A
-    `SensorsField` of sensors that all stand at one place is that place alone.
+    `SensorsField` of sensors at a single point is that point alone.
     """
     if isinstance(field, BoxField):
         return BoxRegion(

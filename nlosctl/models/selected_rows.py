@@ -1,4 +1,4 @@
-"""Some rows of a block (B, K), held as flat arrays (N,) with their places, each about the centre of a circle."""
+"""Some rows of a block (B, K) as flat arrays (N,) with their indices, each about the centre of a circle."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ __all__ = ["SelectedRows"]
 class SelectedRows:
     """N rows of a block. Sensors are given about the circle's centre, the centre about the snapshot's local origin.
 
-    ``snapshot`` and ``measurement`` are the row's place in the block (B, K); rows are ordered by measurement, then by
-    snapshot.
+    ``snapshot`` and ``measurement`` are the row's indices in the block of ``shape`` (B, K); rows are ordered by
+    measurement, then by snapshot.
     """
 
     shape: tuple[int, int]

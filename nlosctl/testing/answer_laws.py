@@ -70,11 +70,11 @@ def order(bench: Bench) -> Iterator[str]:
     """Permuting the measurements changes only the order of flags, and of estimates of single ones; exempt: order."""
     for measurements in (bench.plenty, bench.usual_measurements[1]):
         trial = bench.ordinary(_SNAPSHOTS, measurements)
-        for places in (np.arange(measurements)[::-1], bench.generator.permutation(measurements)):
-            permuted = bench.solve(permute_measurements(trial.batch, places))
-            expected = _permute_single_estimates(_permute_flags(bench.solve(trial.batch), places), places)
+        for permutation in (np.arange(measurements)[::-1], bench.generator.permutation(measurements)):
+            permuted = bench.solve(permute_measurements(trial.batch, permutation))
+            expected = _permute_single_estimates(_permute_flags(bench.solve(trial.batch), permutation), permutation)
             for difference in close_solutions(expected, permuted, trial.size_m):
-                yield f"with the measurements in the order {places.tolist()}, {difference}"
+                yield f"with the measurements in the order {permutation.tolist()}, {difference}"
 
 
 def degenerate(bench: Bench) -> Iterator[str]:
@@ -84,9 +84,9 @@ def degenerate(bench: Bench) -> Iterator[str]:
         before = bench.solve(batch)
         for fault in bench.draw.faults:
             faulty = bench.draw.trial(bench.generator, 1, measurements, fault).batch
-            place = int(bench.generator.integers(_SNAPSHOTS))
-            others = np.delete(np.arange(_SNAPSHOTS), place)
-            after = bench.solve(replace_rows(batch, np.array([place]), faulty))
+            changed = int(bench.generator.integers(_SNAPSHOTS))
+            others = np.delete(np.arange(_SNAPSHOTS), changed)
+            after = bench.solve(replace_rows(batch, np.array([changed]), faulty))
             for difference in same_bits(estimates_of(before, others), estimates_of(after, others)):
                 yield f"beside a degenerate snapshot ({fault}), {difference}"
 
@@ -101,7 +101,7 @@ def deterministic(bench: Bench) -> Iterator[str]:
 
 
 def seeds(bench: Bench) -> Iterator[str]:
-    """A method that is not declared ``randomized`` gives the same whatever the seeds, to the bit."""
+    """A method that is not declared ``randomized`` gives the same bits for any seeds."""
     if bench.spec.randomized:
         return
     batch = bench.mixed(_SNAPSHOTS, bench.plenty)
@@ -129,20 +129,20 @@ def _move_solution(solution: Solution, motion: Motion) -> Solution:
     return dataclasses.replace(solution, estimates=estimates)
 
 
-def _permute_single_estimates(solution: Solution, places: IntArray) -> Solution:
+def _permute_single_estimates(solution: Solution, order: IntArray) -> Solution:
     """Return the solution with estimates that are each of one measurement in the measurements' new order."""
     estimates = solution.estimates
     if estimates.measurement is None:
         return solution
-    where = np.argsort(places)[estimates.measurement]
+    where = np.argsort(order)[estimates.measurement]
     order = np.lexsort((estimates.alternative, where, estimates.row))
     permuted = {name: getattr(estimates, name)[order] for name in FORM}
     permuted |= {"target": where[order], "measurement": where[order]}
     return dataclasses.replace(solution, estimates=dataclasses.replace(estimates, **permuted))
 
 
-def _permute_flags(solution: Solution, places: IntArray) -> Solution:
+def _permute_flags(solution: Solution, order: IntArray) -> Solution:
     if solution.flags is None:
         return solution
-    columns = {name: column[:, places] for name, column in solution.flags.columns.items()}
-    return dataclasses.replace(solution, flags=Flags(used=solution.flags.used[:, places], columns=columns))
+    columns = {name: column[:, order] for name, column in solution.flags.columns.items()}
+    return dataclasses.replace(solution, flags=Flags(used=solution.flags.used[:, order], columns=columns))

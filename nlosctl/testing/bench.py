@@ -18,7 +18,7 @@ __all__ = ["Bench", "LawBroken"]
 
 
 class LawBroken(AssertionError):  # noqa: N818 (it reads "a law broken", as a test's assertion does)
-    """A method broke a law; ``method`` and ``law`` are their names, ``complaint`` says how."""
+    """A method broke a law; ``method`` and ``law`` are their names, ``complaint`` the violation."""
 
     def __init__(self, method: str, law: str, rule: str, complaint: str) -> None:
         super().__init__(f"{method} breaks the law '{law}' ({rule}): {complaint}")
@@ -60,7 +60,7 @@ class Bench:
         return batch
 
     def solve(self, batch: Any, *, want_flags: bool = True) -> Solution:
-        """Run the method on a copy of a batch that it may spoil, whatever it warns of."""
+        """Run the method on a copy of a batch, without its warnings."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             copied = copy_batch(dataclasses.replace(batch, want_flags=want_flags), writeable=True)

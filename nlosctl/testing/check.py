@@ -19,14 +19,14 @@ __all__ = ["LAWS", "MethodLaw", "check_law", "check_method"]
 
 @dataclass(frozen=True, kw_only=True)
 class MethodLaw:
-    """A law: ``check(bench)`` yields complaints. A method whose ``exempt_from`` has its name is not held to it."""
+    """A law: ``check(bench)`` yields complaints. A method whose ``exempt_from`` has its name need not keep it."""
 
     name: str
     check: Callable[[Bench], Iterator[str]]
 
     @property
     def rule(self) -> str:
-        """What the law says, in a line."""
+        """The law in one line."""
         return (self.check.__doc__ or "").strip().rstrip(".")
 
 
@@ -49,11 +49,11 @@ LAWS = (
     MethodLaw(name="frame", check=answer_laws.frame),
     MethodLaw(name="answers", check=answer_laws.answers),
 )
-"""All laws, in the order in which `check_method` holds them."""
+"""All laws, in the order in which `check_method` checks them."""
 
 
 def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None) -> None:
-    """Hold a method to all laws; raises LawBroken, which names the law, the method and what is wrong.
+    """Check all laws on a method; raises LawBroken, which names the law, the method and the violation.
 
     ``seed`` draws other batches. ``options`` stands in for the defaults, where an option has none.
     """
@@ -64,7 +64,7 @@ def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None) -> Non
 def check_law(
     spec: MethodSpec, law: MethodLaw, *, seed: int = 0, options: Any = None, draw: Draw | None = None
 ) -> None:
-    """Hold a method to one law, unless it is exempt; raises LawBroken. An exception of the method breaks the law.
+    """Check one law on a method unless it is exempt; raises LawBroken. An exception of the method breaks the law.
 
     ``draw`` draws the batches; without one it goes by the method's kind and job.
     """
@@ -80,7 +80,7 @@ def check_law(
         chosen = spec.options() if options is None else options
         bench = Bench(spec=spec, options=chosen, draw=draw, generator=generator)
         complaint = next(law.check(bench), "")
-    except Exception as error:  # whatever a method raises is a law broken
+    except Exception as error:  # any exception of a method breaks the law
         complaint = f"it raised {type(error).__name__}: {error}"
         raise LawBroken(spec.full_name, law.name, law.rule, complaint) from error
     if complaint:

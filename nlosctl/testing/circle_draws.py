@@ -74,4 +74,4 @@ def _layers(radius: float, turn: float, center: np.ndarray[tuple[int], np.dtype[
 
 
 CIRCLES = Draw(trial=_draw, faults=("outside its circle", "under the horizon"), directions=("bearing_rad",))
-"""Bearings of which most are by circles. No method has to solve them, so `check_method` does not draw them."""
+"""Bearings, most of them by circles. No method is required to solve them: `check_method` does not draw them."""

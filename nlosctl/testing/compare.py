@@ -15,19 +15,19 @@ __all__ = ["close_solutions", "estimates_of", "same_bits"]
 _DISCRETE_FIELDS = ("row", "target", "alternative", "status", "n_used")
 _RELATIVE = 1e-9
 _OF_STD = 1e-7
-"""What rounding, and the stop of an iteration, may move a fix: of the scene's size, and of its own std."""
+"""How far rounding and the end of an iteration may move a fix: as a share of the scene's size, and of its std."""
 
 _ROUNDED = 1e-12
-"""What rounding may leave of a number that is nought, as a residual where two rays cross."""
+"""Largest rounding error of a number that is zero, such as a residual where two rays cross."""
 
 
 def estimates_of(solution: Solution, snapshots: IntArray) -> dict[str, Any]:
-    """Return all arrays that tell of some snapshots, flags included, with rows numbered by place in ``snapshots``."""
+    """Return the arrays of some snapshots, flags included, with rows numbered by their index in ``snapshots``."""
     estimates = solution.estimates
-    places = [np.flatnonzero(estimates.row == snapshot) for snapshot in snapshots]
-    chosen = np.concatenate([np.empty(0, dtype=np.int64), *places])
+    indices = [np.flatnonzero(estimates.row == snapshot) for snapshot in snapshots]
+    chosen = np.concatenate([np.empty(0, dtype=np.int64), *indices])
     arrays = {name: getattr(estimates, name)[chosen] for name in FORM}
-    arrays["row"] = np.repeat(np.arange(len(places)), [len(place) for place in places])
+    arrays["row"] = np.repeat(np.arange(len(indices)), [len(part) for part in indices])
     if solution.flags is not None:
         arrays["flags.used"] = solution.flags.used[snapshots]
         arrays |= {f"flags.{name}": column[snapshots] for name, column in solution.flags.columns.items()}
@@ -60,7 +60,7 @@ def close_solutions(expected: Solution, got: Solution, size_m: float) -> Iterato
 def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterator[str]:
     std_m = np.sqrt(np.nan_to_num(np.abs(one.covariance_m2[:, 0]) + np.abs(one.covariance_m2[:, 2])))
     allowed = _RELATIVE * size_m + _OF_STD * std_m
-    answered = has_position(one.status)  # what stands where there is no answer is the business of another law
+    answered = has_position(one.status)  # another law checks the rest
     off = np.where(answered, np.hypot(*(one.position_m - other.position_m).T), np.nan)
     worst = _worst(off / allowed)
     if worst is not None:
@@ -100,5 +100,5 @@ def _first_difference(one: Any, other: Any) -> str:
     if one.shape != other.shape:
         return f"shape {one.shape}, then {other.shape}"
     differs = (one != other) & ~((one != one) & (other != other))
-    place = tuple(int(index) for index in np.argwhere(differs)[0])
-    return f"at {place} {one[place]!r}, then {other[place]!r}"
+    first = tuple(int(index) for index in np.argwhere(differs)[0])
+    return f"at {first} {one[first]!r}, then {other[first]!r}"

@@ -23,7 +23,7 @@ __all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings", "draw_ech
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A drawn batch, with the size of its scene in metres: what rounding is measured against."""
+    """A random batch with the size of its scene in metres, the reference for rounding errors."""
 
     batch: Any
     size_m: float
@@ -34,8 +34,8 @@ class Draw:
     """How batches of a kind are drawn and turned.
 
     ``trial(generator, snapshots, measurements, fault)`` draws a batch; ``fault`` is None for ordinary snapshots, or
-    one of ``faults``, words for what is degenerate in every snapshot of it. ``directions`` names the batch's arrays
-    that turn with the frame; those that end in ``_xy_m`` are known to be positions.
+    one of ``faults``, each a name of what is degenerate in every snapshot. ``directions`` names the batch's arrays
+    that turn with the frame; those whose names end in ``_xy_m`` are positions.
     """
 
     trial: Callable[[np.random.Generator, int, int, str | None], Trial]

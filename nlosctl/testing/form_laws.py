@@ -69,8 +69,8 @@ def sorted_estimates(bench: Bench) -> Iterator[str]:
     for measurements in bench.usual_measurements:
         estimates = bench.solve(bench.mixed(_SNAPSHOTS, measurements)).estimates
         previous = (-1, 0, 0)
-        for place in zip(estimates.row, estimates.target, estimates.alternative, strict=True):
-            here = tuple(int(number) for number in place)
+        for index in zip(estimates.row, estimates.target, estimates.alternative, strict=True):
+            here = tuple(int(number) for number in index)
             row, target, alternative = previous
             following = ((row + 1, 0, 0), (row, target + 1, 0), (row, target, alternative + 1))
             if here not in following or (row == -1 and here != (0, 0, 0)):
@@ -128,7 +128,7 @@ def flags(bench: Bench) -> Iterator[str]:
 
 
 def _used_disagrees(estimates: Estimates, used: Any) -> Iterator[str]:
-    """Yield the snapshots of one target whose ``used`` rows are not as many as ``n_used`` says."""
+    """Yield the snapshots of one target whose ``used`` rows are not ``n_used`` in number."""
     best = (estimates.target == 0) & (estimates.alternative == 0)
     several = np.isin(estimates.row, estimates.row[estimates.target > 0])
     for number in np.flatnonzero(best & ~several):
@@ -138,7 +138,7 @@ def _used_disagrees(estimates: Estimates, used: Any) -> Iterator[str]:
 
 
 def read_only(bench: Bench) -> Iterator[str]:
-    """The input is left alone: its arrays may be read-only, and are not changed if they are not."""
+    """The input is not changed: its arrays may be read-only."""
     for measurements in bench.usual_measurements:
         batch = bench.mixed(_SNAPSHOTS, measurements)
         for writeable in (True, False):
@@ -153,17 +153,17 @@ def read_only(bench: Bench) -> Iterator[str]:
 
 
 def quiet(bench: Bench) -> Iterator[str]:
-    """It neither warns nor prints, whatever the snapshots: standard output carries data alone."""
+    """It neither warns nor prints for any snapshots: standard output carries data only."""
     for measurements in bench.usual_measurements:
         batch = copy_batch(bench.mixed(_SNAPSHOTS, measurements), writeable=True)
-        said = io.StringIO()
-        with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(said):
+        printed = io.StringIO()
+        with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(printed):
             warnings.simplefilter("always")
             bench.spec.solve(batch, bench.options)
         for warning in caught:
             yield f"it warns: {warning.category.__name__}: {warning.message}"
-        if said.getvalue():
-            yield f"it prints {said.getvalue()[:60]!r}"
+        if printed.getvalue():
+            yield f"it prints {printed.getvalue()[:60]!r}"
 
 
 def _columns_of(batch: Any) -> frozenset[str]:

@@ -106,7 +106,7 @@ def test_noise_free_bearings_have_no_residual() -> None:
     source, batch = random_batch(300, 6, noise=0.0)
     x, y = about_center(batch, source)
     assert np.abs(sight_lines(batch).residual_rad(x, y)).max() < 1e-12
-    survey = sight_lines(batch).survey(x, y)
+    survey = sight_lines(batch).ray_residuals(x, y)
     assert not survey.behind.any()
     assert survey.chi_square.max() < 1e-18
 
@@ -157,7 +157,7 @@ def test_points_behind_a_ray() -> None:
     direct = np.full((2, 2), -1)
     bearing = np.array([[np.pi / 4, 3 * np.pi / 4], [np.pi / 4, -np.pi / 4]])
     batch = dataclasses.replace(batch, sensor_xy_m=sensors, reflector=direct, bearing_rad=bearing)
-    survey = sight_lines(batch).survey(*about_center(batch, np.array([[3.0, 4.0], [3.0, 4.0]])))
+    survey = sight_lines(batch).ray_residuals(*about_center(batch, np.array([[3.0, 4.0], [3.0, 4.0]])))
     assert survey.behind.tolist() == [False, True]
     assert survey.nearest_m == pytest.approx([5.0, 5.0])
     assert survey.farthest_m == pytest.approx([math.hypot(7.0, 4.0)] * 2)

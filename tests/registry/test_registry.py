@@ -137,7 +137,7 @@ def test_broken_entries_are_reported(installed: list[EntryPoint], name: str, val
 @pytest.mark.parametrize(
     ("stated", "fault"),
     [
-        (None, "doesn't say for which contract version it was written: give its MethodSpec contract_version=3"),
+        (None, "doesn't state its contract version: give its MethodSpec contract_version=3"),
         (4, "was written for contract version 4, newer than 3 of this nlosctl: upgrade nlosctl"),
         (1, "was written for contract version 1, older than 2, the oldest that this nlosctl works with: upgrade the"),
     ],

@@ -101,7 +101,7 @@ def test_no_combination_of_paths_is_better(measurements, std_deg, snapshots):
     for row in range(snapshots):
         expected = enumerated_optima(batch, row)[0]
         mine = np.flatnonzero(ends.snapshot == row)
-        cost = 0.5 * ends.lines.survey(ends.x, ends.y).chi_square[mine[0]]
+        cost = 0.5 * ends.lines.ray_residuals(ends.x, ends.y).chi_square[mine[0]]
         if ends.converged[mine[0]] and cost <= expected[0] + 1e-6:
             compared += 1
         else:
@@ -112,7 +112,7 @@ def test_no_combination_of_paths_is_better(measurements, std_deg, snapshots):
 def test_optima_are_distinct_and_ranked():
     """The optima of a snapshot have increasing cost, and no two coincide."""
     ends = ends_of(draw_ambiguous(60, 4, 2.0, seed=9))
-    cost = 0.5 * ends.lines.survey(ends.x, ends.y).chi_square
+    cost = 0.5 * ends.lines.ray_residuals(ends.x, ends.y).chi_square
     several = 0
     for row in range(60):
         mine = np.flatnonzero(ends.snapshot == row)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pyarrow.compute as pc
 
 from nlosctl.arrays import IntArray
+from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.tables import SWEEP_PREFIX
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import METHOD
@@ -21,7 +22,6 @@ __all__ = ["drop_duplicates", "find_duplicates", "refuse_several_methods"]
 
 _Words = npt.NDArray[np.uint64]
 
-_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 
 _SHIFT = np.uint64(29)
 
@@ -67,11 +67,11 @@ def _words(column: npt.NDArray[Any]) -> _Words:
 
 
 def _mix(snapshot: _Words, words: Sequence[_Words]) -> _Words:
-    mixed = snapshot * _MULTIPLIER
+    mixed = snapshot * GOLDEN_RATIO
     for column in words:
         mixed ^= mixed >> _SHIFT
         mixed += column
-        mixed *= _MULTIPLIER
+        mixed *= GOLDEN_RATIO
     mixed ^= mixed >> _SHIFT
     return mixed
 

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from nlosctl.arrays import BoolArray, IntArray
+from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES
 from nlosctl.errors import DataError
@@ -245,7 +246,7 @@ def _is_kept(number: IntArray, step: int) -> BoolArray:
     Those whose number times the golden ratio has a fraction below 1 / step: evenly spread, and without the aliasing of
     every step-th snapshot.
     """
-    fraction = number.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    fraction = number.astype(np.uint64) * GOLDEN_RATIO
     kept: BoolArray = fraction <= np.uint64(2**64 // step - 1)
     return kept
 

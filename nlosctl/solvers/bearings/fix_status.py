@@ -13,7 +13,7 @@ from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import SightLines, Survey
+from nlosctl.models.bearings import RayResiduals, SightLines
 
 __all__ = ["CONDITION_LIMIT", "Widened", "finish_bearings_fix", "judge_fixes", "nearly_singular", "widen_near_sensors"]
 
@@ -66,28 +66,28 @@ def judge_fixes(
     lines: SightLines,
     x: FloatArray,
     y: FloatArray,
-    survey: Survey,
+    rays: RayResiduals,
     covariance: SymmetricMatrix,
     minimum_range_m: float,
     paths: ReflectedPath | None = None,
 ) -> StatusArray:
-    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their survey and covariance.
+    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their ray residuals and covariance.
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
     infeasible: where the scene does not allow it (`SightLines.outside_scene`), or all bearings are under the horizon.
     """
-    farthest = survey.farthest_m
+    farthest = rays.farthest_m
     with ignoring_overflow():
         sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
         uncertain = ~sure | nearly_singular(covariance)
         # Sensors all in one place have no size to go by but that of their coordinates.
         rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
         least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
-        on_sensor = survey.nearest_m <= least_m
+        on_sensor = rays.nearest_m <= least_m
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
     status[lines.outside_scene(x, y, paths) | lines.all_under_horizon()] = Status.INFEASIBLE
-    status[survey.behind] = Status.BEHIND
+    status[rays.behind] = Status.BEHIND
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status
 
@@ -141,12 +141,12 @@ def judge_ends(
 ) -> Verdict:
     """Return what is said of fixes; arguments as in `finish_bearings_fix`."""
     paths = lines.paths_from(x, y)
-    survey = lines.survey(x, y, paths)
+    rays = lines.ray_residuals(x, y, paths)
     if covariance is None or widened is None:
         covariance = lines.information(x, y, paths).inverse()
         widened = _widened_information(lines, x, y)
-    covariance = widen_near_sensors(covariance, survey.nearest_m, widened)
-    status = judge_fixes(lines, x, y, survey, covariance, min_range_m, paths)
+    covariance = widen_near_sensors(covariance, rays.nearest_m, widened)
+    status = judge_fixes(lines, x, y, rays, covariance, min_range_m, paths)
     if converged is not None:
         open_ends = np.flatnonzero(~converged & has_position(status))
         if open_ends.size:
@@ -157,7 +157,7 @@ def judge_ends(
     status[nearly_singular(normal)] = Status.DEGENERATE
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
-    return Verdict(status, covariance, 0.5 * survey.chi_square)
+    return Verdict(status, covariance, 0.5 * rays.chi_square)
 
 
 def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> BoolArray:
@@ -166,14 +166,16 @@ def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> Bool
     On an origin means as close as a fix would be degenerate, in the direction of its ray. The origins of circle rows,
     which are unfolded at one point of the circle, are no sensors.
     """
-    rows, range_m, here = np.arange(x.shape[0]), lines.range_m(x, y), lines.survey(x, y)
+    rows, range_m, here = np.arange(x.shape[0]), lines.range_m(x, y), lines.ray_residuals(x, y)
     if lines.circles is not None:
         lines.circles.place_in(range_m, np.full(lines.circles.snapshot.shape, np.inf))
     nearest = np.argmin(range_m, axis=1)
     away_m = _RELATIVE_MINIMUM_RANGE * here.farthest_m
     on_x = lines.origin_x[rows, nearest] + away_m * lines.cosine[rows, nearest]
     on_y = lines.origin_y[rows, nearest] + away_m * lines.sine[rows, nearest]
-    likelier: BoolArray = (lines.survey(on_x, on_y).chi_square < here.chi_square) & np.isfinite(range_m.min(axis=1))
+    likelier: BoolArray = (lines.ray_residuals(on_x, on_y).chi_square < here.chi_square) & np.isfinite(
+        range_m.min(axis=1)
+    )
     return likelier
 
 

@@ -75,5 +75,5 @@ def _costs(lines: SightLines, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return half the chi-square (P,) at points, infinite where the scene does not allow them."""
     allowed = np.flatnonzero(~lines.outside_scene(x, y))
     cost = np.full(x.shape, np.inf)
-    cost[allowed] = 0.5 * lines.take(allowed).survey(x[allowed], y[allowed]).chi_square
+    cost[allowed] = 0.5 * lines.take(allowed).ray_residuals(x[allowed], y[allowed]).chi_square
     return cost

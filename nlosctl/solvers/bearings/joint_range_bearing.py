@@ -85,7 +85,7 @@ def fit_ranged_bearings(
     x, y = np.where(best, second.x, first.x), np.where(best, second.y, first.y)
     converged = np.where(best, second.converged, first.converged)
     covariance = problem.information(x, y).inverse()
-    status = judge_fixes(lines, x, y, lines.survey(x, y), covariance, min_range_m)
+    status = judge_fixes(lines, x, y, lines.ray_residuals(x, y), covariance, min_range_m)
     status[~converged & has_position(status)] = Status.NOT_CONVERGED
     position = (x + lines.center_x, y + lines.center_y)
     cost = np.where(best, second.cost, first.cost)
