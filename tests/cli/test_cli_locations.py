@@ -250,7 +250,7 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
         (["memory://in/nothing.csv"], 1, "memory://in/nothing.csv: there is no such file or folder"),
         (["memry://in/a.csv"], 2, "unknown scheme 'memry' (did you mean 'memory'?)"),
         (["s3://key:secret@bucket/a.csv"], 2, "a password in a name"),
-        (["memory://in/good_bearings.csv", "-o", "memory://in/"], 1, "lie in each other"),
+        (["memory://in/good_bearings.csv", "-o", "memory://in/"], 1, "are nested"),
         (
             ["memory://in/good_bearings.csv", "-o", "memory://in/good_bearings.jsonl/"],
             1,

@@ -162,7 +162,7 @@ FLAGS = Table(
             type="boolean",
             nullable=True,
             of_circles=True,
-            meaning="whether the bearing points below the sensor's horizon, where the circle reflects no wave",
+            meaning="whether the bearing points below the sensor's horizon, from which the circle reflects no wave",
         ),
         Column(
             name="los",

@@ -17,6 +17,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import TRUTH
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.layouts import TRUTH_NAMES
 from nlosctl.io.results.reader import PlainReader
 
 __all__ = [
@@ -30,7 +31,6 @@ __all__ = [
 ]
 
 
-_TRUTH = ("truth_x_m", "truth_y_m")
 _STATUSES = pa.array([status.word for status in Status])
 
 
@@ -48,11 +48,11 @@ class EstimateArrays:
 class TruthTable:
     """True positions by snapshot id from a separate file; the first row of each snapshot counts."""
 
-    def __init__(self, given: Input) -> None:
-        reader = PlainReader(given, TRUTH)
+    def __init__(self, source: Input) -> None:
+        reader = PlainReader(source, TRUTH)
         table = reader.read_all()
         self._ids = _as_text(table.column("snapshot"))
-        self._truth_m = _stack(table, _TRUTH, given.name)
+        self._truth_m = _stack(table, TRUTH_NAMES, source.name)
 
     def look_up(self, ids: Any) -> FloatArray:
         """Return the truth (N, 2) of snapshot ids (N,); NaN without a truth."""
@@ -74,14 +74,14 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         raise DataError(f"{name}, column 'status': got {word!r}, expected one of {', '.join(_STATUSES.to_pylist())}")
     if table.column("alternative").null_count:
         raise DataError(f"{name}, column 'alternative': got empty cells, expected a number in every row")
-    for column in _TRUTH:
+    for column in TRUTH_NAMES:
         if truth is None and column not in table.column_names:
             raise DataError(f"{name}: no column {column!r}; name a file with the truth by --truth FILE")
     return EstimateArrays(
         position_m=_stack(table, ("x_m", "y_m"), name),
         covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), name, LARGEST_NUMBER**2),
         status=np.asarray(status).astype(np.uint8),
-        truth_m=_stack(table, _TRUTH, name) if truth is None else truth.look_up(table.column("snapshot")),
+        truth_m=_stack(table, TRUTH_NAMES, name) if truth is None else truth.look_up(table.column("snapshot")),
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
     )
 

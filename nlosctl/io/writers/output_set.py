@@ -62,9 +62,9 @@ def _resolved(target: str) -> Location:
 
 def _check_folder(target: str, inputs: Sequence[Location]) -> None:
     folder = location(target).resolve()
-    for given in (given.resolve() for given in inputs if isinstance(given, type(folder))):
-        if folder == given or folder in given.parents or (given in folder.parents and given.is_dir()):
-            raise DataError(f"{target}: the folder and the input lie in each other; write to another folder")
+    for source in (source.resolve() for source in inputs if isinstance(source, type(folder))):
+        if folder == source or folder in source.parents or (source in folder.parents and source.is_dir()):
+            raise DataError(f"{target}: the output folder and the input are nested; write to another folder")
 
 
 def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> None:
@@ -78,11 +78,11 @@ def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> N
         raise DataError(f"{target}: there is no folder {str(location(target).parent)!r}; make it first")
     if is_written_through(target):
         return
-    for given in filter(is_local, inputs):
-        if path.exists() and given.exists() and given.samefile(path):
+    for source in filter(is_local, inputs):
+        if path.exists() and source.exists() and source.samefile(path):
             raise DataError(f"{target}: is the input; write to another file")
-        if given.is_dir() and given.resolve() in path.parents:
-            raise DataError(f"{target}: lies in the input folder {str(given)!r}; write to another folder")
+        if source.is_dir() and source.resolve() in path.parents:
+            raise DataError(f"{target}: is inside the input folder {str(source)!r}; write to another folder")
     if path.exists() and not overwrite:
         raise DataError(f"{target}: exists already; --overwrite replaces it")
     if not os.access(path.parent, os.W_OK):
@@ -90,11 +90,11 @@ def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> N
 
 
 def _check_remote(target: str, path: RemotePath, overwrite: bool, inputs: Sequence[Location]) -> None:
-    for given in (given for given in inputs if not is_local(given)):
-        if given == path:
+    for source in (source for source in inputs if not is_local(source)):
+        if source == path:
             raise DataError(f"{target}: is the input; write to another file")
-        if given in path.parents:
-            raise DataError(f"{target}: lies in the input folder {str(given)!r}; write to another folder")
+        if source in path.parents:
+            raise DataError(f"{target}: is inside the input folder {str(source)!r}; write to another folder")
     try:
         if path.is_dir():
             raise DataError(f"{target}: is a folder, expected the name of a file")

@@ -47,9 +47,9 @@ class CsvEncoder:
 
 def _with_plain_columns(table: Any) -> Any:
     """Return the table with text for columns of types that Arrow can't write as CSV, such as lists and bytes."""
-    for place, column in enumerate(table.schema):
+    for index, column in enumerate(table.schema):
         if not _is_plain(column.type):
-            table = table.set_column(place, column.name, as_text(table.column(place)))
+            table = table.set_column(index, column.name, as_text(table.column(index)))
     return table
 
 

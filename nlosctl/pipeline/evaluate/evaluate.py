@@ -53,7 +53,7 @@ def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_a
     DataError for a file of another kind or without truth.
     """
     with ExitStack() as opened:
-        readers = [(given, opened.enter_context(closing(PlainReader(given, ESTIMATES, FLAGS)))) for given in inputs]
+        readers = [(source, opened.enter_context(closing(PlainReader(source, ESTIMATES, FLAGS)))) for source in inputs]
         tables = {reader.table.name for _, reader in readers}
         if len(tables) > 1:
             raise DataError("the inputs are estimates and flags; evaluate them one by one")
@@ -65,10 +65,10 @@ def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_a
 def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
     scores = EstimateScores()
     grouping: list[str] = []
-    for given, reader in readers:
+    for source, reader in readers:
         grouping = grouping_columns(reader.schema.names)
         for table in whole_snapshots(reader.batches()):
-            arrays = estimate_arrays(table, truth, given.name)
+            arrays = estimate_arrays(table, truth, source.name)
             rows = EstimateRows(
                 position_m=arrays.position_m,
                 covariance_m2=arrays.covariance_m2,
@@ -81,7 +81,7 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
                 counted = nearest_alternatives(rows.error_m, arrays.alternative, *same)
             else:
                 counted = np.flatnonzero(arrays.alternative == 0)
-            scores.add(rows.take(counted), group[counted], [_named(readers, given, key) for key in keys])
+            scores.add(rows.take(counted), group[counted], [_named(readers, source, key) for key in keys])
     return present("estimates", scores, readers, grouping)
 
 
@@ -91,35 +91,35 @@ def _evaluate_flags(readers: Readers) -> Evaluation:
         return _evaluate_detection(readers)
     scores = FlagScores()
     grouping: list[str] = []
-    for given, reader in readers:
-        _require_columns(given, reader, "los", "truth_los")
+    for source, reader in readers:
+        _require_columns(source, reader, "los", "truth_los")
         grouping = grouping_columns(reader.schema.names)
         for table in reader.batches():
             group, keys = group_codes(table, grouping)
             los, truth_los = boolean_codes(table.column("los")), boolean_codes(table.column("truth_los"))
-            scores.add(los, truth_los, group, [_named(readers, given, key) for key in keys])
+            scores.add(los, truth_los, group, [_named(readers, source, key) for key in keys])
     return present("flags", scores, readers, grouping)
 
 
 def _evaluate_detection(readers: Readers) -> Evaluation:
     scores = DetectionScores()
     grouping: list[str] = []
-    for given, reader in readers:
-        _require_columns(given, reader, "ip", "truth_ip")
+    for source, reader in readers:
+        _require_columns(source, reader, "ip", "truth_ip")
         grouping = grouping_columns(reader.schema.names)
         for table in reader.batches():
             group, keys = group_codes(table, grouping)
             ip, truth_ip = boolean_codes(table.column("ip")), boolean_codes(table.column("truth_ip"))
             p_value = numbers(table.column("p_value")) if "p_value" in table.column_names else None
-            scores.add(ip, truth_ip, p_value, group, [_named(readers, given, key) for key in keys])
+            scores.add(ip, truth_ip, p_value, group, [_named(readers, source, key) for key in keys])
     return present("flags", scores, readers, grouping)
 
 
-def _require_columns(given: Input, reader: PlainReader, *names: str) -> None:
+def _require_columns(source: Input, reader: PlainReader, *names: str) -> None:
     for name in names:
         if name not in reader.schema.names:
             raise DataError(
-                f"{given.name}: no column {name!r}: flags are evaluated by 'ip' against 'truth_ip', "
+                f"{source.name}: no column {name!r}: flags are evaluated by 'ip' against 'truth_ip', "
                 "or by 'los' against 'truth_los'"
             )
 
@@ -143,8 +143,8 @@ def grouping_columns(names: Sequence[str]) -> list[str]:
     return [name for name in names if name in ("source", "method") or name.startswith(SWEEP_PREFIX)]
 
 
-def _named(readers: Readers, given: Input, key: tuple[Any, ...]) -> tuple[Any, ...]:
-    return (given.name, *key) if len(readers) > 1 else key
+def _named(readers: Readers, source: Input, key: tuple[Any, ...]) -> tuple[Any, ...]:
+    return (source.name, *key) if len(readers) > 1 else key
 
 
 def present(
@@ -160,5 +160,5 @@ def present(
         assert isinstance(key, tuple)  # noqa: S101 - made above
         groups.append({**dict(zip(names, key, strict=True)), **dataclasses.asdict(summary)})
     if not groups:
-        raise DataError(f"{', '.join(given.name for given, _ in readers)}: no rows to evaluate")
+        raise DataError(f"{', '.join(source.name for source, _ in readers)}: no rows to evaluate")
     return Evaluation(of=of, groups=groups, overall=dataclasses.asdict(scores.overall()))

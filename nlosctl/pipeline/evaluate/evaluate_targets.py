@@ -82,12 +82,12 @@ def _take(rows: EchoRows, index: IntArray) -> EchoRows:
     )
 
 
-def _read_estimates(given: Input, grouping: list[str]) -> _TargetEstimates:
+def _read_estimates(source: Input, grouping: list[str]) -> _TargetEstimates:
     """Return the positions of all targets; a snapshot without a target has an empty array."""
-    table = PlainReader(given, ESTIMATES).read_all()
+    table = PlainReader(source, ESTIMATES).read_all()
     shared = tuple(name for name in grouping if name in table.column_names)
     if "method" not in shared and len(table.column("method").unique()) > 1:
-        raise DataError(f"{given.name}: estimates of several methods, but the flags have no column 'method'")
+        raise DataError(f"{source.name}: estimates of several methods, but the flags have no column 'method'")
     by_snapshot, snapshots = group_codes(table, ["snapshot", *shared])
     position = np.stack([numbers(table.column(name)) for name in ("x_m", "y_m")], axis=1)
     words = np.array(table.column("status").to_pylist(), dtype=object)
