@@ -7,9 +7,9 @@ import subprocess
 import sys
 
 import pytest
+from nlosctl.io.paths.stores import answering
 
 from nlosctl.errors import UsageError
-from nlosctl.io.paths.remote_path import answering
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_what_says_enough_already_passes() -> None:
 def test_the_region_is_of_the_url_or_the_environment(query: str, region: str) -> None:
     """AWS_REGION saves asking where the bucket is; what the URL says goes before it. Nothing is asked of a network."""
     code = (
-        "from nlosctl.io.paths.remote_path import filesystem_of\n"
+        "from nlosctl.io.paths.stores import filesystem_of\n"
         f"store, bucket = filesystem_of(1, 's3', 'bucket', '{query}'); print(store.region, bucket)"
     )
     done = subprocess.run(

@@ -22,7 +22,6 @@ __all__ = ["drop_duplicates", "find_duplicates", "refuse_several_methods"]
 
 _Words = npt.NDArray[np.uint64]
 
-
 _SHIFT = np.uint64(29)
 
 
@@ -33,26 +32,20 @@ def find_duplicates(offsets: IntArray, columns: Sequence[npt.NDArray[Any]]) -> t
     repeats. If the first column (integers from -1 on) differs in all rows of every snapshot, the others are not needed.
     """
     none = np.empty(0, dtype=np.int64)
-    if not columns or _rises_within_snapshots(offsets, columns[0]):
+    if not columns:
         return none, none
     snapshot = np.repeat(np.arange(offsets.shape[0] - 1, dtype=np.uint64), np.diff(offsets))
     values = np.uint64(int(columns[0].max()) + 1)
     if _differ(snapshot * values + columns[0].astype(np.uint64)):
         return none, none
     words = [_words(column) for column in columns]
-    mixed = _mix(snapshot, words)
-    ordered = np.sort(mixed)
+    hashes = _hashes(snapshot, words)
+    ordered = np.sort(hashes)
     same = ordered[1:] == ordered[:-1]
     if not same.any():
         return none, none
-    candidates = np.flatnonzero(np.isin(mixed, np.unique(ordered[1:][same])))
+    candidates = np.flatnonzero(np.isin(hashes, np.unique(ordered[1:][same])))
     return _verify(candidates, [snapshot, *words])
-
-
-def _rises_within_snapshots(offsets: IntArray, first: npt.NDArray[Any]) -> bool:
-    falls = first[1:] <= first[:-1]
-    falls[offsets[1:-1] - 1] = False
-    return not bool(falls.any())
 
 
 def _differ(keys: _Words) -> bool:
@@ -66,14 +59,14 @@ def _words(column: npt.NDArray[Any]) -> _Words:
     return np.ascontiguousarray(values).view(np.uint64)
 
 
-def _mix(snapshot: _Words, words: Sequence[_Words]) -> _Words:
-    mixed = snapshot * GOLDEN_RATIO
+def _hashes(snapshot: _Words, words: Sequence[_Words]) -> _Words:
+    hashes = snapshot * GOLDEN_RATIO
     for column in words:
-        mixed ^= mixed >> _SHIFT
-        mixed += column
-        mixed *= GOLDEN_RATIO
-    mixed ^= mixed >> _SHIFT
-    return mixed
+        hashes ^= hashes >> _SHIFT
+        hashes += column
+        hashes *= GOLDEN_RATIO
+    hashes ^= hashes >> _SHIFT
+    return hashes
 
 
 def _verify(candidates: IntArray, keys: Sequence[_Words]) -> tuple[IntArray, IntArray]:

@@ -82,6 +82,13 @@ class RowBatch:
             starts=np.cumsum(keep)[self.starts] - 1 if self.starts.shape[0] else self.starts,
         )
 
+    def rises(self, column: str) -> bool:
+        """Return whether a column rises strictly within each snapshot, so that no row repeats another."""
+        values = self.columns[column]
+        falls = values[1:] <= values[:-1]
+        falls[self.starts[1:] - 1] = False
+        return not bool(falls.any())
+
     def texts(self, index: int) -> dict[str, str | None]:
         """Return the cells of a row as text, by column."""
         return {name: text_at(self.table.column(name), index) for name in self.table.column_names}
