@@ -20,7 +20,7 @@ __all__ = [
     "SNAPSHOT",
     "ColumnPlan",
     "CoordinateColumns",
-    "FoundColumn",
+    "MappedColumn",
     "NameCodes",
     "are_flags_by_method",
     "columns_to_read",
@@ -48,7 +48,7 @@ _DISTINCTIVE = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoundColumn:
+class MappedColumn:
     """A contract column and the file's column for it: ``contract's value = file's value * scale + offset``."""
 
     column: Column
@@ -79,14 +79,14 @@ class ColumnPlan:
     """The sources of the contract's columns in one file; ``types`` are by the file's (renamed) columns."""
 
     table: Table
-    found: Mapping[str, FoundColumn]
+    mapped: Mapping[str, MappedColumn]
     constants: Mapping[str, float] = field(default_factory=dict)
     has_snapshot: bool = True
 
     @property
     def types(self) -> dict[str, ColumnType]:
         """The contract's type of each column that the file has."""
-        return {found.name: found.column.type for found in self.found.values()}
+        return {mapped.name: mapped.column.type for mapped in self.mapped.values()}
 
 
 def kind_table(kind: str) -> Table:
@@ -151,24 +151,24 @@ def plan_columns(
     if names and names[0].startswith("#") and names[0].lstrip("# ") in contract_names():
         raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {names[0].lstrip('# ')!r}")
     matches = {column.name: _find(column, names, file) for column in table.columns}
-    found = {name: match for name, match in matches.items() if match is not None}
-    _check_constants(table, constants, found, file)
+    mapped = {name: match for name, match in matches.items() if match is not None}
+    _check_constants(table, constants, mapped, file)
     missing = [
         column
         for column in table.columns
         if column.required
-        and column.name not in found
+        and column.name not in mapped
         and column.name not in constants
         and not (column.scene_axis is not None and scene.sensors)
     ]
     if missing:
         raise DataError(_missing(missing, names, table, file))
     for group in table.together:
-        _check_group(group, found, file)
-    return ColumnPlan(table=table, found=found, constants=constants, has_snapshot=SNAPSHOT in found)
+        _check_group(group, mapped, file)
+    return ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
 
 
-def _find(column: Column, names: Sequence[str], file: str) -> FoundColumn | None:
+def _find(column: Column, names: Sequence[str], file: str) -> MappedColumn | None:
     spellings = [spelling for spelling in column.spellings if spelling.name in names]
     given = [*([column.name] if column.name in names else []), *(spelling.name for spelling in spellings)]
     if len(given) > 1:
@@ -176,25 +176,27 @@ def _find(column: Column, names: Sequence[str], file: str) -> FoundColumn | None
     if not given:
         return None
     if not spellings:
-        return FoundColumn(column=column, name=column.name)
+        return MappedColumn(column=column, name=column.name)
     other = spellings[0]
-    return FoundColumn(
+    return MappedColumn(
         column=column, name=other.name, scale=other.scale, offset=other.offset, from_north=other.from_north
     )
 
 
-def _check_group(group: Sequence[str], found: Mapping[str, FoundColumn], file: str) -> None:
+def _check_group(group: Sequence[str], mapped: Mapping[str, MappedColumn], file: str) -> None:
     """Raise DataError if a file has some, not all, of a group of columns."""
-    given = [name for name in group if name in found]
-    absent = [name for name in group if name not in found]
+    given = [name for name in group if name in mapped]
+    absent = [name for name in group if name not in mapped]
     if given and absent:
         raise DataError(
-            f"{file}: column {found[given[0]].name!r} needs {' and '.join(map(repr, absent))}; "
+            f"{file}: column {mapped[given[0]].name!r} needs {' and '.join(map(repr, absent))}; "
             f"give all of {', '.join(group)}, or drop {' and '.join(map(repr, given))}"
         )
 
 
-def _check_constants(table: Table, constants: Mapping[str, float], found: Mapping[str, FoundColumn], file: str) -> None:
+def _check_constants(
+    table: Table, constants: Mapping[str, float], mapped: Mapping[str, MappedColumn], file: str
+) -> None:
     allowed = {column.name: column for column in table.columns if column.constant_allowed}
     for name, value in constants.items():
         if name not in allowed:
@@ -203,8 +205,8 @@ def _check_constants(table: Table, constants: Mapping[str, float], found: Mappin
                 f"they take: {', '.join(allowed) or 'none'}"
             )
         option = allowed[name].constant_option
-        if name in found:
-            raise UsageError(f"{option} is given, but {file} has a column {found[name].name!r}; leave the option out")
+        if name in mapped:
+            raise UsageError(f"{option} is given, but {file} has a column {mapped[name].name!r}; leave the option out")
         if not 0.0 < value < float("inf"):
             raise UsageError(f"{option} must be a finite number larger than 0. Got {value!r} instead.")
 
@@ -233,9 +235,9 @@ def columns_to_read(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[st
     if extra is None:
         return names
     needed = {
-        found.name
-        for name, found in plan.found.items()
-        if not found.column.carried or name in ("los", "ip") or name == SNAPSHOT
+        mapped.name
+        for name, mapped in plan.mapped.items()
+        if not mapped.column.carried or name in ("los", "ip") or name == SNAPSHOT
     }
     if are_flags_by_method(names):
         needed.add(METHOD)

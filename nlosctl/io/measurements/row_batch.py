@@ -218,7 +218,7 @@ class RowConverter:
     def _columns(self, batch: Any, faults: list[Fault]) -> dict[str, npt.NDArray[Any]]:
         """Return the contract's columns (N,) of an Arrow batch; adds to ``faults``."""
         columns: dict[str, npt.NDArray[Any]] = {}
-        found = self._plan.found
+        mapped = self._plan.mapped
         for column in self._plan.table.columns:
             if column.carried or column.name == SNAPSHOT:
                 continue
@@ -226,10 +226,10 @@ class RowConverter:
             if values is not None:
                 columns[column.name] = values
         self.checks.booleans(batch, faults)
-        if "reflector" in found and self._scene.has_circles:
+        if "reflector" in mapped and self._scene.has_circles:
             self._scene_columns.check_circles(columns, faults)
         for group in self._plan.table.together:
-            if all(name in found for name in group):
+            if all(name in mapped for name in group):
                 faults += half_filled_faults(group, self._plan, columns)
         return columns
 
@@ -237,26 +237,26 @@ class RowConverter:
         self, column: Column, batch: Any, done: Mapping[str, npt.NDArray[Any]], faults: list[Fault]
     ) -> npt.NDArray[Any] | None:
         """Return one column (N,) of the contract, None for numbers that are absent; ``done`` are those before it."""
-        found = self._plan.found.get(column.name)
-        if column.scene_axis is not None and (found is None or batch.column(found.name).null_count):
-            return self._scene_columns.positions(column, found, batch, done["sensor"], faults)
-        if found is None:
+        mapped = self._plan.mapped.get(column.name)
+        if column.scene_axis is not None and (mapped is None or batch.column(mapped.name).null_count):
+            return self._scene_columns.positions(column, mapped, batch, done["sensor"], faults)
+        if mapped is None:
             if column.name in self._plan.constants:
                 return np.full(batch.num_rows, self._plan.constants[column.name])
             return None if column.type == "number" else np.full(batch.num_rows, NULL_CODE, dtype=np.int64)
-        cells = batch.column(found.name)
+        cells = batch.column(mapped.name)
         if column.names_reflector:
-            return self._scene_columns.reflectors(found, cells, faults)
+            return self._scene_columns.reflectors(mapped, cells, faults)
         if column.type in ("identifier", "text"):
             codes = self._names.setdefault(column.name, NameCodes()).encode(cells)
             if not column.nullable and (codes == NULL_CODE).any():
-                faults.append(Fault(mask=codes == NULL_CODE, column=found.name, describe=is_null("a name")))
+                faults.append(Fault(mask=codes == NULL_CODE, column=mapped.name, describe=is_null("a name")))
             return codes
         if column.type == "integer":
-            return self.checks.integers(found, cells, faults)
-        numbers = self.checks.numbers(found, cells, faults)
+            return self.checks.integers(mapped, cells, faults)
+        numbers = self.checks.numbers(mapped, cells, faults)
         frame = self._scene.frame
-        return from_north(numbers, done, frame) if found.from_north and frame is not None else numbers
+        return from_north(numbers, done, frame) if mapped.from_north and frame is not None else numbers
 
     @cached_property
     def _scene_columns(self) -> SceneColumns:
@@ -266,8 +266,8 @@ class RowConverter:
         """Return the rows (N,) that an earlier step flagged: not line of sight, or an indirect path."""
         out = np.zeros(batch.num_rows, dtype=np.bool_)
         for name, leaves_out in (("los", False), ("ip", True)):
-            if name in self._plan.found:
-                cells = plain(batch.column(self._plan.found[name].name)).cast(pa.bool_())
+            if name in self._plan.mapped:
+                cells = plain(batch.column(self._plan.mapped[name].name)).cast(pa.bool_())
                 out |= cells.fill_null(not leaves_out).to_numpy(zero_copy_only=False) == leaves_out
         return out
 

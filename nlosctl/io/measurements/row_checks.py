@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
 from nlosctl.errors import DataError, GatheredError, printable
-from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, FoundColumn
+from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn
 from nlosctl.io.readers.base import RecordBatch, plain, text_at
 
 __all__ = [
@@ -169,37 +169,37 @@ class ValueChecks:
         self._too_large: dict[str, int] = {}
         self.rows = 0
 
-    def numbers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> FloatArray:
+    def numbers(self, mapped: MappedColumn, cells: Any, faults: list[Fault]) -> FloatArray:
         """Return numbers (N,) in the contract's unit, NaN where null; adds to ``faults``."""
-        column = found.column
+        column = mapped.column
         values = as_float64(cells)
         if cells.null_count and not column.nullable:
-            faults.append(Fault(mask=null_mask(cells), column=found.name, describe=is_null("a finite number")))
+            faults.append(Fault(mask=null_mask(cells), column=mapped.name, describe=is_null("a finite number")))
         wrong = ~np.isfinite(values)
         if column.nullable:
             wrong &= ~np.isnan(values)
         if wrong.any():
-            faults.append(Fault(mask=wrong, column=found.name, describe=got(values, "a finite number")))
+            faults.append(Fault(mask=wrong, column=mapped.name, describe=got(values, "a finite number")))
         numbers = values
-        if found.converted:
+        if mapped.converted:
             with ignoring_overflow():
-                numbers = values * found.scale + found.offset
+                numbers = values * mapped.scale + mapped.offset
         if values.shape[0]:
-            _check_bounds(found, values, numbers, faults)
-            if column.largest_magnitude is not None and not found.converted:
-                self._check_magnitude(found, values, column.largest_magnitude, faults)
+            _check_bounds(mapped, values, numbers, faults)
+            if column.largest_magnitude is not None and not mapped.converted:
+                self._check_magnitude(mapped, values, column.largest_magnitude, faults)
         return numbers
 
-    def _check_magnitude(self, found: FoundColumn, values: FloatArray, limit: float, faults: list[Fault]) -> None:
+    def _check_magnitude(self, mapped: MappedColumn, values: FloatArray, limit: float, faults: list[Fault]) -> None:
         largest = limit * (1.0 + _SLACK)
         if values.max() <= largest and values.min() >= -largest:  # neither if there is a NaN
             return
         beyond = (np.abs(values) > largest) & np.isfinite(values)
         if beyond.any():
-            name, unit = found.column.name, found.column.unit
+            name, unit = mapped.column.name, mapped.column.unit
             self._too_large[name] = self._too_large.get(name, 0) + int(beyond.sum())
             expected = f"{-limit:.4g} to {limit:.4g} {unit}"
-            faults.append(Fault(mask=beyond, column=found.name, describe=got(values, expected)))
+            faults.append(Fault(mask=beyond, column=mapped.name, describe=got(values, expected)))
 
     def refuse_other_units(self) -> None:
         """Raise DataError if a column is in another unit than its name states; call it at the end of the file."""
@@ -207,14 +207,14 @@ class ValueChecks:
             many = count >= _FEWEST_TOO_LARGE and count >= _SHARE_TOO_LARGE * self.rows
             if not many and 2 * count <= self.rows:
                 continue
-            found = self._plan.found[name]
-            column = found.column
+            mapped = self._plan.mapped[name]
+            column = mapped.column
             raise DataError(
-                f"{self._file}, column {found.name!r}: {count} of {self.rows} values are beyond "
+                f"{self._file}, column {mapped.name!r}: {count} of {self.rows} values are beyond "
                 f"{column.largest_magnitude:.4g} {column.unit}, {column.too_large_means}"
             )
 
-    def integers(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> IntArray:
+    def integers(self, mapped: MappedColumn, cells: Any, faults: list[Fault]) -> IntArray:
         """Return integers (N,), `NULL_CODE` where null; adds to ``faults``."""
         cells = plain(cells)
         if pa.types.is_uint64(cells.type):
@@ -222,36 +222,36 @@ class ValueChecks:
             if pc.any(beyond).as_py():
                 values, mask = cells, np.asarray(beyond.to_numpy(zero_copy_only=False), dtype=np.bool_)
                 describe = lambda index: f"got {values[index].as_py()}, expected at most {_LARGEST_INTEGER}"  # noqa: E731
-                faults.append(Fault(mask=mask, column=found.name, describe=describe))
+                faults.append(Fault(mask=mask, column=mapped.name, describe=describe))
                 cells = pc.if_else(beyond, pa.scalar(None, pa.uint64()), cells)
         cells = cells.cast(pa.int64())
         return np.asarray(cells.fill_null(NULL_CODE).to_numpy(zero_copy_only=False), np.int64)
 
     def booleans(self, batch: Any, faults: list[Fault]) -> None:
         """Add a fault for integers other than 0 and 1 in the boolean columns of an Arrow batch."""
-        for found in self._plan.found.values():
-            if found.column.type != "boolean" or found.name not in batch.schema.names:
+        for mapped in self._plan.mapped.values():
+            if mapped.column.type != "boolean" or mapped.name not in batch.schema.names:
                 continue
-            cells = plain(batch.column(found.name))
+            cells = plain(batch.column(mapped.name))
             if pa.types.is_integer(cells.type):
                 wrong = pc.invert(pc.is_in(cells, value_set=pa.array([0, 1, None], cells.type)))
                 mask = np.asarray(wrong.to_numpy(zero_copy_only=False), dtype=np.bool_)
                 if mask.any():
                     expected = got(as_float64(cells), "true/false or 1/0")
-                    faults.append(Fault(mask=mask, column=found.name, describe=expected))
+                    faults.append(Fault(mask=mask, column=mapped.name, describe=expected))
 
 
-def _check_bounds(found: FoundColumn, values: FloatArray, numbers: FloatArray, faults: list[Fault]) -> None:
+def _check_bounds(mapped: MappedColumn, values: FloatArray, numbers: FloatArray, faults: list[Fault]) -> None:
     """Add a fault for ``numbers`` (``values`` in the contract's unit) whose square or inverse square overflows."""
-    if found.column.positive and not numbers.min() >= LEAST_POSITIVE:
+    if mapped.column.positive and not numbers.min() >= LEAST_POSITIVE:
         small = (values <= 0.0) | (numbers < LEAST_POSITIVE)
         if small.any():
-            expected = f"a number larger than 0 (at least {LEAST_POSITIVE:g} {found.column.unit})"
-            faults.append(Fault(mask=small, column=found.name, describe=got(values, expected)))
+            expected = f"a number larger than 0 (at least {LEAST_POSITIVE:g} {mapped.column.unit})"
+            faults.append(Fault(mask=small, column=mapped.name, describe=got(values, expected)))
     if not np.abs(numbers).max() <= LARGEST_NUMBER:
         beyond = np.isfinite(values) & (np.abs(numbers) > LARGEST_NUMBER)
         if beyond.any():
-            faults.append(Fault(mask=beyond, column=found.name, describe=got(values, _NO_LARGER)))
+            faults.append(Fault(mask=beyond, column=mapped.name, describe=got(values, _NO_LARGER)))
 
 
 def half_filled_faults(group: Sequence[str], plan: ColumnPlan, columns: Mapping[str, npt.NDArray[Any]]) -> list[Fault]:
@@ -260,7 +260,7 @@ def half_filled_faults(group: Sequence[str], plan: ColumnPlan, columns: Mapping[
     half = absent.any(axis=0) & ~absent.all(axis=0)
     describe = is_null(f"all of {', '.join(group)} or none")
     return [
-        Fault(mask=half & missing, column=plan.found[name].name, describe=describe)
+        Fault(mask=half & missing, column=plan.mapped[name].name, describe=describe)
         for name, missing in zip(group, absent, strict=True)
         if (half & missing).any()
     ]

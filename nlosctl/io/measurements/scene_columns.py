@@ -13,7 +13,7 @@ from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import did_you_mean
-from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, FoundColumn, NameCodes
+from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn, NameCodes
 from nlosctl.io.measurements.row_checks import Describe, Fault, as_float64, got, is_null, null_mask
 from nlosctl.io.readers.base import text_at
 from nlosctl.io.scenes.scene_file import plane_of
@@ -34,17 +34,17 @@ class SceneColumns:
         self._positions_m = {sensor.name: sensor.position for sensor in scene.sensors}
 
     def positions(
-        self, column: Column, found: FoundColumn | None, batch: Any, sensor: IntArray, faults: list[Fault]
+        self, column: Column, mapped: MappedColumn | None, batch: Any, sensor: IntArray, faults: list[Fault]
     ) -> FloatArray:
         """Return a coordinate (N,) of the sensors with the codes ``sensor`` (N,) where the column is absent or null."""
         assert column.scene_axis is not None  # noqa: S101 - asked by the caller
         axis = [self._positions_m.get(name, (np.nan, np.nan))[column.scene_axis] for name in self._sensors.names]
         filled = np.array([*axis, np.nan])[sensor]
-        name = column.name if found is None else found.name
-        if found is None:
+        name = column.name if mapped is None else mapped.name
+        if mapped is None:
             absent = np.ones(batch.num_rows, dtype=np.bool_)
         else:
-            cells = batch.column(found.name)
+            cells = batch.column(mapped.name)
             own = as_float64(cells)
             absent = null_mask(cells)
             filled = np.where(absent, filled, own)
@@ -54,7 +54,7 @@ class SceneColumns:
                 faults.append(Fault(mask=beyond, column=name, describe=got(own, expected)))
         unknown = absent & np.isnan(filled) & (sensor != NULL_CODE)
         if unknown.any():
-            cells = batch.column(self._plan.found["sensor"].name)
+            cells = batch.column(self._plan.mapped["sensor"].name)
             faults.append(Fault(mask=unknown, column=name, describe=self._unknown_sensor(cells)))
         return filled
 
@@ -69,7 +69,7 @@ class SceneColumns:
 
         return describe
 
-    def reflectors(self, found: FoundColumn, cells: Any, faults: list[Fault]) -> IntArray:
+    def reflectors(self, mapped: MappedColumn, cells: Any, faults: list[Fault]) -> IntArray:
         """Return the indices (N,) of reflectors in the scene, `NULL_CODE` where the cell is empty."""
         indices = self._reflectors.encode(cells)
         unknown = indices == NameCodes.UNKNOWN
@@ -82,7 +82,7 @@ class SceneColumns:
                     return f"got {name!r}, but there is no scene with reflectors; give one with --scene FILE"
                 return f"the scene has no reflector {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
 
-            faults.append(Fault(mask=unknown, column=found.name, describe=describe))
+            faults.append(Fault(mask=unknown, column=mapped.name, describe=describe))
         return indices
 
     def check_circles(self, columns: Mapping[str, npt.NDArray[Any]], faults: list[Fault]) -> None:
@@ -95,7 +95,7 @@ class SceneColumns:
         center_x, center_y, radius, blocker, _ = (column[reflector[rows]] for column in table)
         distance = np.hypot(columns["sensor_x_m"][rows] - center_x, columns["sensor_y_m"][rows] - center_y)
         outside, under = misplaced_sensors(distance, radius, blocker)
-        position = self._plan.found.get("sensor_x_m")
+        position = self._plan.mapped.get("sensor_x_m")
         name = "sensor_x_m" if position is None else position.name
         for wrong, limit, expected in (
             (outside, radius, "less than its radius"),
