@@ -7,9 +7,9 @@ import subprocess
 import sys
 
 import pytest
-from nlosctl.io.paths.stores import answering
 
 from nlosctl.errors import UsageError
+from nlosctl.io.paths.stores import answering
 
 
 @pytest.mark.parametrize(
