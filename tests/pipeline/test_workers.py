@@ -122,14 +122,13 @@ def test_no_jobs_means_as_many_as_there_are() -> None:
     assert [usable_jobs(jobs) for jobs in (1, 7)] == [1, 7]
 
 
-def test_a_container_gives_its_share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the control group limits the processor time, no more jobs than that are begun, and one at least."""
-    limit = tmp_path / "cpu.max"
-    for text, expected in (("150000 100000", 2), ("20000 100000", 1), ("max 100000", sys.maxsize), ("", sys.maxsize)):
+def test_control_groups_limit_the_jobs(tmp_path: Path) -> None:
+    """A limit on the processor time of a container limits the jobs, rounded up; invalid or no limits do not."""
+    limit, available = tmp_path / "cpu.max", usable_jobs(0, tmp_path / "absent")
+    expected = {"150000 100000": min(2, available), "20000 100000": 1, "max 100000": available, "": available}
+    for text, jobs in expected.items():
         limit.write_text(text)
-        assert workers._container_processors(limit) == expected
-    monkeypatch.setattr(workers, "_container_processors", lambda: 1)
-    assert usable_jobs(0) == 1
+        assert usable_jobs(0, limit) == jobs
 
 
 def own_process(item: int) -> tuple[int, int]:

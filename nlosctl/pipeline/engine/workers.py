@@ -170,16 +170,22 @@ def _until_failure(items: Iterable[ItemT], failures: list[Exception]) -> Iterato
         yield item
 
 
-def usable_jobs(jobs: int) -> int:
-    """Return ``jobs``, or for 0 as many as the processors that this process may use: its affinity, its container."""
+_CPU_LIMIT = Path("/sys/fs/cgroup/cpu.max")
+
+
+def usable_jobs(jobs: int, cpu_limit: Path = _CPU_LIMIT) -> int:
+    """Return ``jobs``, or for 0 the processors that this process may use.
+
+    These are limited by its affinity and by its control group, whose file is ``cpu_limit``.
+    """
     if jobs > 0:
         return jobs
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(processors, _container_processors()))
+    return max(1, min(processors, _container_processors(cpu_limit)))
 
 
-def _container_processors(limit: Path = Path("/sys/fs/cgroup/cpu.max")) -> int:
-    """Return how many processors' time this process's control group gets, rounded up; many where it has no limit."""
+def _container_processors(limit: Path) -> int:
+    """Return the processors that this control group may use, rounded up; ``sys.maxsize`` without a limit."""
     try:
         quota, period = limit.read_text().split()
         return math.ceil(int(quota) / int(period))
