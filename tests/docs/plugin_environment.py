@@ -16,16 +16,17 @@ _SCRIPTS = {
 }
 
 
-def make_environment(folder: Path) -> None:
+def make_environment(folder: Path, source: Path | None = None) -> None:
     """Make a fresh environment in ``folder``: pip installs local folders, nothing from the network.
 
-    An editable install becomes a copy, because it needs a package that pip fetches for the build.
+    Modules of ``source`` are imported from there, as after an editable install. An editable install by pip is a copy,
+    because pip would have to fetch a package for it.
     """
     venv.create(folder, with_pip=False, symlinks=True)
     packages = next((folder / "lib").glob("python*")) / "site-packages"
     installed = [path for path in sys.path if path.endswith("-packages")] + site.getsitepackages()
     lines = [f"import site; site.addsitedir({path!r})" for path in dict.fromkeys(installed)]
-    (packages / "installed.pth").write_text("\n".join(lines) + "\n")
+    (packages / "installed.pth").write_text("\n".join([*([] if source is None else [str(source)]), *lines]) + "\n")
     for name, text in _SCRIPTS.items():
         (folder / "bin" / name).write_text(text.format(python=folder / "bin" / "python"))
         (folder / "bin" / name).chmod(0o755)

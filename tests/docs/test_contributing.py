@@ -30,7 +30,7 @@ def copy_tree(folder: Path) -> Path:
         if (ROOT / name).is_file() and not name.startswith("docs/figures/"):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, folder / name)
-    make_environment(folder / ".venv")
+    make_environment(folder / ".venv", source=folder)
     return folder
 
 

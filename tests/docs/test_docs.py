@@ -83,13 +83,17 @@ def test_an_option_means_the_same_everywhere() -> None:
     """An option that several commands share has one help text and one short form.
 
     Exceptions: ``--alternatives`` (two meanings), output and trials of ``reproduce`` (a folder; trials per condition),
-    output and format of ``plot`` (a picture).
+    output and format of ``plot`` (a picture), ``--show`` of ``convert`` (a format instead of a scenario).
     """
     known: dict[str, tuple[str, tuple[str, ...], str]] = {}
     for name, option in OPTIONS:
         if name == "nlosctl" or not option.opts[0].startswith("--") or option.name == "alternatives":
             continue
-        own = {"nlosctl reproduce": ("output", "trials"), "nlosctl plot": ("output", "format")}
+        own = {
+            "nlosctl reproduce": ("output", "trials"),
+            "nlosctl plot": ("output", "format"),
+            "nlosctl convert": ("show",),
+        }
         if option.name in own.get(name, ()):
             continue
         declared = (option.help, tuple(option.opts))
