@@ -78,7 +78,7 @@ def report(times: dict[str, dict[int, list[float]]]) -> str:
     lines = [
         "# Targets among echoes",
         "",
-        "Milliseconds a snapshot, one thread, K = L; M = K (1 + L) circles a sensor.",
+        "Milliseconds per snapshot, one thread, K = L; M = K (1 + L) circles per sensor.",
     ]
     for name, by_sensors in times.items():
         lines += ["", f"## `{name}`", "", "| N | " + " | ".join(f"M = {m}" for m in circles) + " |"]

@@ -48,7 +48,7 @@ def read_and_write(source: Path, estimates: pa.Table, target: Path) -> None:
     pq.write_table(estimates, target, compression="zstd", row_group_size=131_072, use_dictionary=False)
 
 
-_TELL_PEAK = """
+_PRINT_PEAK = """
 import sys
 from nlosctl.cli.main import run
 code = run()
@@ -61,8 +61,8 @@ sys.exit(code)
 def peak_memory_mb(method: str, source: Path, target: Path) -> float:
     """Return the peak memory of a process of its own that runs the command (Linux)."""
     words = ["localize", "-m", method, str(source), "-o", str(target), "--overwrite", "-q", "--jobs", "1"]
-    told = subprocess.run([sys.executable, "-c", _TELL_PEAK, *words], check=True, capture_output=True, text=True)
-    return int(told.stdout) / 1024.0
+    done = subprocess.run([sys.executable, "-c", _PRINT_PEAK, *words], check=True, capture_output=True, text=True)
+    return int(done.stdout) / 1024.0
 
 
 def report(folder: Path, snapshots: int, slow_snapshots: int, memory: list[int]) -> list[str]:

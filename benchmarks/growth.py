@@ -101,7 +101,7 @@ def _start_up() -> list[str]:
             "import sys; sys.stdout = open('/dev/null', 'w'); from nlosctl.cli.main import run; "
             f"run({words!r}); print([m for m in ('numpy', 'scipy', 'pyarrow') if m in sys.modules], file=sys.stderr)"
         )
-        told = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-        imported = ", ".join(word for word in ("numpy", "scipy", "pyarrow") if word in told.stderr) or "none"
+        done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+        imported = ", ".join(word for word in ("numpy", "scipy", "pyarrow") if word in done.stderr) or "none"
         lines.append(f"| `nlosctl {' '.join(words)}` | {best * 1e3:.0f} | {imported} |")
     return [*lines, ""]

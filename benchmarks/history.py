@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "history"
-_TOLD_FROM = 1.15
+_LEAST_RATIO = 1.15
 _FASTER_IS_MORE = ("throughput", "jobs 1 / jobs 2")
 
 
@@ -46,13 +46,13 @@ def keep(lines: list[str], versions: dict[str, str]) -> Path:
 
 def slower(old: dict[str, float], new: dict[str, float]) -> list[str]:
     """Return a line for each figure that is worse by more than 15 %."""
-    told = []
+    lines = []
     for name in sorted(old.keys() & new.keys()):
         more_is_better = any(word in name.rpartition(" / ")[2] for word in _FASTER_IS_MORE)
         before, after = (new[name], old[name]) if more_is_better else (old[name], new[name])
-        if before > 0.0 and after / before > _TOLD_FROM:
-            told.append(f"{name}: was {old[name]:g}, is {new[name]:g}")
-    return told
+        if before > 0.0 and after / before > _LEAST_RATIO:
+            lines.append(f"{name}: was {old[name]:g}, is {new[name]:g}")
+    return lines
 
 
 def main() -> int:

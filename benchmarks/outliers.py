@@ -17,7 +17,7 @@ _SENSORS = 8
 
 
 def make_batch(blocked: dict[str, float] | None = None) -> tuple[BearingBatch, np.ndarray]:
-    """Return snapshots with 2 of 8 bearings (unless told) uniform over the full circle, and the true positions."""
+    """Return snapshots with 2 of 8 bearings (default) uniform over the full circle, and the true positions."""
     spec = find_scenario("madhow-ring")
     options = spec.options(
         radius_m=500.0, sources="disc", bearing_std_deg=2.0, nlos_span_deg=360.0, **(blocked or {"nlos_receivers": 2})

@@ -135,7 +135,7 @@ class Running:
 
 
 def disagreement(ours: np.ndarray, theirs: np.ndarray) -> str | None:
-    """Return why a ratio would not compare the same work, or None; positions are (N, 2), NaN where there is none."""
+    """Return why a ratio would not compare the same work, or None; positions are (N, 2), NaN without a fix."""
     apart = np.hypot(*(ours - theirs).T)
     solved = np.isfinite(apart)
     if np.mean(solved) < _SOLVED_SHARE:
@@ -214,9 +214,9 @@ def _ml_lines(environments: Path) -> list[str]:
     lines = [
         "## Peers: maximum likelihood of 8 direct bearings, with covariances",
         "",
-        f"The snapshots of the kernels above, in turns on one processor, best of {_ROUNDS}. The same optimum of the "
-        "same residuals; peers are given the least-squares starts, `ml` and the scipy loop make theirs. No ratio is "
-        "given unless all rows that both solved, nine in ten at least, agree to 1e-3 m.",
+        f"The snapshots of the kernels above, alternating on one processor, best of {_ROUNDS}. The same optimum of the "
+        "same residuals; peers receive the least-squares initial estimates, `ml` and the scipy loop compute theirs. A "
+        "ratio is stated only if all rows that both solved, at least nine in ten, agree to 1e-3 m.",
         "",
         "| program | version | solved by both | worst apart (m) | microseconds per snapshot "
         "| throughput of `ml` against it |",
@@ -250,10 +250,10 @@ def _ransac_lines(environments: Path) -> list[str]:
     lines = [
         "## Peers: 2 bearings of 8 uniform over the circle",
         "",
-        "Not the same optimum, so the errors stand beside the times and no agreement is asked for: RANSAC ends with a "
-        "linear fix of the lines that agree to 2.5 standard deviations, `mixture-ml` (told the field and the share of "
-        "outliers) with the best mode of a likelihood and its covariance. In turns on one processor, best of "
-        f"{_ROUNDS}.",
+        "The optima differ, so the table has the errors beside the times and requires no agreement: RANSAC ends with a "
+        "linear fix of the lines that agree to 2.5 standard deviations, `mixture-ml` (with the search region and the "
+        "share of outliers given) with the best mode of a likelihood and its covariance. Alternating "
+        f"on one processor, best of {_ROUNDS}.",
         "",
         "| program | version | median error (m) | 95 % of the errors below (m) | microseconds per snapshot "
         "| throughput of `mixture-ml` against it |",

@@ -1,7 +1,7 @@
-"""How often a fix is absurd and nothing says so: far outside its covariance, or far outside the field.
+"""How often a fix with status `ok` is absurd: far outside its covariance, or far outside the field.
 
-Prints the table of docs/reliability.md: ``python benchmarks/reliability.py [SNAPSHOTS]`` (10,000,000 unless told; what
-is slow, and all but the first world, get a part of them).
+Prints the table of docs/reliability.md: ``python benchmarks/reliability.py [SNAPSHOTS]`` (default 10,000,000; slow
+methods, and all worlds except the first, get a part of them).
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--snapshots", type=int, default=1_000_000)
     parser.add_argument("--quick", action="store_true", help="only what the limits are on; writes no file")
-    parser.add_argument("--keep", type=Path, help="folder for the generated files; a temporary one unless given")
+    parser.add_argument("--keep", type=Path, help="folder for the generated files; default: a temporary one")
     arguments = parser.parse_args()
     pyarrow.set_cpu_count(1)
     pyarrow.set_io_thread_count(1)
@@ -49,7 +49,7 @@ def main() -> None:
         **{module.__name__: module.__version__ for module in (numpy, scipy, pyarrow)},
     }
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
-    lines = ["# Benchmarks", "", f"{named}; one thread unless said; written by `benchmarks/run.py`.", ""]
+    lines = ["# Benchmarks", "", f"{named}; one thread except where stated; written by `benchmarks/run.py`.", ""]
     lines += kernels.report()
     lines += outliers.report()
     if not arguments.quick:

@@ -79,7 +79,7 @@ def main() -> None:
         target = str(Path(scratch) / "estimates.parquet")
         words = ["localize", "-m", arguments.method, str(arguments.file), "-o", target, "--overwrite", "-q"]
         rounds = [sampled_shares([*words, "--jobs", "1"]) for _ in range(arguments.rounds + 1)][1:]
-    seconds, samples = min(rounds, key=lambda told: told[0])
+    seconds, samples = min(rounds, key=lambda timed: timed[0])
     print(f"{arguments.method}: {seconds:.3f} s")
     for stage in (*_STAGES, "else"):
         print(f"  {stage}: {samples[stage] / samples.total():.0%}")

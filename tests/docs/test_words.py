@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = ("docs/papers.md", "docs/commands.md", "tests/docs/test_words.py")
 CLEAN = (
-    *("README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "docs", "benchmarks/peers"),
+    *("README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "docs", "benchmarks", "fixtures/builders"),
     *("nlosctl/contract/tables", "nlosctl/evaluation", "nlosctl/formats", "nlosctl/plotting", "nlosctl/scenarios"),
     *(f"nlosctl/io/{room}" for room in ("conversion", "parts", "paths", "readers", "results", "scenes", "writers")),
     *(f"nlosctl/pipeline/{room}" for room in ("convert", "evaluate", "simulate")),
