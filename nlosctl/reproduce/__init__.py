@@ -1,1 +1,1 @@
-"""The tables and figures of the four papers: one file for each, and the one loop that runs them all."""
+"""Tables and figures of the four papers, one room per paper, and the Monte-Carlo loop that runs them."""

@@ -1,4 +1,4 @@
-"""Which experiments there are. A new one is a file with an ``EXPERIMENT`` and a word here."""
+"""Names of the experiments. A new one is a file with an ``EXPERIMENT`` and an item here."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ _ITEMS = {
     "liang": ("fig2", "fig3", "fig4", "table1", "table2"),
     "shen": ("fig4", "fig5", "fig6", "fig7", "fig8", "table1", "table3", "table4", "table5"),
 }
-"""Figures and tables by paper, in the order of the paper; the module is ``PAPER_ITEM``."""
+"""Figures and tables by paper, in the order of the paper."""
+_SHARED_MODULES = {
+    "liang": {"table1": "tables", "table2": "tables"},
+    "shen": {"fig5": "roc", "fig6": "roc", "fig7": "roc"},
+}
+"""Modules with several experiments, each a constant named after its item; others are modules PAPER.ITEM."""
 
 
 def experiment_names() -> list[str]:
@@ -28,17 +33,20 @@ def experiment_names() -> list[str]:
 
 
 def find_experiment(name: str) -> Experiment:
-    """Return the experiment ``name``; raise UsageError with the nearest name where there is none."""
+    """Return the experiment ``name``; raise UsageError with the nearest name if it is unknown."""
     if name not in experiment_names():
         raise UsageError(
             f"no figure or table {name!r}{did_you_mean(name, experiment_names())}; 'nlosctl reproduce' lists them"
         )
-    experiment: Experiment = import_module(f"nlosctl.reproduce.{name.replace('-', '.', 1)}").EXPERIMENT
+    paper, _, item = name.partition("-")
+    shared = _SHARED_MODULES.get(paper, {}).get(item)
+    module = import_module(f"nlosctl.reproduce.{paper}.{shared or item}")
+    experiment: Experiment = getattr(module, item.upper() if shared else "EXPERIMENT")
     return experiment
 
 
 def chosen_names(words: Sequence[str]) -> list[str]:
-    """Return the names that words choose, each once: a name, a paper (all of it), or ``all``."""
+    """Return the chosen names, each once: a word is a name, a paper (all of its items), or ``all``."""
     names: list[str] = []
     for word in words:
         items = [name for name in experiment_names() if word in ("all", name.partition("-")[0])]

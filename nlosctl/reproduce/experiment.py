@@ -1,4 +1,4 @@
-"""What an experiment is: the declaration of one figure or table of a paper. It runs nothing by itself."""
+"""The declaration of an experiment: one figure or table of a paper. It runs nothing by itself."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import numpy as np
 from nlosctl.arrays import IntArray, SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.plotting.panels import Panel
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, Statistic
+from nlosctl.reproduce.samples import Condition, Results, Samples, Statistic
 from nlosctl.reproduce.verdicts import Expected
 
-__all__ = ["Beside", "Chunk", "Claim", "Erratum", "Experiment", "Paper"]
+__all__ = ["Chunk", "Claim", "Comparison", "Erratum", "Experiment", "Paper"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Erratum:
-    """A slip in a paper's text: where it stands, what is printed, what is right and how we know."""
+    """An error in a paper's text: its location, what is printed, what is right and why."""
 
     where: str
     printed: str
@@ -30,7 +30,7 @@ class Erratum:
 
 @dataclass(frozen=True, kw_only=True)
 class Paper:
-    """A paper: its short name on the command line, its reference, and where its text is in error."""
+    """A paper: its short name on the command line, its reference, and the errors in its text."""
 
     name: str
     reference: str
@@ -39,10 +39,10 @@ class Paper:
 
 @dataclass(frozen=True, kw_only=True)
 class Chunk:
-    """Trials ``first`` to ``first + size`` of the ``total`` of a condition; chunk ``number`` of the run of ``seed``.
+    """Trials ``first`` to ``first + size`` of the ``total`` of a condition: chunk ``number`` of a run with ``seed``.
 
-    The random numbers depend on the seed and the chunk alone: all conditions of an experiment share them, so that
-    worlds which differ in one parameter are compared on the same draws.
+    The random numbers depend only on the seed and the chunk. All conditions of an experiment share them, so that worlds
+    that differ in one parameter are compared with common random numbers.
     """
 
     seed: int
@@ -52,36 +52,36 @@ class Chunk:
     total: int
 
     def generator(self) -> np.random.Generator:
-        """Return the chunk's own generator."""
+        """Return the chunk's random generator."""
         sequence = np.random.SeedSequence(entropy=self.seed, spawn_key=(self.number,))
         return np.random.Generator(np.random.Philox(sequence))
 
     @property
     def trials(self) -> IntArray:
-        """The numbers (size,) of its trials."""
+        """The numbers (size,) of the trials."""
         return np.arange(self.first, self.first + self.size, dtype=np.int64)
 
     @property
     def trial_seeds(self) -> SeedArray:
-        """A seed (size,) for each trial, for what draws trial by trial."""
+        """A seed (size,) for each trial."""
         return snapshot_seeds(self.seed, self.trials)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A statement of the paper, and how our samples are held against it.
+    """A statement of the paper, in words, and its comparison with our samples.
 
-    ``ours`` is a number from the samples; ``expected`` is the range in which it must lie for the paper to be
-    right, or None where the text has neither a number nor a statement that could be wrong (then ours is told alone).
-    ``note`` says where the text is in error, or why the claim does not reproduce.
+    ``ours`` is a number from the samples; ``expected`` is the range that confirms the paper, or None if the text has
+    neither a number nor a statement that could be wrong. ``note`` explains an error in the text, or why the claim does
+    not reproduce.
 
-    ``per_trial``, of a number that is so many times a share of the trials: where none or all of n trials count,
-    its standard error is taken to be ``per_trial`` / n in place of the 0 that samples without a difference give.
+    ``per_trial`` is for a number that is this multiple of a share of the trials: its standard error is at least
+    ``per_trial`` / n, because the jackknife gives 0 if none or all of the n trials count.
     """
 
-    says: str
+    text: str
     where: str
-    ours: Callable[[Drawn], float]
+    ours: Callable[[Results], float]
     expected: Expected | None = None
     unit: str = ""
     note: str = ""
@@ -89,23 +89,23 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beside:
-    """What the method that we recommend in place of the paper's reaches on the same trials."""
+class Comparison:
+    """A number, on the same trials, of a method that we recommend instead of the paper's."""
 
-    says: str
-    ours: Callable[[Drawn], float]
+    text: str
+    ours: Callable[[Results], float]
     unit: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """A figure or table, frozen.
+    """A figure or table.
 
-    ``sample(condition, chunk)`` returns arrays (chunk.size,) by name, one value for each trial. ``quantities`` are the
-    numbers that the figure shows: a statistic of one condition's samples by name, unit in the name. ``panels`` draws
-    them. ``trials`` and ``quick_trials`` are numbers of trials for each condition, ``chunk_trials`` how many are drawn
-    at a time (part of what a seed means). ``random`` is false where nothing is drawn (the trials are the points of a
-    lattice): then no number has a Monte-Carlo error.
+    ``sample(condition, chunk)`` returns arrays (chunk.size,) by name, one value per trial. ``quantities`` are the
+    numbers that the figure shows: statistics of one condition's samples by name, with the unit in the name. ``panels``
+    draws them. ``trials`` and ``quick_trials`` are numbers of trials per condition, ``chunk_trials`` is the number
+    sampled at a time (part of the meaning of a seed). ``random`` is false if the trials are the points of a lattice:
+    then no number has a Monte-Carlo error.
     """
 
     name: str
@@ -115,10 +115,10 @@ class Experiment:
     sample: Callable[[Condition, Chunk], Samples]
     quantities: Mapping[str, Statistic]
     claims: tuple[Claim, ...]
-    panels: Callable[[Drawn], Sequence[Panel]]
+    panels: Callable[[Results], Sequence[Panel]]
     trials: int
     quick_trials: int
-    beside: tuple[Beside, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
     chunk_trials: int = 500
     random: bool = True
 
@@ -132,7 +132,7 @@ class Experiment:
         ]
 
     def fingerprint(self, seed: int, trials: int, version: str) -> str:
-        """Return what the samples depend on, as JSON: results with another one are never mixed in."""
+        """Return everything that the samples depend on, as JSON; stored samples with another one are not used."""
         content: dict[str, Any] = {
             "experiment": self.name,
             "version": version,

@@ -1,9 +1,8 @@
-"""Running an experiment from samples to files: what `nlosctl reproduce` does for each name."""
+"""Run of an experiment from samples to files, for `nlosctl reproduce`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from nlosctl.errors import DataError, MissingExtraError
 from nlosctl.io.results.array_file import write_arrays
 from nlosctl.reproduce.experiment import Experiment
 from nlosctl.reproduce.outcome import ClaimRow, claim_rows, figure_columns
-from nlosctl.reproduce.samples import Drawn
+from nlosctl.reproduce.samples import Results
 from nlosctl.reproduce.sampling import draw_samples
 from nlosctl.reproduce.store import SampleStore
 from nlosctl.version import __version__
@@ -21,9 +20,9 @@ __all__ = ["Outcome", "output_folder", "run_experiment"]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """A finished experiment: the rows of its claims, the files written, and how many trials were there already.
+    """A finished experiment: rows of its claims, files written, trials per condition, trials already in the folder.
 
-    ``without_pictures`` says how to get pictures, where they could not be drawn.
+    ``without_pictures`` explains how to get pictures, if they could not be drawn.
     """
 
     experiment: Experiment
@@ -42,31 +41,31 @@ def run_experiment(
     trials: int,
     folder: Path | None,
     overwrite: bool,
-    pool: Executor | None,
+    jobs: int,
     progress: Callable[[int, int | None], None],
 ) -> Outcome:
-    """Draw the samples, or take those in ``folder``, and write the figure's numbers and picture there.
+    """Sample the trials, or read them from ``folder``, and write the figure's numbers and picture there.
 
-    Raises DataError where ``folder`` holds samples of another seed, number of trials or version, without ``overwrite``.
+    Raises DataError if ``folder`` has samples of another seed, number of trials or version, without ``overwrite``.
     """
     store = None
     if folder is not None:
         store = SampleStore(folder, experiment, experiment.fingerprint(seed, trials, __version__))
         store.open(overwrite=overwrite)
-    drawn, resumed = draw_samples(experiment, seed=seed, trials=trials, store=store, pool=pool, progress=progress)
+    results, resumed = draw_samples(experiment, seed=seed, trials=trials, store=store, jobs=jobs, progress=progress)
     files: list[Path] = []
     without_pictures = None
     if folder is not None:
         files.append(folder / f"{experiment.name}.parquet")
         metadata = {"nlosctl.reproduce": experiment.fingerprint(seed, trials, __version__)}
-        write_arrays(files[0], figure_columns(experiment, drawn), metadata)
+        write_arrays(files[0], figure_columns(experiment, results), metadata)
         try:
-            files += _pictures(experiment, drawn, folder)
+            files += _pictures(experiment, results, folder)
         except MissingExtraError as error:
             without_pictures = str(error)
     return Outcome(
         experiment=experiment,
-        rows=claim_rows(experiment, drawn),
+        rows=claim_rows(experiment, results),
         files=files,
         trials=trials,
         seed=seed,
@@ -75,22 +74,22 @@ def run_experiment(
     )
 
 
-def _pictures(experiment: Experiment, drawn: Drawn, folder: Path) -> list[Path]:
+def _pictures(experiment: Experiment, results: Results, folder: Path) -> list[Path]:
     from nlosctl.plotting.figures import save_figure
     from nlosctl.plotting.panel_drawing import draw_panels
 
     paths = [folder / f"{experiment.name}.{extension}" for extension in ("png", "svg")]
-    figure = draw_panels(experiment.title, experiment.panels(drawn))
+    figure = draw_panels(experiment.title, experiment.panels(results))
     for path in paths:
         save_figure(figure, path, overwrite=True)
     return paths
 
 
 def output_folder(name: str) -> Path:
-    """Return the folder ``name``, made where it is not there; raises DataError where it can't be."""
+    """Return the folder ``name``, created if necessary; raise DataError if that fails."""
     folder = Path(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(f"{name}: can't be a folder for the results: {error.strerror}") from error
+        raise DataError(f"{name}: can't create the folder for the results: {error.strerror}") from error
     return folder

@@ -1,4 +1,4 @@
-"""A chunk of trials of a scenario of the package, and the fixes of its methods: what most experiments sample."""
+"""Trials simulated by a scenario of the package and solved by its methods: what most experiments sample."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ __all__ = ["Fixes", "Simulated", "batch_of", "bound_rms_m", "fixes", "simulated"
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
-    """The trials of a chunk, each a snapshot: flat columns (N,), the same as an Arrow table, the scene.
+    """The trials of a chunk, one snapshot each: flat columns (N,), the same as an Arrow table, and the scene.
 
-    ``truth_m`` (T, 2) is each trial's true position.
+    ``truth_m`` (T, 2) are the true positions.
     """
 
     kind: str
@@ -39,9 +39,9 @@ class Simulated:
 
 @dataclass(frozen=True, kw_only=True)
 class Fixes:
-    """One method's first estimate of each trial: position (T, 2), covariance (T, 3), cost (T,), status word (T,).
+    """One method's best estimate of each trial: position (T, 2), covariance (T, 3), cost (T,), status word (T,).
 
-    NaN where there is none; ``error_m`` (T,) is the distance from the truth.
+    NaN without an estimate; ``error_m`` (T,) is the distance from the truth.
     """
 
     position_m: FloatArray
@@ -52,7 +52,7 @@ class Fixes:
 
 
 def simulated(scenario: str, chunk: Chunk, **parameters: Any) -> Simulated:
-    """Draw the chunk's trials from a scenario; raises UsageError for an unknown scenario or parameter."""
+    """Sample the chunk's trials from a scenario; raise UsageError for an unknown scenario or parameter."""
     spec = find_scenario(scenario)
     options = parse_options(spec.options, parameters, f"scenario {scenario!r}")
     columns = dict(spec.generate(options, chunk.generator(), chunk.size))
@@ -63,35 +63,36 @@ def simulated(scenario: str, chunk: Chunk, **parameters: Any) -> Simulated:
     return Simulated(kind=spec.kind, columns=columns, table=table, scene=spec.scene(options), truth_m=truth)
 
 
-def fixes(given: Simulated, chunk: Chunk, method: str, **arguments: Any) -> Fixes:
-    """Solve every trial by a method of ``localize``; ``arguments`` are those of `nlosctl.api.localize`."""
-    found = localize(
-        given.table, method=method, kind=given.kind, scene=given.scene, seed=chunk.seed, **arguments
+def fixes(trials: Simulated, chunk: Chunk, method: str, **arguments: Any) -> Fixes:
+    """Solve every trial with a method of ``localize``; ``arguments`` are those of `nlosctl.api.localize`."""
+    estimates = localize(
+        trials.table, method=method, kind=trials.kind, scene=trials.scene, seed=chunk.seed, **arguments
     ).estimates
 
     def numbers(*names: str) -> FloatArray:
-        return np.stack([found.column(name).to_numpy(zero_copy_only=False).astype(float) for name in names], axis=-1)
+        columns = [estimates.column(name).to_numpy(zero_copy_only=False).astype(float) for name in names]
+        return np.stack(columns, axis=-1)
 
     position = numbers("x_m", "y_m")
     return Fixes(
         position_m=position,
         covariance_m2=numbers("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
         cost=numbers("cost")[:, 0],
-        status=np.array(found.column("status").to_pylist(), dtype=object),
-        error_m=np.hypot(*(position - given.truth_m).T),
+        status=np.array(estimates.column("status").to_pylist(), dtype=object),
+        error_m=np.hypot(*(position - trials.truth_m).T),
     )
 
 
-def bound_rms_m(given: Simulated, **arguments: Any) -> FloatArray:
-    """Return the root (T,) of the trace of each trial's Cramer-Rao bound at its truth, from its direct rows."""
-    found = bound(given.table, kind=given.kind, scene=given.scene, **arguments)
-    values: FloatArray = found.column("rms_m").to_numpy(zero_copy_only=False).astype(float)
+def bound_rms_m(trials: Simulated, **arguments: Any) -> FloatArray:
+    """Return the square root (T,) of the trace of each trial's Cramér-Rao bound at its truth, from its direct rows."""
+    bounds = bound(trials.table, kind=trials.kind, scene=trials.scene, **arguments)
+    values: FloatArray = bounds.column("rms_m").to_numpy(zero_copy_only=False).astype(float)
     return values
 
 
-def batch_of(given: Simulated) -> Any:
-    """Return the trials as one dense batch; raises ValueError where they differ in their number of rows."""
-    reader = MeasurementReader([input_of_table(given.table)], ReadOptions(kind=given.kind, scene=given.scene))
+def batch_of(trials: Simulated) -> Any:
+    """Return the trials as one dense batch; raise ValueError if they differ in their number of rows."""
+    reader = MeasurementReader([input_of_table(trials.table)], ReadOptions(kind=trials.kind, scene=trials.scene))
     (chunk,) = reader.chunks()
-    ((_, row),) = dense_blocks(chunk.offsets, ~chunk.left_out, given.truth_m.shape[0])
-    return dense_batch(given.kind, chunk.columns, row, scene=given.scene)
+    ((_, row),) = dense_blocks(chunk.offsets, ~chunk.left_out, trials.truth_m.shape[0])
+    return dense_batch(trials.kind, chunk.columns, row, scene=trials.scene)

@@ -1,8 +1,8 @@
-"""The samples of an experiment in a folder, so that an interrupted run goes on where it stopped.
+"""The samples of an experiment in a folder, so that an interrupted run continues where it stopped.
 
-While it runs: a file for each chunk of each condition in ``NAME.parts/``; when all are there:
-``NAME.samples.parquet``. Each carries the fingerprint of what it depends on, and a digest of what is in it: one of
-another run, or a damaged one, is never used.
+During a run there is a file for each chunk of each condition in ``NAME.parts/``, after it ``NAME.samples.parquet``.
+Each file holds the experiment's fingerprint and a digest of its content: files of another run, and damaged ones, are
+not used.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.errors import DataError
 from nlosctl.io.results.array_file import read_arrays, write_arrays
 from nlosctl.reproduce.experiment import Experiment
-from nlosctl.reproduce.samples import Drawn, Samples
+from nlosctl.reproduce.samples import Results, Samples
 
 __all__ = ["SampleStore"]
 
@@ -25,26 +25,26 @@ _CONDITION = "condition"
 
 
 class SampleStore:
-    """The samples of one experiment in ``folder``, those with ``fingerprint`` alone."""
+    """The samples of one experiment in ``folder`` that have this ``fingerprint``."""
 
     def __init__(self, folder: Path, experiment: Experiment, fingerprint: str) -> None:
         self._experiment, self._fingerprint = experiment, fingerprint
-        self._whole = folder / f"{experiment.name}.samples.parquet"
+        self._complete = folder / f"{experiment.name}.samples.parquet"
         self._parts = folder / f"{experiment.name}.parts"
 
     def open(self, *, overwrite: bool) -> None:
-        """Make ready for a run; raises DataError where whole samples are there that are not its own, and must stay."""
-        complete = self._read(self._whole) is not None
-        if self._whole.exists() and not complete and not overwrite:
+        """Prepare for a run; without ``overwrite``, raise DataError if there are complete samples of another run."""
+        is_ours = self._read(self._complete) is not None
+        if self._complete.exists() and not is_ours and not overwrite:
             raise DataError(
-                f"{self._whole}: is of another seed, number of trials or version, or damaged; --overwrite replaces it, "
-                "or choose another folder with -o"
+                f"{self._complete}: has another seed, number of trials or version, or is damaged; --overwrite replaces "
+                "it, or choose another folder with -o"
             )
-        if self._parts.exists() and complete:
+        if self._parts.exists() and is_ours:
             shutil.rmtree(self._parts)
 
     def part(self, condition: int, chunk: int) -> Samples | None:
-        """Return the samples of a finished chunk, None where it is not there as it was written."""
+        """Return the samples of a finished chunk; None if absent, damaged or of another run."""
         return self._read(self._part_path(condition, chunk))
 
     def keep(self, condition: int, chunk: int, samples: Samples) -> None:
@@ -52,37 +52,37 @@ class SampleStore:
         self._parts.mkdir(parents=True, exist_ok=True)
         write_arrays(self._part_path(condition, chunk), samples, {_KEY: self._fingerprint})
 
-    def finish(self, drawn: Drawn) -> None:
-        """Store all samples as one file, and remove the parts."""
-        names = list(dict.fromkeys(name for samples in drawn.samples for name in samples))
-        sizes = [next(iter(samples.values())).shape[0] for samples in drawn.samples]
+    def finish(self, results: Results) -> None:
+        """Store all samples in one file, and remove the parts."""
+        names = list(dict.fromkeys(name for samples in results.samples for name in samples))
+        sizes = [next(iter(samples.values())).shape[0] for samples in results.samples]
         columns = {
             name: np.concatenate(
                 [
                     samples[name].astype(np.float64) if name in samples else np.full(size, np.nan)
-                    for samples, size in zip(drawn.samples, sizes, strict=True)
+                    for samples, size in zip(results.samples, sizes, strict=True)
                 ]
             )
             for name in names
         }
-        place = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
-        write_arrays(self._whole, {_CONDITION: place, **columns}, {_KEY: self._fingerprint})
+        condition = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
+        write_arrays(self._complete, {_CONDITION: condition, **columns}, {_KEY: self._fingerprint})
         shutil.rmtree(self._parts, ignore_errors=True)
 
-    def load(self) -> Drawn | None:
-        """Return all samples, None where they are not all there as they were written."""
-        columns = self._read(self._whole)
+    def load(self) -> Results | None:
+        """Return all samples; None if absent, damaged or of another run."""
+        columns = self._read(self._complete)
         if columns is None:
             return None
-        place = columns.pop(_CONDITION)
+        condition = columns.pop(_CONDITION)
         conditions = self._experiment.conditions
         samples = [
-            {name: values[place == number] for name, values in columns.items()} for number in range(len(conditions))
+            {name: values[condition == number] for name, values in columns.items()} for number in range(len(conditions))
         ]
-        return Drawn(conditions=conditions, samples=samples, random=self._experiment.random)
+        return Results(conditions=conditions, samples=samples, random=self._experiment.random)
 
     def _read(self, path: Path) -> dict[str, FloatArray] | None:
-        """Return the samples in a file, None where it is not there, damaged, or another run's."""
+        """Return the samples in a file; None if absent, damaged or of another run."""
         if not path.exists():
             return None
         try:

@@ -1,4 +1,4 @@
-"""Is a number of ours the paper's? The one rule for all claims."""
+"""Verdicts: one rule decides whether our number reproduces the paper's."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from enum import StrEnum
 __all__ = ["Expected", "Verdict", "about", "at_least", "at_most", "between", "printed", "verdict"]
 
 _SIGMAS = 3.0
-"""How many Monte-Carlo standard errors a number may be away: chance alone exceeds it three times in a thousand."""
+"""Largest deviation in Monte-Carlo standard errors: chance alone exceeds it three times in a thousand."""
 
 
 class Verdict(StrEnum):
-    """What we say of a claim."""
+    """The verdict on a claim."""
 
     REPRODUCED = "reproduced"
     NOT_REPRODUCED = "not reproduced"
@@ -23,9 +23,9 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Expected:
-    """The range in which a number must lie for a claim to be right, and ``text``: the claim's number as we show it.
+    """The range of numbers that confirm a claim, and ``text``, the claim's number as shown.
 
-    ``standard_error`` is the Monte-Carlo error of the paper's own number, where its number of trials tells it.
+    ``standard_error`` is the Monte-Carlo error of the paper's number, if its number of trials is known.
     """
 
     low: float
@@ -35,9 +35,9 @@ class Expected:
 
 
 def printed(text: str, *, tolerance: float = 0.0, standard_error: float = 0.0) -> Expected:
-    """Return what a printed number stands for: itself, plus or minus half its last digit and ``tolerance``.
+    """Return the range of a printed number: plus or minus half its last digit and ``tolerance``.
 
-    ``text`` is the number as the paper prints it; what follows the number (a unit, a percent sign) is for show.
+    ``text`` is the number as the paper prints it, optionally followed by a unit or a percent sign.
     """
     number = Decimal(text.split()[0].rstrip("%"))
     last_digit = 10.0 ** int(number.as_tuple().exponent)
@@ -46,30 +46,30 @@ def printed(text: str, *, tolerance: float = 0.0, standard_error: float = 0.0) -
 
 
 def about(value: float, relative: float, text: str) -> Expected:
-    """Return a range of ``relative`` times the value about it: for words such as "equivalent to"."""
+    """Return the range of ``relative`` times the value about it, for words such as "equivalent to"."""
     return Expected(low=value - relative * abs(value), high=value + relative * abs(value), text=text)
 
 
 def at_least(low: float, text: str = "") -> Expected:
-    """Return everything from ``low`` up."""
+    """Return the range of ``low`` and more."""
     return Expected(low=low, high=math.inf, text=text or f">= {low:g}")
 
 
 def at_most(high: float, text: str = "") -> Expected:
-    """Return everything up to ``high``."""
+    """Return the range up to ``high``."""
     return Expected(low=-math.inf, high=high, text=text or f"<= {high:g}")
 
 
 def between(low: float, high: float, text: str = "") -> Expected:
-    """Return everything from ``low`` to ``high``."""
+    """Return the range from ``low`` to ``high``."""
     return Expected(low=low, high=high, text=text or f"{low:g} to {high:g}")
 
 
 def verdict(value: float, standard_error: float, expected: Expected | None) -> Verdict:
-    """Return whether ``value`` lies in the expected range, or so near that Monte-Carlo error may explain it.
+    """Return whether ``value`` is in the expected range, up to Monte-Carlo error.
 
-    Both standard errors count, three of their root sum of squares are allowed. A value that is missing, or whose error
-    is unknown, reproduces nothing.
+    The tolerance is three times the root sum of squares of both standard errors. A value that is missing, or whose
+    standard error is unknown, does not reproduce the claim.
     """
     if expected is None:
         return Verdict.NO_NUMBERS

@@ -107,7 +107,7 @@ def test_blind_spots_of_figure_4():
         sector = 2 * (five.off_dod_line_m > 0.0) + (five.off_doa_line_m > 0.0)
         for number in range(4):
             assert np.unique(np.sign(five.mean_m[sector == number])).size == 1
-        assert (five.spread > 0.0).all()
+        assert (five.divisor > 0.0).all()
     above_tx = np.array([[-2.5, 2.0], [-2.5, 4.0]])
     assert np.abs(blind_spots(scene, above_tx, 1, "reflector first").mean_m).max() < 1e-9
     assert np.abs(blind_spots(scene, above_tx, 5, "reflector first").mean_m).min() > 0.1

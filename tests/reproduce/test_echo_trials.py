@@ -23,7 +23,7 @@ def test_trials_are_scored_one_by_one() -> None:
     """At negligible noise all trials are right, with the three true sets first among the candidates."""
     given = echo_trials({"sensors": 6, "noise_db": -40.0}, CHUNK)
     found = identified(given, CHUNK, "assignment")
-    assert found.found.tolist() == [3.0] * CHUNK.size
+    assert found.count.tolist() == [3.0] * CHUNK.size
     assert found.exact.tolist() == [1.0] * CHUNK.size
     for some in candidates(given, CHUNK.size):
         assert some.case[some.kept][:3].tolist() == [CASES.index("i")] * 3
@@ -33,8 +33,8 @@ def test_a_wrong_number_is_not_exact() -> None:
     """With an elbow threshold near zero only one target is found, and no trial is right."""
     given = echo_trials({"sensors": 6, "noise_db": 5.0}, CHUNK)
     found = identified(given, CHUNK, "extended-tca", eta=1e-6)
-    assert (found.found < 3.0).any()
-    assert not found.exact[found.found != 3.0].any()
+    assert (found.count < 3.0).any()
+    assert not found.exact[found.count != 3.0].any()
 
 
 def test_every_chunk_has_scatterers_of_its_own() -> None:

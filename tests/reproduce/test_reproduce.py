@@ -48,7 +48,7 @@ def test_every_experiment_runs(name: str, tmp_path: Path, capsys: pytest.Capture
     assert len(figure["trials"]) == len(experiment.conditions)
     assert set(experiment.quantities) <= set(figure)
     rows = json.loads(capsys.readouterr().out)
-    assert len(rows) == len(experiment.claims) + len(experiment.beside)
+    assert len(rows) == len(experiment.claims) + len(experiment.comparisons)
     assert len(experiment.claims) > 0
     for row in rows:
         assert row["claim"]
@@ -153,10 +153,10 @@ def test_chunks_of_another_seed_are_not_used(tmp_path: Path) -> None:
 def test_all_conditions_share_their_random_numbers() -> None:
     """Errors at two small spreads agree up to scale: conditions are compared on the same draws."""
     experiment = find_experiment(NAME)
-    drawn, _ = draw_samples(experiment, seed=3, trials=40, store=None, pool=None, progress=lambda done, total: None)
+    drawn, _ = draw_samples(experiment, seed=3, trials=40, store=None, jobs=1, progress=lambda done, total: None)
     one, two = drawn.of(bearing_std_deg=1.0)["ml"], drawn.of(bearing_std_deg=2.0)["ml"]
     assert two == pytest.approx(2.0 * one, rel=0.2)
-    assert len(claim_rows(experiment, drawn)) == len(experiment.claims) + len(experiment.beside)
+    assert len(claim_rows(experiment, drawn)) == len(experiment.claims) + len(experiment.comparisons)
 
 
 @pytest.mark.process

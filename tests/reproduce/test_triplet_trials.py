@@ -47,7 +47,7 @@ def test_blind_spots_agree_with_table_i(rule: str) -> None:
         assert ((points >= [x_low, y_low]) & (points <= [x_high, y_high])).all()
         found = blind_spots(SCENE, points, int(rule[-1]), spot.order)
         if spot.kind == "BS2":
-            assert np.abs(found.spread).max() < 1e-9
+            assert np.abs(found.divisor).max() < 1e-9
         else:
             assert np.abs(found.mean_m).max() < (
                 _LOW_M if spot.kind == "BS3" and rule in ("lambda2", "lambda4") else 1e-9

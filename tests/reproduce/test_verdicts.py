@@ -10,9 +10,8 @@ import pytest
 
 from nlosctl.reproduce.catalogue import find_experiment
 from nlosctl.reproduce.experiment import Claim
-from nlosctl.reproduce.jackknife import GROUPS, jackknife_error
 from nlosctl.reproduce.outcome import claim_rows, with_error
-from nlosctl.reproduce.samples import Drawn, measure, median, rms, share
+from nlosctl.reproduce.samples import GROUPS, Results, jackknife_error, measure, median, rms, share
 from nlosctl.reproduce.verdicts import Verdict, at_least, at_most, between, printed, verdict
 
 
@@ -72,7 +71,7 @@ def test_the_jackknife_gives_the_textbook_standard_errors(statistic: object, tru
     generator = np.random.default_rng(2)
     found = []
     for _ in range(60):
-        drawn = Drawn(conditions=[{}], samples=[{"x": generator.standard_normal(4000)}])
+        drawn = Results(conditions=[{}], samples=[{"x": generator.standard_normal(4000)}])
         found.append(measure(lambda part: statistic(part.samples[0]["x"]), drawn).standard_error)  # type: ignore[operator]
     assert math.sqrt(np.mean(np.square(found))) * math.sqrt(4000.0) == pytest.approx(true_error, rel=0.1)
 
@@ -80,7 +79,7 @@ def test_the_jackknife_gives_the_textbook_standard_errors(statistic: object, tru
 def test_ratios_on_the_same_trials_are_paired() -> None:
     """The error of a ratio of two conditions with common noise is far below that of independent ones."""
     noise = np.random.default_rng(3).standard_normal(4000)
-    drawn = Drawn(conditions=[{"s": 1}, {"s": 2}], samples=[{"x": noise}, {"x": 2.0 * noise + 0.01 * noise[::-1]}])
+    drawn = Results(conditions=[{"s": 1}, {"s": 2}], samples=[{"x": noise}, {"x": 2.0 * noise + 0.01 * noise[::-1]}])
     ratio = measure(lambda part: rms(part.of(s=2)["x"]) / rms(part.of(s=1)["x"]), drawn)
     assert ratio.value == pytest.approx(2.0, rel=1e-2)
     assert ratio.standard_error < 0.001
@@ -88,7 +87,7 @@ def test_ratios_on_the_same_trials_are_paired() -> None:
 
 def test_deterministic_numbers_have_no_error() -> None:
     """A number that does not depend on draws has standard error 0."""
-    drawn = Drawn(conditions=[{}], samples=[{"x": np.arange(100.0)}], random=False)
+    drawn = Results(conditions=[{}], samples=[{"x": np.arange(100.0)}], random=False)
     assert measure(lambda part: rms(part.samples[0]["x"]), drawn).standard_error == 0.0
 
 
@@ -121,9 +120,9 @@ def test_success_in_all_trials_is_not_certainty(trials: int, says: Verdict) -> N
     """Ten of ten trials do not contradict a printed 0.9, ten thousand of ten thousand do."""
     experiment = find_experiment("liang-fig4")
     claim = Claim(
-        says="", where="", ours=lambda drawn: share(drawn.samples[0]["right"]), expected=printed("0.9"), per_trial=1.0
+        text="", where="", ours=lambda drawn: share(drawn.samples[0]["right"]), expected=printed("0.9"), per_trial=1.0
     )
-    drawn = Drawn(conditions=[{}], samples=[{"right": np.ones(trials)}])
-    (row,) = claim_rows(dataclasses.replace(experiment, claims=(claim,), beside=()), drawn)
+    drawn = Results(conditions=[{}], samples=[{"right": np.ones(trials)}])
+    (row,) = claim_rows(dataclasses.replace(experiment, claims=(claim,), comparisons=()), drawn)
     assert row.verdict == says
     assert row.standard_error == pytest.approx(1.0 / trials)

@@ -116,23 +116,21 @@ def _run(
 ) -> list[Outcome]:
     from nlosctl.pipeline.engine.workers import usable_jobs
     from nlosctl.reproduce.run import run_experiment
-    from nlosctl.reproduce.sampling import worker_pool
 
     outcomes = []
-    with worker_pool(usable_jobs(jobs)) as pool:
-        for experiment in experiments:
-            with terminal.progress(experiment.name, unit="trials") as progress:
-                outcome = run_experiment(
-                    experiment,
-                    seed=seed,
-                    trials=trials or (experiment.quick_trials if quick else experiment.trials),
-                    folder=folder,
-                    overwrite=overwrite,
-                    pool=pool,
-                    progress=progress,
-                )
-            outcomes.append(outcome)
-            _note(terminal, outcome)
+    for experiment in experiments:
+        with terminal.progress(experiment.name, unit="trials") as progress:
+            outcome = run_experiment(
+                experiment,
+                seed=seed,
+                trials=trials or (experiment.quick_trials if quick else experiment.trials),
+                folder=folder,
+                overwrite=overwrite,
+                jobs=usable_jobs(jobs),
+                progress=progress,
+            )
+        outcomes.append(outcome)
+        _note(terminal, outcome)
     return outcomes
 
 
@@ -178,7 +176,7 @@ def _tell(outcomes: list[Outcome], json: bool) -> None:
                 "name": row.experiment,
                 "claim": row.claim,
                 "paper": row.paper,
-                "ours": row.told,
+                "ours": row.ours_text,
                 "verdict": row.verdict or "beside the paper",
             }
             for row in rows

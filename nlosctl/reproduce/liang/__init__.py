@@ -1,1 +1,1 @@
-"""Liang, Wang, Song, and Gao: figures and tables."""
+"""Figures and tables of Liang, Zeng and Li."""

@@ -1,4 +1,4 @@
-"""What the structured candidate sets of type-based clustering truly are: the six cases of Liang, Zeng, Li, Fig. 2."""
+"""True cases of the structured candidate sets of type-based clustering: the six cases of Liang, Zeng, Li, Fig. 2."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ __all__ = ["CandidateSets", "candidate_sets"]
 
 @dataclass(frozen=True, kw_only=True)
 class CandidateSets:
-    """The S different structured candidate sets of one snapshot by rising spread (S,), metres.
+    """The S distinct structured candidate sets of one snapshot, in ascending order of their spread (S,) in metres.
 
-    ``case`` (S,) is the place in `nlosctl.evaluation.targets.CASES`; ``kept`` (S,) tells which sets the comparison
-    (5) leaves; ``row`` (S, N) are the measurements whose circles a set is of, ``point_m`` (S, N (N - 1) / 2, 2) its
-    points; ``larger`` (S,) tells whether a set's spread exceeds that of every TIP set it shares a point with.
+    ``case`` (S,) indexes `nlosctl.evaluation.targets.CASES`; ``kept`` (S,) marks sets that pass the comparison (5);
+    ``row`` (S, N) are the measurements of a set's circles, ``point_m`` (S, N (N - 1) / 2, 2) its points; ``larger``
+    (S,) marks sets whose spread exceeds that of every TIP set with a common point.
     """
 
     spread_m: FloatArray
@@ -36,24 +36,24 @@ class CandidateSets:
 def candidate_sets(
     batch: RangeBatch, snapshot: int, true_target: IntArray, true_los: BoolArray, options: ClusteringOptions
 ) -> CandidateSets:
-    """Return the candidates of a snapshot, their cases told by the truth of its K rows (target -1: of none).
+    """Return the candidates of a snapshot with their cases, from the truth of its K rows (target -1: none).
 
-    The TIP set of a target is, of the sets of its direct circles alone, the one of least spread: the others have the
-    wrong root of some pair. A set that shares a point with a TIP set has a TIP (ii, iii), any other has none (iv-vi).
+    The TIP set of a target is the set of its direct circles with the smallest spread: the others have the wrong root of
+    some pair. A set with a point of a TIP set has a TIP (ii, iii), any other set has none (iv-vi).
     """
     echoes = read_echoes(batch, snapshot, options.max_echoes)
     gate = _gate(batch, snapshot, echoes, options.field_margin_m)
     sets, unique = cluster_echoes(echoes, gate, options)
     first = np.sort(np.unique(sets.points, axis=0, return_index=True)[1])
     kept = np.isin(first, list(unique))
-    some = StructuredSets(sets.spread_m[first], sets.circles[first], sets.points[first])
-    row = echoes.row[np.arange(echoes.sensors), some.circles - np.arange(echoes.sensors) * echoes.most]
-    case, larger = _cases(some, true_target[row], true_los[row])
-    pair, root = np.divmod(some.points, 2)
+    distinct = StructuredSets(sets.spread_m[first], sets.circles[first], sets.points[first])
+    row = echoes.row[np.arange(echoes.sensors), distinct.circles - np.arange(echoes.sensors) * echoes.most]
+    case, larger = _cases(distinct, true_target[row], true_los[row])
+    pair, root = np.divmod(distinct.points, 2)
     table = cross_all(echoes, options.gap_tolerance_m, gate)
     x, y = (np.reshape(axis, (2, -1))[root, pair] for axis in (table.x, table.y))
     point = np.stack([x + echoes.center_x, y + echoes.center_y], axis=-1)
-    return CandidateSets(spread_m=some.spread_m, case=case, kept=kept, row=row, point_m=point, larger=larger)
+    return CandidateSets(spread_m=distinct.spread_m, case=case, kept=kept, row=row, point_m=point, larger=larger)
 
 
 def _gate(batch: RangeBatch, snapshot: int, echoes: Echoes, margin_m: float) -> Gate:
@@ -63,9 +63,9 @@ def _gate(batch: RangeBatch, snapshot: int, echoes: Echoes, margin_m: float) -> 
 
 
 def _cases(sets: StructuredSets, target: IntArray, los: BoolArray) -> tuple[IntArray, BoolArray]:
-    """Return the case (S,) of each set and whether its spread exceeds that of all TIP sets that it shares a point with.
+    """Return the case (S,) of each set, and whether its spread exceeds that of all TIP sets with a common point.
 
-    ``target`` and ``los`` (S, N) are of the circles of each set.
+    ``target`` and ``los`` (S, N) are those of each set's circles.
     """
     direct, some_direct = np.asarray(los.all(axis=1)), np.asarray(los.any(axis=1))
     of_one = direct & (target == target[:, :1]).all(axis=1)

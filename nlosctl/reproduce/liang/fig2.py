@@ -1,4 +1,4 @@
-"""Liang, Zeng, Li, Figure 2: the six cases of structured candidate sets, an example of each, and how many there are."""
+"""Liang, Zeng, Li, Figure 2: the six cases of structured candidate sets, with an example and counts of each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlosctl.plotting.panels import BarsPanel, Panel, PointsPanel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets
 from nlosctl.reproduce.liang.paper import CHUNK_TRIALS, PAPER, candidates, echo_trials
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions
 from nlosctl.reproduce.simulated import Simulated
 from nlosctl.reproduce.verdicts import at_least, at_most
 
@@ -30,35 +30,34 @@ _WINDOW = 2.5
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    """Return by case, for each trial, how many candidates there are, are kept, and have a larger spread than true sets.
+    """Return by case, for each trial, how many candidates exist, are kept, and have a larger spread than true sets.
 
-    Than the true ones with which they share a point (ii, iii), or than all true ones of the trial (iv to vi).
+    The true sets are those with a common point (ii, iii), or all of the trial (iv to vi).
     """
-    found = candidates(echo_trials(condition, chunk), chunk.size)
+    trials = candidates(echo_trials(condition, chunk), chunk.size)
     samples: dict[str, FloatArray] = {}
     for number, case in enumerate(CASES):
-        mine = [some.case == number for some in found]
-        picked = {
-            "sets": mine,
-            "kept": [some.kept & of for some, of in zip(found, mine, strict=True)],
-            "larger": [_is_larger(some) & of for some, of in zip(found, mine, strict=True)],
+        own = [sets.case == number for sets in trials]
+        masks = {
+            "sets": own,
+            "kept": [sets.kept & mask for sets, mask in zip(trials, own, strict=True)],
+            "larger": [_is_larger(sets) & mask for sets, mask in zip(trials, own, strict=True)],
         }
-        samples |= {
-            f"{name}_{case}": np.array([of.sum() for of in places], dtype=float) for name, places in picked.items()
-        }
-        spreads = [some.spread_m[of] for some, of in zip(found, mine, strict=True)]
-        samples[f"spread_{case}_m"] = np.array([np.median(of) if of.size else np.nan for of in spreads])
+        for name, of_trials in masks.items():
+            samples[f"{name}_{case}"] = np.array([mask.sum() for mask in of_trials], dtype=float)
+        spreads = [sets.spread_m[mask] for sets, mask in zip(trials, own, strict=True)]
+        samples[f"spread_{case}_m"] = np.array([np.median(values) if values.size else np.nan for values in spreads])
     return samples
 
 
-def _is_larger(some: CandidateSets) -> BoolArray:
-    largest = some.spread_m[some.case == 0].max(initial=0.0)
-    return np.where(some.case < 3, some.larger, some.spread_m > largest)
+def _is_larger(sets: CandidateSets) -> BoolArray:
+    largest = sets.spread_m[sets.case == 0].max(initial=0.0)
+    return np.where(sets.case < 3, sets.larger, sets.spread_m > largest)
 
 
-def _share(drawn: Drawn, *, part: str, cases: Sequence[str], sensors: int, noise_db: float) -> float:
-    """Return which share of the candidates of some cases is counted by ``part``; ranges by (1)."""
-    samples = drawn.of(sensors=sensors, nlos_range="sum", noise_db=noise_db)
+def _share(results: Results, *, part: str, cases: Sequence[str], sensors: int, noise_db: float) -> float:
+    """Return the share of the candidates of some cases that are counted by ``part``; ranges by (1)."""
+    samples = results.of(sensors=sensors, nlos_range="sum", noise_db=noise_db)
     return float(
         sum(samples[f"{part}_{case}"].sum() for case in cases) / sum(samples[f"sets_{case}"].sum() for case in cases)
     )
@@ -68,26 +67,21 @@ def _per_trial(samples: Samples, name: str) -> float:
     return float(np.nanmean(samples[name])) if np.isfinite(samples[name]).any() else np.nan
 
 
-def _kept_per_trial(drawn: Drawn) -> float:
-    samples = drawn.of(sensors=3, nlos_range="sum", noise_db=0.0)
+def _kept_per_trial(results: Results) -> float:
+    samples = results.of(sensors=3, nlos_range="sum", noise_db=0.0)
     return float(sum(_per_trial(samples, f"kept_{case}") for case in ("iv", "v", "vi")))
 
 
-def _scattered_alone(drawn: Drawn) -> float:
-    return _per_trial(drawn.of(sensors=3, nlos_range="sum", noise_db=0.0), "sets_vi")
-
-
-def _cases_there(drawn: Drawn, nlos_range: str) -> float:
-    samples = drawn.of(sensors=3, nlos_range=nlos_range, noise_db=0.0)
+def _occurring_cases(samples: Samples) -> float:
     return float(sum(samples[f"sets_{case}"].any() for case in CASES))
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     chunk = Chunk(seed=0, number=0, first=0, size=CHUNK_TRIALS, total=CHUNK_TRIALS)
-    given = echo_trials(_EXAMPLE, chunk)
-    found = candidates(given, chunk.size)
+    trials = echo_trials(_EXAMPLE, chunk)
+    sets = candidates(trials, chunk.size)
     names = tuple(f"({case})" for case in CASES)
-    both = {sensors: drawn.of(sensors=sensors, nlos_range="sum", noise_db=0.0) for sensors in (3, 5)}
+    both = {sensors: results.of(sensors=sensors, nlos_range="sum", noise_db=0.0) for sensors in (3, 5)}
     counts = [
         BarsPanel(
             x_label="case [-]",
@@ -105,26 +99,26 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
         groups=names,
         values={f"N = {sensors}": _by_case(samples, "spread", "_m") for sensors, samples in both.items()},
     )
-    return [*(_example(given, found, number) for number in range(len(CASES))), *counts, spreads]
+    return [*(_example(trials, sets, number) for number in range(len(CASES))), *counts, spreads]
 
 
 def _by_case(samples: Samples, name: str, unit: str = "") -> FloatArray:
     return np.array([_per_trial(samples, f"{name}_{case}{unit}") for case in CASES])
 
 
-def _example(given: Simulated, found: Sequence[CandidateSets], case: int) -> Panel:
-    """Return the candidate of a case whose spread is nearest to what shows well: its circles, its points, targets."""
-    every = [(trial, place) for trial, some in enumerate(found) for place in np.flatnonzero(some.case == case)]
-    trial, place = min(every, key=lambda one: abs(found[one[0]].spread_m[one[1]] - _EXAMPLE_SPREAD_M))
-    some = found[trial]
-    columns = {name: values.reshape(len(found), -1)[trial] for name, values in given.columns.items()}
-    points = some.point_m[place]
+def _example(trials: Simulated, all_sets: Sequence[CandidateSets], case: int) -> Panel:
+    """Return the candidate of a case with a spread that shows well: its circles, its points and the targets."""
+    every = [(trial, index) for trial, sets in enumerate(all_sets) for index in np.flatnonzero(sets.case == case)]
+    trial, index = min(every, key=lambda item: abs(all_sets[item[0]].spread_m[item[1]] - _EXAMPLE_SPREAD_M))
+    sets = all_sets[trial]
+    columns = {name: values.reshape(len(all_sets), -1)[trial] for name, values in trials.columns.items()}
+    points = sets.point_m[index]
     center = points.mean(axis=0)
     half = _WINDOW * float(np.abs(points - center).max())
     targets = np.unique(np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1), axis=0)
     near = targets[(np.abs(targets - center) < half).all(axis=1)]
     return PointsPanel(
-        title=f"case ({CASES[case]}), spread {some.spread_m[place]:.0f} m",
+        title=f"case ({CASES[case]}), spread {sets.spread_m[index]:.0f} m",
         x_label="x [m]",
         y_label="y [m]",
         equal_aspect=True,
@@ -134,7 +128,7 @@ def _example(given: Simulated, found: Sequence[CandidateSets], case: int) -> Pan
             Series(label="target", x=near[:, 0], y=near[:, 1], style=7),
         ),
         outlines=tuple(
-            _arcs(label, columns, [row for row in some.row[place] if columns["truth_los"][row] == direct], center, half)
+            _arcs(label, columns, [row for row in sets.row[index] if columns["truth_los"][row] == direct], center, half)
             for direct, label in ((True, "direct circle"), (False, "scattered circle"))
         ),
         size_pt=6.0,
@@ -144,7 +138,7 @@ def _example(given: Simulated, found: Sequence[CandidateSets], case: int) -> Pan
 def _arcs(
     label: str, columns: Mapping[str, npt.NDArray[Any]], rows: Sequence[int], center: FloatArray, half: float
 ) -> Series:
-    """Return the circles of some rows as far as they are within the window, solid for direct ones, else dashed."""
+    """Return the arcs of some rows' circles inside the window, solid for direct echoes, otherwise dashed."""
     parts = [np.full((1, 2), np.nan)]
     for row in rows:
         sensor, radius = np.array([columns["sensor_x_m"][row], columns["sensor_y_m"][row]]), columns["range_m"][row]
@@ -170,20 +164,20 @@ EXPERIMENT = Experiment(
     },
     claims=(
         Claim(
-            says="Candidates are of six cases: how many occur, N = 3, scattered ranges of half the round trip",
+            text="Candidates are of six cases: how many occur, N = 3, scattered ranges of half the round trip",
             where=_WHERE,
-            ours=partial(_cases_there, nlos_range="half"),
+            ours=at(_occurring_cases, sensors=3, nlos_range="half", noise_db=0.0),
             expected=at_least(6.0, "6"),
         ),
         Claim(
-            says="Candidates of case (vi) per trial, N = 3, 0 dB, ranges by (1)",
+            text="Candidates of case (vi) per trial, N = 3, 0 dB, ranges by (1)",
             where=_WHERE,
-            ours=_scattered_alone,
+            ours=at(partial(_per_trial, name="sets_vi"), sensors=3, nlos_range="sum", noise_db=0.0),
             note="Hardly any: scattered ranges by (1) are too long for three such circles to meet in the square.",
         ),
         *(
             Claim(
-                says=f"(i) has usually a smaller spread than (ii), (iii) that share its points: N = {sensors}, 0 dB",
+                text=f"(i) has usually a smaller spread than (ii), (iii) that share its points: N = {sensors}, 0 dB",
                 where=_WHERE,
                 ours=partial(_share, part="larger", cases=("ii", "iii"), sensors=sensors, noise_db=0.0),
                 expected=at_least(0.9, "usually"),
@@ -191,13 +185,13 @@ EXPERIMENT = Experiment(
             for sensors in (3, 5)
         ),
         Claim(
-            says="Cases (iv) to (vi) have generally a larger spread than (i): share, N = 3, 0 dB",
+            text="Cases (iv) to (vi) have generally a larger spread than (i): share, N = 3, 0 dB",
             where=_WHERE,
             ours=partial(_share, part="larger", cases=("iv", "v", "vi"), sensors=3, noise_db=0.0),
             expected=at_least(0.9, "generally"),
         ),
         Claim(
-            says="The comparison can't eliminate cases (iv) to (vi): sets left per trial, N = 3, 0 dB",
+            text="The comparison can't eliminate cases (iv) to (vi): sets left per trial, N = 3, 0 dB",
             where=_WHERE,
             ours=_kept_per_trial,
             expected=at_least(0.5, "> 0"),
@@ -213,14 +207,14 @@ EXPERIMENT = Experiment(
             )
             for claim in (
                 Claim(
-                    says=f"The comparison eliminates cases (ii) and (iii): share left, N = 3, {noise_db:g} dB",
+                    text=f"The comparison eliminates cases (ii) and (iii): share left, N = 3, {noise_db:g} dB",
                     where=_WHERE,
                     ours=partial(_share, part="kept", cases=("ii", "iii"), sensors=3, noise_db=noise_db),
                     expected=at_most(0.02, "0"),
                     note=note,
                 ),
                 Claim(
-                    says=f"and preserves case (i): share left, N = 3, {noise_db:g} dB",
+                    text=f"and preserves case (i): share left, N = 3, {noise_db:g} dB",
                     where=_WHERE,
                     ours=partial(_share, part="kept", cases=("i",), sensors=3, noise_db=noise_db),
                     expected=at_least(0.98, "1"),

@@ -1,1 +1,1 @@
-"""Ananthasubramaniam and Madhow: figures."""
+"""Figures of Ananthasubramaniam and Madhow."""

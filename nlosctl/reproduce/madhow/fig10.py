@@ -9,9 +9,9 @@ import numpy as np
 
 from nlosctl.contract.scene import SegmentReflector
 from nlosctl.plotting.panels import Panel, PointsPanel, Series
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.madhow.paper import PAPER
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, median_of, rms, rms_of, share
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, median_of, rms, rms_of, share_of
 from nlosctl.reproduce.simulated import fixes, simulated
 from nlosctl.reproduce.verdicts import about, at_least
 from nlosctl.scenarios import madhow_walls
@@ -24,31 +24,31 @@ _SHOWN = 120
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    given = simulated("madhow-walls", chunk, figure="10", **condition)
-    suppress = fixes(given, chunk, "suppress", field=_FIELD, alpha=0.25, bootstraps=7)
-    mixture = fixes(given, chunk, "mixture-ml", field=_FIELD, alpha=0.25)
+    trials = simulated("madhow-walls", chunk, figure="10", **condition)
+    suppress = fixes(trials, chunk, "suppress", field=_FIELD, alpha=0.25, bootstraps=7)
+    mixture = fixes(trials, chunk, "mixture-ml", field=_FIELD, alpha=0.25)
     return {
         "suppress": suppress.error_m,
         "mixture": mixture.error_m,
         "mixture_ambiguous": (mixture.status == "ambiguous").astype(float),
-        "ml": fixes(given, chunk, "ml").error_m,
+        "ml": fixes(trials, chunk, "ml").error_m,
         "x_m": suppress.position_m[:, 0],
         "y_m": suppress.position_m[:, 1],
-        "truth_x_m": given.truth_m[:, 0],
-        "truth_y_m": given.truth_m[:, 1],
+        "truth_x_m": trials.truth_m[:, 0],
+        "truth_y_m": trials.truth_m[:, 1],
     }
 
 
-def _rms(drawn: Drawn, source: str, name: str = "suppress") -> float:
-    return rms(drawn.of(source=source)[name])
+def _rms(results: Results, source: str, name: str = "suppress") -> float:
+    return rms(results.of(source=source)[name])
 
 
-def _share_ambiguous(drawn: Drawn, source: str) -> float:
-    return share(drawn.of(source=source)["mixture_ambiguous"])
+def _disturbed_over_others(results: Results) -> float:
+    return min(_rms(results, "A"), _rms(results, "D")) / max(_rms(results, "B"), _rms(results, "C"))
 
 
 def outlines(figure: str) -> tuple[Series, ...]:
-    """Return walls and receivers of one of the paper's two worlds."""
+    """Return the walls and receivers of one of the paper's two worlds."""
     world = madhow_walls.scene(madhow_walls.MadhowWallsOptions(figure=figure))  # type: ignore[arg-type]
     walls = tuple(
         Series(
@@ -65,11 +65,11 @@ def outlines(figure: str) -> tuple[Series, ...]:
     return (*walls, Series(label="receivers", x=receivers[:, 0], y=receivers[:, 1], line=False, style=1))
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     panels = []
     for wide in (True, False):
         points = []
-        for style, (condition, samples) in enumerate(drawn.where()):
+        for style, (condition, samples) in enumerate(results.where()):
             points.append(
                 Series(
                     label=f"estimates, source {condition['source']}",
@@ -78,7 +78,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                     style=(2, 3, 4, 5)[style],
                 )
             )
-        truths = [(samples["truth_x_m"][0], samples["truth_y_m"][0]) for _, samples in drawn.where()]
+        truths = [(samples["truth_x_m"][0], samples["truth_y_m"][0]) for _, samples in results.where()]
         x, y = np.array(truths).T
         points.append(Series(label="sources", x=x, y=y, style=0))
         if not wide:
@@ -111,7 +111,7 @@ EXPERIMENT = Experiment(
     claims=(
         *(
             Claim(
-                says=f"rms error at {source}",
+                text=f"rms error at {source}",
                 where="Fig. 10, caption",
                 ours=partial(_rms, source=source),
                 expected=about(value, 0.5, f"{value:g} m"),
@@ -121,24 +121,24 @@ EXPERIMENT = Experiment(
             for source, value in _PRINTED_M.items()
         ),
         Claim(
-            says="A and D, with R3 disturbed and R4 blocked, are worse than B and C: least ratio of the rms errors",
+            text="A and D, with R3 disturbed and R4 blocked, are worse than B and C: least ratio of the rms errors",
             where="Fig. 10, caption",
-            ours=lambda drawn: min(_rms(drawn, "A"), _rms(drawn, "D")) / max(_rms(drawn, "B"), _rms(drawn, "C")),
+            ours=_disturbed_over_others,
             expected=at_least(1.0, "> 1"),
         ),
         Claim(
-            says="The outlier of R4 is eliminated: rms of ml, all trusted, over that of suppression at A",
+            text="The outlier of R4 is eliminated: rms of ml, all trusted, over that of suppression at A",
             where="Section V-B3",
-            ours=lambda drawn: _rms(drawn, "A", "ml") / _rms(drawn, "A"),
+            ours=lambda results: _rms(results, "A", "ml") / _rms(results, "A"),
             expected=at_least(1.0, "> 1"),
-            note="With R3 off too, each pair of the four rows explains two: the likelihood does not tell R1 and R2, "
-            "which are right, from the others, and suppression takes any.",
+            note="With R3 off too, each pair of the four rows explains two: the likelihood does not distinguish R1 and "
+            "R2, which are right, from the others, and suppression takes any.",
         ),
     ),
-    beside=tuple(
-        Beside(
-            says=f"mixture-ml calls the fix ambiguous, at {source}: share of trials",
-            ours=partial(_share_ambiguous, source=source),
+    comparisons=tuple(
+        Comparison(
+            text=f"mixture-ml calls the fix ambiguous, at {source}: share of trials",
+            ours=at(share_of("mixture_ambiguous"), source=source),
         )
         for source in ("A", "C")
     ),

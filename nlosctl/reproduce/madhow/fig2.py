@@ -1,4 +1,4 @@
-"""Ananthasubramaniam, Madhow, Figure 2: the Cramer-Rao bound over the field of eight receivers."""
+"""Ananthasubramaniam, Madhow, Figure 2: the Cramér-Rao bound over the field of eight receivers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from nlosctl.evaluation.bounds import bounds_of
 from nlosctl.models.information import INFORMATION
 from nlosctl.plotting.panels import MapPanel, Panel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
-from nlosctl.reproduce.lattices import lattice_points, on_lattice
 from nlosctl.reproduce.madhow.paper import PAPER, RECEIVERS, ring
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
+from nlosctl.reproduce.panels import lattice_points, on_lattice
+from nlosctl.reproduce.samples import Condition, Results, Samples, conditions
 from nlosctl.reproduce.simulated import batch_of
 from nlosctl.reproduce.verdicts import about, at_most, printed
 from nlosctl.scenarios import madhow_ring
@@ -22,12 +22,11 @@ __all__ = ["EXPERIMENT"]
 _RADIUS_M, _CENTER_M, _SIDE_M = 457.0, 250.0, 500.0
 _STDS_DEG = (2.0, 4.0)
 _EDGE = 0.98
-"""The bound at a receiver itself is 0 or infinite: points within this share of the radius count."""
+"""Points within this share of the radius count: at a receiver itself the bound is 0 or infinite."""
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    """Half sides of the box: the figure's square, or that of the whole disc."""
-    half = 0.5 * _SIDE_M if condition["area"] == "field" else _RADIUS_M
+    half = 0.5 * _SIDE_M if condition["area"] == "field" else _RADIUS_M  # half side of the lattice
     x, y = lattice_points(chunk, (-half, half), (-half, half))
     single = Chunk(seed=chunk.seed, number=0, first=0, size=1, total=1)
     batch = batch_of(ring(single, radius_m=_RADIUS_M, bearing_std_deg=condition["bearing_std_deg"]))
@@ -43,23 +42,23 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     }
 
 
-def _largest_over_center(drawn: Drawn, area: str, within: float = 1.0) -> float:
-    samples = drawn.of(area=area, bearing_std_deg=4.0)
+def _largest_over_center(results: Results, area: str, within: float = 1.0) -> float:
+    samples = results.of(area=area, bearing_std_deg=4.0)
     radius = np.hypot(samples["x_m"] - _CENTER_M, samples["y_m"] - _CENTER_M) / _RADIUS_M
     return float(np.nanmax(samples["rms_m"][radius < within]) / samples["center_rms_m"][0])
 
 
-def _center_over_printed(drawn: Drawn) -> float:
-    """Return the trace of the bound at the centre over the printed (20)."""
-    trace = float(drawn.of(area="field", bearing_std_deg=4.0)["center_rms_m"][0]) ** 2
+def _center_over_printed(results: Results) -> float:
+    """Return the trace of the bound at the centre divided by the printed (20)."""
+    trace = float(results.of(area="field", bearing_std_deg=4.0)["center_rms_m"][0]) ** 2
     std_m = _RADIUS_M * float(np.radians(4.0))
     return trace / (2.0 * std_m * std_m / (np.pi**2 * (RECEIVERS - 1)))
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     panels = []
     for area, std_deg in (("field", 2.0), ("field", 4.0), ("disc", 4.0)):
-        samples = drawn.of(area=area, bearing_std_deg=std_deg)
+        samples = results.of(area=area, bearing_std_deg=std_deg)
         x, y, rms = on_lattice(samples["x_m"], samples["y_m"], samples["rms_m"])
         world = madhow_ring.scene(madhow_ring.MadhowRingOptions(radius_m=_RADIUS_M))
         receivers = np.array([sensor.position for sensor in world.sensors]) + _CENTER_M
@@ -93,44 +92,44 @@ EXPERIMENT = Experiment(
     },
     claims=(
         Claim(
-            says="The bound is highest at the centre: largest rms bound in the figure's square over that at the centre",
+            text="The bound is highest at the centre: largest rms bound in the figure's square over that at the centre",
             where="Section III-C, Fig. 2",
-            ours=lambda drawn: _largest_over_center(drawn, "field"),
+            ours=lambda results: _largest_over_center(results, "field"),
             expected=at_most(1.001, "1"),
         ),
         Claim(
-            says="The centre of the disc is the worst position: largest rms bound in the disc over that at the centre",
+            text="The centre of the disc is the worst position: largest rms bound in the disc over that at the centre",
             where="Section III-C",
-            ours=lambda drawn: _largest_over_center(drawn, "disc"),
+            ours=lambda results: _largest_over_center(results, "disc"),
             expected=at_most(1.001, "1"),
             note="Near the rim, midway between two receivers, it is larger; the centre is worst up to about 0.8 radii.",
         ),
         Claim(
-            says="... within 0.75 radii",
+            text="... within 0.75 radii",
             where="Section III-C",
-            ours=lambda drawn: _largest_over_center(drawn, "disc", 0.75),
+            ours=lambda results: _largest_over_center(results, "disc", 0.75),
             expected=at_most(1.001, "1"),
         ),
         Claim(
-            says="At the centre it is about 2 R^2 s^2 / (pi^2 (N - 1)): trace of the bound over that",
+            text="At the centre it is about 2 R^2 s^2 / (pi^2 (N - 1)): trace of the bound over that",
             where="(20)",
             ours=_center_over_printed,
             expected=about(1.0, 0.2, "1"),
             note="It is 4 R^2 s^2 / N exactly; the pi^2 is spurious, and makes the rms 4.2 times too small.",
         ),
         Claim(
-            says="The error grows linearly with the spread: rms bound at the centre, 4 deg over 2 deg",
+            text="The error grows linearly with the spread: rms bound at the centre, 4 deg over 2 deg",
             where="Section III-C",
-            ours=lambda drawn: (
-                drawn.of(area="field", bearing_std_deg=4.0)["center_rms_m"][0]
-                / drawn.of(area="field", bearing_std_deg=2.0)["center_rms_m"][0]
+            ours=lambda results: (
+                results.of(area="field", bearing_std_deg=4.0)["center_rms_m"][0]
+                / results.of(area="field", bearing_std_deg=2.0)["center_rms_m"][0]
             ),
             expected=printed("2.000"),
         ),
         Claim(
-            says="rms bound at the centre, 4 deg",
+            text="rms bound at the centre, 4 deg",
             where="Fig. 2",
-            ours=lambda drawn: float(drawn.of(area="field", bearing_std_deg=4.0)["center_rms_m"][0]),
+            ours=lambda results: float(results.of(area="field", bearing_std_deg=4.0)["center_rms_m"][0]),
             unit="m",
         ),
     ),

@@ -1,4 +1,4 @@
-"""Ananthasubramaniam, Madhow, Figure 6: what it costs not to know which receivers are blocked."""
+"""Ananthasubramaniam, Madhow, Figure 6: the cost of not knowing which receivers are blocked."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
-from nlosctl.reproduce.madhow.paper import PAPER, RECEIVERS, panels_by_blocked, ratio, ring, solve
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, median_of, rms_of
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
+from nlosctl.reproduce.madhow.paper import PAPER, RECEIVERS, panels_by_blocked, ring, solve
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, median_of, ratio_of, rms_of
 from nlosctl.reproduce.simulated import Simulated
 from nlosctl.reproduce.verdicts import at_least
 
@@ -21,31 +21,31 @@ _BLOCKED = (1, 2, 3, 4)
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    given = ring(chunk, sensors=RECEIVERS, **condition)
+    trials = ring(chunk, sensors=RECEIVERS, **condition)
     alpha = int(condition["nlos_receivers"]) / RECEIVERS
     return {
-        "known": solve(_told(given), chunk, "ml").error_m,
-        "unknown": solve(given, chunk, "mixture-ml", alpha=alpha).error_m,
-        "trusting": solve(given, chunk, "ml").error_m,
+        "known": solve(_with_los(trials), chunk, "ml").error_m,
+        "unknown": solve(trials, chunk, "mixture-ml", alpha=alpha).error_m,
+        "trusting": solve(trials, chunk, "ml").error_m,
     }
 
 
-def _told(given: Simulated) -> Simulated:
-    """Return the trials with a column ``los`` that says which rows are direct: the others are left out."""
-    return replace(given, table=given.table.append_column("los", [np.asarray(given.columns["truth_los"])]))
+def _with_los(trials: Simulated) -> Simulated:
+    """Return the trials with a true column ``los``, by which methods leave out indirect rows."""
+    return replace(trials, table=trials.table.append_column("los", [np.asarray(trials.columns["truth_los"])]))
 
 
-def _penalty(drawn: Drawn, blocked: int, std_deg: float) -> float:
-    return ratio(drawn, "unknown", "known", nlos_receivers=blocked, bearing_std_deg=std_deg)
+def _penalty(results: Results, blocked: int, std_deg: float) -> float:
+    return ratio_of("unknown", "known")(results.of(nlos_receivers=blocked, bearing_std_deg=std_deg))
 
 
-def _growth(drawn: Drawn, blocked: int) -> float:
-    return _penalty(drawn, blocked, 10.0) / _penalty(drawn, blocked, 1.0)
+def _growth(results: Results, blocked: int) -> float:
+    return _penalty(results, blocked, 10.0) / _penalty(results, blocked, 1.0)
 
 
-def _growth_with_blocked(drawn: Drawn, std_deg: float) -> float:
-    """Return the least growth of the penalty by one more blocked receiver."""
-    penalties = [_penalty(drawn, blocked, std_deg) for blocked in _BLOCKED]
+def _growth_with_blocked(results: Results, std_deg: float) -> float:
+    """Return the smallest growth of the penalty with one more blocked receiver."""
+    penalties = [_penalty(results, blocked, std_deg) for blocked in _BLOCKED]
     return min(after / before for before, after in pairwise(penalties))
 
 
@@ -62,7 +62,7 @@ EXPERIMENT = Experiment(
     claims=(
         *(
             Claim(
-                says=f"{blocked} blocked: not knowing them costs ML significantly: rms unknown over known, 10 deg",
+                text=f"{blocked} blocked: not knowing them costs ML significantly: rms unknown over known, 10 deg",
                 where="Section V-B1, Fig. 6",
                 ours=partial(_penalty, blocked=blocked, std_deg=10.0),
                 expected=at_least(1.1, "> 1"),
@@ -71,7 +71,7 @@ EXPERIMENT = Experiment(
         ),
         *(
             Claim(
-                says=f"{blocked} blocked: the cost grows with the spread: rms unknown over known, 10 deg over 1 deg",
+                text=f"{blocked} blocked: the cost grows with the spread: rms unknown over known, 10 deg over 1 deg",
                 where="Section V-B1, Fig. 6",
                 ours=partial(_growth, blocked=blocked),
                 expected=at_least(1.0, "> 1"),
@@ -83,19 +83,19 @@ EXPERIMENT = Experiment(
             for blocked in _BLOCKED
         ),
         Claim(
-            says="The cost grows with the share of outliers: least growth of the ratio by one more blocked, 4 deg",
+            text="The cost grows with the share of outliers: least growth of the ratio by one more blocked, 4 deg",
             where="Section VI",
             ours=partial(_growth_with_blocked, std_deg=4.0),
             expected=at_least(1.0, "> 1"),
         ),
     ),
-    beside=(
-        Beside(
-            says="What mixture-ml saves: rms of plain ml, all trusted, over that of mixture-ml, 1 blocked, 4 deg",
-            ours=lambda drawn: ratio(drawn, "trusting", "unknown", nlos_receivers=1, bearing_std_deg=4.0),
+    comparisons=(
+        Comparison(
+            text="What mixture-ml saves: rms of plain ml, all trusted, over that of mixture-ml, 1 blocked, 4 deg",
+            ours=at(ratio_of("trusting", "unknown"), nlos_receivers=1, bearing_std_deg=4.0),
         ),
     ),
-    panels=lambda drawn: panels_by_blocked(drawn, _BLOCKED, ("unknown", "unknown"), ("known", "known")),
+    panels=lambda results: panels_by_blocked(results, _BLOCKED, ("unknown", "unknown"), ("known", "known")),
     trials=5000,
     quick_trials=60,
     chunk_trials=1000,

@@ -1,17 +1,17 @@
-"""Ananthasubramaniam, Madhow, Figure 8: how often suppression fails, by the number of bootstraps."""
+"""Ananthasubramaniam, Madhow, Figure 8: failure probability of suppression by number of bootstraps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.madhow.paper import PAPER, RECEIVERS, ring, solve
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, measure, rms
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, measure_all, rms
 from nlosctl.reproduce.verdicts import at_least, printed
 from nlosctl.solvers.sequential.starting_pairs import bootstrap_failure
 
@@ -24,14 +24,14 @@ _BEYOND = 3.0
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    given = ring(chunk, sensors=RECEIVERS, **condition)
+    trials = ring(chunk, sensors=RECEIVERS, **condition)
     alpha = int(condition["nlos_receivers"]) / RECEIVERS
-    found = {
-        f"suppress_{count}": solve(given, chunk, "suppress", alpha=alpha, bootstraps=count).error_m
+    suppress = {
+        f"suppress_{count}": solve(trials, chunk, "suppress", alpha=alpha, bootstraps=count).error_m
         for count in _BOOTSTRAPS
     }
-    repaired = solve(given, chunk, "suppress", alpha=alpha, bootstraps=28, acceptance="likelihood")
-    return {"ml": solve(given, chunk, "mixture-ml", alpha=alpha).error_m, "repaired": repaired.error_m, **found}
+    repaired = solve(trials, chunk, "suppress", alpha=alpha, bootstraps=28, acceptance="likelihood")
+    return {"ml": solve(trials, chunk, "mixture-ml", alpha=alpha).error_m, "repaired": repaired.error_m, **suppress}
 
 
 def _failures(samples: Samples, name: str) -> float:
@@ -39,44 +39,34 @@ def _failures(samples: Samples, name: str) -> float:
     return float(1.0 - np.mean(samples[name] <= _BEYOND * rms(samples["ml"])))
 
 
-def _observed(drawn: Drawn, name: str, blocked: int, std_deg: float) -> float:
-    return _failures(drawn.of(nlos_receivers=blocked, bearing_std_deg=std_deg), name)
+def _observed(name: str, blocked: int, std_deg: float) -> Callable[[Results], float]:
+    return at(partial(_failures, name=name), nlos_receivers=blocked, bearing_std_deg=std_deg)
 
 
 def _expected(blocked: int, count: int) -> float:
     return bootstrap_failure(RECEIVERS, blocked / RECEIVERS, count)
 
 
-def _share_below(drawn: Drawn) -> float:
-    """Return the share of the figure's points, at 4 deg, at which the expected failures exceed the observed."""
-    pairs = [(blocked, count) for blocked in _BLOCKED for count in _BOOTSTRAPS]
-    below = [_expected(*pair) >= _observed(drawn, f"suppress_{pair[1]}", pair[0], 4.0) for pair in pairs]
+def _share_below(results: Results) -> float:
+    """Return the share of the figure's points at 4 deg where the expected failures exceed the observed ones."""
+    below = [
+        _expected(blocked, count) >= _observed(f"suppress_{count}", blocked, 4.0)(results)
+        for blocked in _BLOCKED
+        for count in _BOOTSTRAPS
+    ]
     return sum(below) / len(below)
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     panels = []
     counts = np.array(_BOOTSTRAPS, dtype=np.float64)
     for blocked in _BLOCKED:
         expected = np.array([_expected(blocked, count) for count in _BOOTSTRAPS])
         lines = [Series(label="expected, (27)", x=counts, y=np.where(expected > 1e-5, expected, np.nan), style=0)]
         for style, std_deg in enumerate(_STDS_DEG, 1):
-            found = [
-                measure(
-                    partial(_observed, name=f"suppress_{count}", blocked=blocked, std_deg=std_deg),
-                    drawn,
-                )
-                for count in _BOOTSTRAPS
-            ]
-            lines.append(
-                Series(
-                    label=f"observed, {std_deg:g} deg",
-                    x=counts,
-                    y=np.array([one.value for one in found]),
-                    error=np.array([one.standard_error for one in found]),
-                    style=style,
-                )
-            )
+            observed = [_observed(f"suppress_{count}", blocked, std_deg) for count in _BOOTSTRAPS]
+            share, error = measure_all(observed, results)
+            lines.append(Series(label=f"observed, {std_deg:g} deg", x=counts, y=share, error=error, style=style))
         panels.append(
             LinesPanel(
                 x_label="bootstraps M [-]",
@@ -101,7 +91,7 @@ EXPERIMENT = Experiment(
     },
     claims=(
         Claim(
-            says="Expected failures (27) exceed the observed ones almost everywhere: share of points, 4 deg",
+            text="Expected failures (27) exceed the observed ones almost everywhere: share of points, 4 deg",
             where="Section V-B1, Fig. 8",
             ours=_share_below,
             expected=at_least(0.8, "~ 1"),
@@ -110,29 +100,29 @@ EXPERIMENT = Experiment(
         ),
         *(
             Claim(
-                says=f"It levels off at about 3e-3: observed with M = 18, {blocked} blocked, 4 deg",
+                text=f"It levels off at about 3e-3: observed with M = 18, {blocked} blocked, 4 deg",
                 where="Section V-B1, Fig. 8",
-                ours=partial(_observed, name="suppress_18", blocked=blocked, std_deg=4.0),
+                ours=_observed("suppress_18", blocked, 4.0),
                 expected=printed("3e-3", tolerance=1.5e-3),
             )
             for blocked in _BLOCKED
         ),
         Claim(
-            says="Noise alone is beyond 3 nu with probability exp(-9) = 1e-4, of errors N(0, nu^2) in x and y",
+            text="Noise alone is beyond 3 nu with probability exp(-9) = 1e-4, of errors N(0, nu^2) in x and y",
             where="Section V-B1",
-            ours=lambda drawn: math.exp(-0.5 * _BEYOND**2),
+            ours=lambda results: math.exp(-0.5 * _BEYOND**2),
             expected=printed("1e-4"),
             note="exp(-4.5); exp(-9) holds for three times the total rms, as in the figure's own definition.",
         ),
     ),
-    beside=(
-        Beside(
-            says="Failures of mixture-ml, 1 blocked, 4 deg",
-            ours=partial(_observed, name="ml", blocked=1, std_deg=4.0),
+    comparisons=(
+        Comparison(
+            text="Failures of mixture-ml, 1 blocked, 4 deg",
+            ours=_observed("ml", 1, 4.0),
         ),
-        Beside(
-            says="Failures of suppression with all 28 pairs and acceptance=likelihood, 1 blocked, 4 deg",
-            ours=partial(_observed, name="repaired", blocked=1, std_deg=4.0),
+        Comparison(
+            text="Failures of suppression with all 28 pairs and acceptance=likelihood, 1 blocked, 4 deg",
+            ours=_observed("repaired", 1, 4.0),
         ),
     ),
     panels=_panels,

@@ -1,4 +1,4 @@
-"""Ananthasubramaniam, Madhow: the paper, where its text is in error, and its ring of receivers."""
+"""Ananthasubramaniam, Madhow: the paper with the errors in its text, and its ring of receivers."""
 
 from __future__ import annotations
 
@@ -8,53 +8,40 @@ from typing import Any
 from nlosctl.plotting.panels import LinesPanel, Panel
 from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
 from nlosctl.reproduce.panels import curve
-from nlosctl.reproduce.samples import Drawn, Statistic, median_of, rms_of
+from nlosctl.reproduce.samples import Results, median_of, rms_of
 from nlosctl.reproduce.simulated import Fixes, Simulated, fixes, simulated
 
-__all__ = ["BOOTSTRAPS", "FIELD", "PAPER", "RECEIVERS", "panels_by_blocked", "ratio", "ring", "solve", "worst_ratio"]
+__all__ = ["BOOTSTRAPS", "FIELD", "PAPER", "RECEIVERS", "panels_by_blocked", "ring", "solve"]
 
 FIELD = "circle:0,0,1"
 """The paper's field: the unit disc of receivers; lengths are in radii."""
 RECEIVERS = 8
 BOOTSTRAPS = {1: 4, 2: 7, 3: 11, 4: 15}
-"""M of Section V-B by the number of blocked receivers."""
+"""M of Section V-B by number of blocked receivers."""
 
 
 def ring(chunk: Chunk, **parameters: Any) -> Simulated:
-    """Draw trials on the ring of Section V: receivers on the unit circle, 25 sources in turn."""
+    """Sample trials on the ring of Section V: receivers on the unit circle, 25 sources in turn."""
     return simulated("madhow-ring", chunk, **parameters)
 
 
-def solve(given: Simulated, chunk: Chunk, method: str, **parameters: Any) -> Fixes:
-    """Solve every trial within the paper's field."""
-    return fixes(given, chunk, method, field=FIELD, **parameters)
-
-
-def ratio(drawn: Drawn, name: str, other: str, of: Any = rms_of, **keys: Any) -> float:
-    """Return a statistic (rms unless told) of ``name`` over that of ``other``, under one condition."""
-    samples = drawn.of(**keys)
-    upper: Statistic = of(name)
-    lower: Statistic = of(other)
-    return upper(samples) / lower(samples)
-
-
-def worst_ratio(drawn: Drawn, name: str, other: str, of: Any = rms_of, **keys: Any) -> float:
-    """Return the largest `ratio` over all conditions with these values."""
-    return max(float(of(name)(samples) / of(other)(samples)) for _, samples in drawn.where(**keys))
+def solve(trials: Simulated, chunk: Chunk, method: str, **parameters: Any) -> Fixes:
+    """Solve each trial within the paper's field."""
+    return fixes(trials, chunk, method, field=FIELD, **parameters)
 
 
 def panels_by_blocked(
-    drawn: Drawn, blocked: Sequence[int], marked: tuple[str, str], plain: tuple[str, str]
+    results: Results, blocked: Sequence[int], marked: tuple[str, str], plain: tuple[str, str]
 ) -> Sequence[Panel]:
-    """Return root mean square and median over the spread, a colour for each number of blocked receivers.
+    """Return root mean square and median over the spread, with a colour per number of blocked receivers.
 
-    ``marked`` and ``plain`` are the name and label of two kinds of samples, with and without markers.
+    ``marked`` and ``plain`` are the names and labels of two kinds of samples, drawn with and without markers.
     """
     panels = []
     for statistic, title in ((rms_of, "root mean square"), (median_of, "median")):
         lines = tuple(
             curve(
-                drawn,
+                results,
                 "bearing_std_deg",
                 f"{count} of {RECEIVERS} blocked, {label}",
                 statistic(name),
@@ -111,7 +98,7 @@ PAPER = Paper(
         Erratum(
             where="Section V-A",
             printed="K = S~ (S~ + S~)^-1",
-            right="K = S- (S- + S~)^-1; whether SNR = 12 dB is the number 12 or 15.85 can't be told",
+            right="K = S- (S- + S~)^-1; it is unclear whether SNR = 12 dB means the number 12 or 15.85",
         ),
         Erratum(
             where="Section V-B, Fig. 8",

@@ -1,1 +1,1 @@
-"""Shen and Molisch: figures and tables."""
+"""Figures and tables of Shen and Molisch."""

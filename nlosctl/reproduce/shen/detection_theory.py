@@ -1,6 +1,6 @@
-"""What the difference rules should reach: P_f, P_d, outage and blind spots of Shen, Molisch 2012, Section IV.
+"""Theory of the difference rules: P_f, P_d, outage and blind spots of Shen, Molisch 2012, Section IV.
 
-Everything is for one transmitter, receiver and target, and any number of reflectors that an indirect path may go over.
+For one transmitter, receiver and target, and indirect paths via one of any number of reflectors.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Order = Literal["reflector first", "target first"]
 Rule = int | str
 
 ORDERS: tuple[Order, Order] = ("reflector first", "target first")
-"""Which of the two a path meets first."""
+"""Order in which a path meets the two."""
 
 TABLE_I: dict[int, tuple[str, str, str]] = {
     1: ("reflector on the DOD or DOA line", "alpha -> 0 (DOD parallel to DOA), beta -> 0", "mu2 = pi/2"),
@@ -52,7 +52,7 @@ TABLE_I: dict[int, tuple[str, str, str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionScene:
-    """Transmitter, receiver and target (x, y in metres), and the transmitted power that sets the noise (37)-(40)."""
+    """Transmitter, receiver and target (x, y in metres), and the transmitted power, for the noise (37)-(40)."""
 
     tx_m: tuple[float, float] = (-2.5, 0.0)
     rx_m: tuple[float, float] = (2.5, 0.0)
@@ -60,7 +60,7 @@ class DetectionScene:
     power_dbm: float = 1.0
 
     def indirect_rows(self, reflector_xy_m: FloatArray, order: Order) -> PathRows:
-        """Return noise-free indirect paths over reflectors (N, 2), with the standard deviations of their noise."""
+        """Return noise-free indirect paths via reflectors (N, 2), with the standard deviations of their noise."""
         target = np.broadcast_to(np.array(self.target_m), reflector_xy_m.shape)
         objects = (reflector_xy_m, target) if order == "reflector first" else (target, reflector_xy_m)
         return self._rows(trace_over_objects(*self._nodes(), np.stack(objects, axis=1)))
@@ -102,12 +102,12 @@ def false_alarm_probability(threshold_m: FloatArray | float, std_m: FloatArray |
 
 
 def detection_probability(mean_m: FloatArray, std_m: FloatArray, false_alarm: float) -> FloatArray:
-    """Return P(|lambda| > delta) for indirect paths of that mean, delta = Q^-1(P_f / 2) std; equations (27), (33)."""
+    """Return P(|lambda| > delta) for indirect paths with that mean, delta = Q^-1(P_f / 2) std; equations (27), (33)."""
     return outage_probability(mean_m, std_m, -float(ndtri(0.5 * false_alarm)) * std_m)
 
 
 def outage_probability(mean_m: FloatArray, std_m: FloatArray, threshold_m: FloatArray | float) -> FloatArray:
-    """Return P(|lambda| > threshold) for paths whose noise-free lambda is ``mean_m``; elementwise, NaN in, NaN out."""
+    """Return P(|lambda| > threshold) for paths whose noise-free lambda is ``mean_m``; NaN where it is NaN."""
     return np.asarray(ndtr((mean_m - threshold_m) / std_m) + ndtr((-mean_m - threshold_m) / std_m))
 
 
@@ -116,7 +116,7 @@ def outage_probabilities(
 ) -> tuple[float, float]:
     """Return both outage probabilities of (36) over paths (N,): inside the safe region |mean| <= eta, and outside.
 
-    NaN where no path is there.
+    NaN without paths in the region.
     """
     outage = outage_probability(mean_m, std_m, threshold_m)
     inside = np.abs(mean_m) <= eta_m
@@ -126,7 +126,7 @@ def outage_probabilities(
 def scene_detection_probability(
     scene: DetectionScene, reflector_xy_m: FloatArray, rule: Rule, false_alarm: float, order: Order
 ) -> FloatArray:
-    """Return P_d (N,) by (33) for paths over the target and each of the reflectors (N, 2)."""
+    """Return P_d (N,) by (33) for paths via the target and each of the reflectors (N, 2)."""
     return detection_probability(*rule_moments(scene.indirect_rows(reflector_xy_m, order), rule), false_alarm)
 
 
@@ -141,7 +141,7 @@ def mean_detection_probability(
 ) -> float:
     """Return P_d by (33) averaged over reflectors uniform in a rectangle, both orders equally likely.
 
-    By the midpoint rule on ``points`` squared places; those where P_d is not defined count as not detected.
+    By the midpoint rule on ``points`` squared reflectors; undefined P_d count as 0.
     """
     grid = reflector_grid(x_m, y_m, points)
     both = [scene_detection_probability(scene, grid, rule, false_alarm, order) for order in ORDERS]
@@ -149,7 +149,7 @@ def mean_detection_probability(
 
 
 def reflector_grid(x_m: tuple[float, float], y_m: tuple[float, float], points: int) -> FloatArray:
-    """Return the midpoints (points^2, 2) of a rectangle's cells, y running fastest."""
+    """Return the midpoints (points^2, 2) of a rectangle's cells, y varying fastest."""
     share = (np.arange(points) + 0.5) / points
     x, y = x_m[0] + share * (x_m[1] - x_m[0]), y_m[0] + share * (y_m[1] - y_m[0])
     return np.stack([np.repeat(x, points), np.tile(y, points)], axis=1)
@@ -157,17 +157,17 @@ def reflector_grid(x_m: tuple[float, float], y_m: tuple[float, float], points: i
 
 @dataclass(frozen=True)
 class BlindSpots:
-    """Fields (N,) over reflectors whose zero lines are a rule's blind spots, as Fig. 4 draws them.
+    """Fields (N,) over reflectors whose zero lines are a rule's blind spots in Fig. 4.
 
     ``off_dod_line_m``, ``off_doa_line_m`` (BS1): signed distances of the reflector from the lines from transmitter and
-    receiver to the target; of each line only the part before or beyond the target is blind, by the order of the path.
-    ``spread`` (BS2): the products alpha, beta, gamma that the rule divides by, in sine form. ``mean_m`` (BS3, and
+    receiver to the target; only the part of a line before or beyond the target is blind, depending on the path's order.
+    ``divisor`` (BS2): the product of alpha, beta, gamma by which the rule divides, in sine form. ``mean_m`` (BS3, and
     BS1): the noise-free lambda.
     """
 
     off_dod_line_m: FloatArray
     off_doa_line_m: FloatArray
-    spread: FloatArray
+    divisor: FloatArray
     mean_m: FloatArray
 
 
@@ -176,16 +176,16 @@ def blind_spots(scene: DetectionScene, reflector_xy_m: FloatArray, rule: int, or
     rows = scene.indirect_rows(reflector_xy_m, order)
     rays = rows.rays
     alpha = rays.crossing_sine
-    # beta, gamma: how steeply the departing (arriving) ray cuts the ellipse; never 0 from a focus inside it.
+    # beta, gamma: sines of the angle between departing (arriving) ray and ellipse; never 0 from a focus inside it.
     beta, gamma = (
         1.0 - rays.baseline_m * cosine / rays.path_length_m for cosine in (rays.dod_cosine, -rays.doa_cosine)
     )
-    spread = {1: alpha * beta, 2: alpha * beta, 3: alpha * gamma, 4: alpha * gamma, 5: beta * gamma, 6: beta * gamma}
+    divisor = {1: alpha * beta, 2: alpha * beta, 3: alpha * gamma, 4: alpha * gamma, 5: beta * gamma, 6: beta * gamma}
     target = np.array(scene.target_m)
     return BlindSpots(
         off_dod_line_m=_off_line(np.array(scene.tx_m), target, reflector_xy_m),
         off_doa_line_m=_off_line(np.array(scene.rx_m), target, reflector_xy_m),
-        spread=spread[rule],
+        divisor=divisor[rule],
         mean_m=rays.difference(rule).value_m,
     )
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.plotting.panels import Panel, RegionsPanel, Series
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions
 from nlosctl.reproduce.shen.detection_theory import (
     ORDERS,
     Order,
@@ -35,10 +34,10 @@ _CLASSES = {"P_d below 0.5": 0.5, "0.5 to 0.9": 0.9, "above 0.9": 1.1}
 
 
 def _reflectors(trials: IntArray, total: int) -> FloatArray:
-    """Return reflectors (T, 2) of a lattice of square cells over the region, x running fastest."""
+    """Return reflectors (T, 2) of a lattice of square cells over the region, x varying fastest."""
     columns, step = _lattice(total)
-    place = np.stack([trials % columns, trials // columns], axis=1)
-    return np.asarray(np.array([REGION_M[0], REGION_M[2]]) + (place + 0.5) * step)
+    cell = np.stack([trials % columns, trials // columns], axis=1)
+    return np.asarray(np.array([REGION_M[0], REGION_M[2]]) + (cell + 0.5) * step)
 
 
 def _lattice(total: int) -> tuple[int, float]:
@@ -49,7 +48,7 @@ def _lattice(total: int) -> tuple[int, float]:
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    """Return P_d over each reflector by (33), the worse of both orders; for lambda also its mean in each order."""
+    """Return P_d via each reflector by (33), the smaller of both orders; for lambda also its mean in each order."""
     reflectors, rule = _reflectors(chunk.trials, chunk.total), str(condition["rule"])
     with ignoring_division():  # a reflector on the target
         return _fields(reflectors, rule)
@@ -57,41 +56,40 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
 
 def _fields(reflectors: FloatArray, rule: str) -> Samples:
     if rule == "chi2":
-        found = [_consistency_detects(reflectors, order) for order in ORDERS]
-        return {"p_d": np.minimum(*found)}
+        return {"p_d": np.minimum(*(_consistency_detection(reflectors, order) for order in ORDERS))}
     number = int(rule[-1])
     spots = [blind_spots(SCENE, reflectors, number, order) for order in ORDERS]
-    found = [scene_detection_probability(SCENE, reflectors, number, _LEVEL, order) for order in ORDERS]
+    p_d = [scene_detection_probability(SCENE, reflectors, number, _LEVEL, order) for order in ORDERS]
     sector = 2.0 * (spots[0].off_dod_line_m > 0.0) + (spots[0].off_doa_line_m > 0.0)
     return {
-        "p_d": np.minimum(*found),
+        "p_d": np.minimum(*p_d),
         "first_mean_m": spots[0].mean_m,
         "second_mean_m": spots[1].mean_m,
-        "divisor": np.minimum(*(np.abs(spot.spread) for spot in spots)),
+        "divisor": np.minimum(*(np.abs(spot.divisor) for spot in spots)),
         "sector": sector,
     }
 
 
-def _consistency_detects(reflectors: FloatArray, order: Order) -> FloatArray:
-    """Return P_d of chi2 over reflectors as (33) does: the square root of its noise-free value is the mean, std 1."""
+def _consistency_detection(reflectors: FloatArray, order: Order) -> FloatArray:
+    """Return P_d of chi2 via reflectors, by (33) with the square root of its noise-free value as mean and std 1."""
     mean = np.sqrt(2.0 * fit_paths(SCENE.indirect_rows(reflectors, order)).cost)
     return detection_probability(mean, np.ones(mean.shape), _LEVEL)
 
 
-def _blind_share(drawn: Drawn, *, rule: str) -> float:
+def _blind_share(samples: Samples) -> float:
     """Return the share of the region where P_d is below one half."""
-    return float(np.mean(~(drawn.of(rule=rule)["p_d"] >= _BLIND)))
+    return float(np.mean(~(samples["p_d"] >= _BLIND)))
 
 
-def _others_blind_more(drawn: Drawn) -> float:
-    return min(_blind_share(drawn, rule=rule) for rule in _RULES[:6] if rule != "lambda5") / _blind_share(
-        drawn, rule="lambda5"
-    )
+def _next_best(results: Results) -> float:
+    """Return the smallest blind share of the other rules divided by that of lambda 5."""
+    others = (_blind_share(results.of(rule=rule)) for rule in _RULES[:6] if rule != "lambda5")
+    return min(others) / _blind_share(results.of(rule="lambda5"))
 
 
-def _sectors_of_two_signs(drawn: Drawn) -> float:
-    """Return in how many of the parts between the lines to the target, of both orders, the mean changes its sign."""
-    samples = drawn.of(rule="lambda5")
+def _sectors_of_two_signs(results: Results) -> float:
+    """Return the number of sectors between the lines to the target, of both orders, where the mean changes its sign."""
+    samples = results.of(rule="lambda5")
     return float(
         sum(
             np.unique(np.sign(samples[mean][(samples["sector"] == sector) & (np.abs(samples[mean]) > 1e-9)])).size > 1
@@ -101,11 +99,11 @@ def _sectors_of_two_signs(drawn: Drawn) -> float:
     )
 
 
-def _least_divisor(drawn: Drawn) -> float:
-    return float(drawn.of(rule="lambda5")["divisor"].min())
+def _least_divisor(results: Results) -> float:
+    return float(results.of(rule="lambda5")["divisor"].min())
 
 
-def _largest_alpha(drawn: Drawn) -> float:
+def _largest_alpha(results: Results) -> float:
     """Return the largest sine between DOD and DOA over reflectors on the lines of BS2."""
     along = np.linspace(0.0, 1.0, 50)
     return max(
@@ -115,12 +113,12 @@ def _largest_alpha(drawn: Drawn) -> float:
     )
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
-    return [_map(drawn, rule) for rule in _RULES[:6]]
+def _panels(results: Results) -> Sequence[Panel]:
+    return [_map(results, rule) for rule in _RULES[:6]]
 
 
-def _map(drawn: Drawn, rule: str) -> Panel:
-    p_d = drawn.of(rule=rule)["p_d"]
+def _map(results: Results, rule: str) -> Panel:
+    p_d = results.of(rule=rule)["p_d"]
     columns, step = _lattice(p_d.size)
     rows = -(-p_d.size // columns)
     limits = np.array(list(_CLASSES.values()))
@@ -156,45 +154,45 @@ EXPERIMENT = Experiment(
     conditions=conditions(rule=_RULES),
     sample=_sample,
     quantities={
-        "share_missed_half": lambda samples: float(np.mean(~(samples["p_d"] >= _BLIND))),
+        "share_missed_half": _blind_share,
         "mean_p_d": lambda samples: float(np.mean(np.nan_to_num(samples["p_d"]))),
     },
     claims=(
         Claim(
-            says="BS2 by beta or gamma -> 0 does not exist here: least product over the region",
+            text="BS2 by beta or gamma -> 0 does not exist here: least product over the region",
             where=_WHERE,
             ours=_least_divisor,
             expected=at_least(1e-3, "> 0"),
             note="It never does: from a focus inside it, no ray meets the ellipse along its tangent.",
         ),
         Claim(
-            says="BS2 by alpha -> 0: lines from the nodes, parallel to DOD and DOA: largest alpha on them",
+            text="BS2 by alpha -> 0: lines from the nodes, parallel to DOD and DOA: largest alpha on them",
             where=_WHERE,
             ours=_largest_alpha,
             expected=at_most(1e-9, "0"),
         ),
         Claim(
-            says="lambda 5 has BS1 alone: parts between the lines to the target where its mean changes sign",
+            text="lambda 5 has BS1 alone: parts between the lines to the target where its mean changes sign",
             where=_WHERE,
             ours=_sectors_of_two_signs,
             expected=at_most(0.0, "0"),
         ),
         Claim(
-            says="lambda 5 has the smallest blind spots: region with P_d < 0.5 of the next best, over its own",
+            text="lambda 5 has the smallest blind spots: region with P_d < 0.5 of the next best, over its own",
             where=_WHERE,
-            ours=_others_blind_more,
+            ours=_next_best,
             expected=at_least(1.0, "> 1"),
         ),
         *(
             Claim(
-                says=f"Share of the region with P_d < 0.5 by (33), worse order, 1 dBm: lambda {rule[-1]}",
+                text=f"Share of the region with P_d < 0.5 by (33), worse order, 1 dBm: lambda {rule[-1]}",
                 where=_WHERE,
-                ours=partial(_blind_share, rule=rule),
+                ours=at(_blind_share, rule=rule),
             )
             for rule in _RULES[:6]
         ),
     ),
-    beside=(Beside(says="The same of chi2", ours=partial(_blind_share, rule="chi2")),),
+    comparisons=(Comparison(text="The same of chi2", ours=at(_blind_share, rule="chi2")),),
     panels=_panels,
     trials=5760,
     quick_trials=1440,

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
-from nlosctl.reproduce.experiment import Beside, Claim, Experiment
+from nlosctl.reproduce.experiment import Claim, Comparison, Experiment
 from nlosctl.reproduce.panels import curve
-from nlosctl.reproduce.samples import Drawn, conditions
-from nlosctl.reproduce.shen.paper import CHUNK_TRIALS, PAPER, READINGS, RULES, detection_samples, rate, rate_in
+from nlosctl.reproduce.samples import Results, at, conditions
+from nlosctl.reproduce.shen.paper import CHUNK_TRIALS, PAPER, READINGS, RULES, detection_samples, rate
 from nlosctl.reproduce.verdicts import about, at_least
 
 __all__ = ["EXPERIMENT"]
@@ -25,42 +25,39 @@ _EXPECTED = Series(
 _RULES = ("lambda5", "fusion0", "fusion1", "chi2")
 
 
-def _rate(drawn: Drawn, *, truth: str, rule: str, power_dbm: float, reading: str = "rays") -> float:
-    return rate_in(drawn, truth=truth, rule=rule, level=_LEVEL, power_dbm=power_dbm, reading=reading)
+def _rate(truth: str, rule: str, power_dbm: float, reading: str = "rays") -> Callable[[Results], float]:
+    return at(partial(rate, truth=truth, rule=rule, level=_LEVEL), power_dbm=power_dbm, reading=reading)
 
 
-def _excess(drawn: Drawn, rule: str) -> float:
-    """Return how far P_f is from the expected at worst, over all powers."""
-    return max(abs(_rate(drawn, truth="direct", rule=rule, power_dbm=power_dbm) - _LEVEL) for power_dbm in _POWERS_DBM)
+def _excess(results: Results, rule: str) -> float:
+    """Return the largest difference of P_f from the expected one, over all powers."""
+    return max(abs(_rate("direct", rule, power_dbm)(results) - _LEVEL) for power_dbm in _POWERS_DBM)
 
 
-def _steadier(drawn: Drawn, *, rule: str) -> float:
-    return _excess(drawn, rule) - _excess(drawn, "lambda5")
+def _steadier(results: Results, *, rule: str) -> float:
+    return _excess(results, rule) - _excess(results, "lambda5")
 
 
-def _least_rise(drawn: Drawn) -> float:
-    found = [_rate(drawn, truth="indirect", rule="lambda5", power_dbm=power_dbm) for power_dbm in _POWERS_DBM]
-    return float(np.min(np.diff(found)))
+def _least_rise(results: Results) -> float:
+    p_d = [_rate("indirect", "lambda5", power_dbm)(results) for power_dbm in _POWERS_DBM]
+    return float(np.min(np.diff(p_d)))
 
 
-def _closer(drawn: Drawn) -> float:
-    """Return how much nearer P_f of fusion with K = 0 is to the expected at the highest power than at the lowest."""
-    away = [
-        abs(_rate(drawn, truth="direct", rule="fusion0", power_dbm=power_dbm) - _LEVEL)
-        for power_dbm in (_POWERS_DBM[0], _POWERS_DBM[-1])
-    ]
-    return away[0] - away[1]
+def _closer(results: Results) -> float:
+    """Return how much closer P_f of fusion with K = 0 is to 0.05 at the highest power than at the lowest."""
+    low, high = (abs(_rate("direct", "fusion0", _POWERS_DBM[end])(results) - _LEVEL) for end in (0, -1))
+    return low - high
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     return [
         LinesPanel(
-            title=f"{told}, {truth} paths",
+            title=f"{label}, {truth} paths",
             x_label="transmitted power [dBm]",
             y_label=f"{kind} [-]",
             lines=tuple(
                 curve(
-                    drawn,
+                    results,
                     "power_dbm",
                     RULES[rule][0],
                     partial(rate, truth=truth, rule=rule, level=_LEVEL),
@@ -70,7 +67,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             )
             + (() if truth == "indirect" else (_EXPECTED,)),
         )
-        for reading, told in READINGS.items()
+        for reading, label in READINGS.items()
         for truth, kind in (("direct", "P_f"), ("indirect", "P_d"))
     ]
 
@@ -89,39 +86,39 @@ EXPERIMENT = Experiment(
     claims=(
         *(
             claim
-            for reading, told in READINGS.items()
+            for reading, label in READINGS.items()
             for claim in (
                 Claim(
-                    says=f"lambda 5 at -5 dBm, {told}: P_f = 5 %",
+                    text=f"lambda 5 at -5 dBm, {label}: P_f = 5 %",
                     where=_WHERE,
-                    ours=partial(_rate, truth="direct", rule="lambda5", power_dbm=-5.0, reading=reading),
+                    ours=_rate("direct", "lambda5", -5.0, reading),
                     expected=about(0.05, 0.1, "0.05"),
                     note="Both halves at once are not reproduced: rays keep P_f, lines reach P_d.",
                 ),
                 Claim(
-                    says=f"lambda 5 at -5 dBm, {told}: P_d > 85 %",
+                    text=f"lambda 5 at -5 dBm, {label}: P_d > 85 %",
                     where=_WHERE,
-                    ours=partial(_rate, truth="indirect", rule="lambda5", power_dbm=-5.0, reading=reading),
+                    ours=_rate("indirect", "lambda5", -5.0, reading),
                     expected=at_least(0.85, "> 0.85"),
                     note="Both halves at once are not reproduced: rays keep P_f, lines reach P_d.",
                 ),
             )
         ),
         Claim(
-            says="P_d of lambda 5 rises with the power: least rise from one to the next",
+            text="P_d of lambda 5 rises with the power: least rise from one to the next",
             where=_WHERE,
             ours=_least_rise,
             expected=at_least(0.0, "> 0"),
         ),
         Claim(
-            says="P_f comes nearer to the expected with rising power: fusion K = 0, by, -10 to 30 dBm",
+            text="P_f comes nearer to the expected with rising power: fusion K = 0, by, -10 to 30 dBm",
             where=_WHERE,
             ours=_closer,
             expected=at_least(0.0, "> 0"),
         ),
         *(
             Claim(
-                says=f"P_f of lambda 5 is less impacted than that of {RULES[rule][0]}: worst excess less by",
+                text=f"P_f of lambda 5 is less impacted than that of {RULES[rule][0]}: worst excess less by",
                 where=_WHERE,
                 ours=partial(_steadier, rule=rule),
                 expected=at_least(0.0, "> 0"),
@@ -129,12 +126,12 @@ EXPERIMENT = Experiment(
             for rule in ("fusion0", "fusion1")
         ),
     ),
-    beside=(
+    comparisons=(
         *(
-            Beside(says=f"chi2 at -5 dBm: {kind}", ours=partial(_rate, truth=truth, rule="chi2", power_dbm=-5.0))
+            Comparison(text=f"chi2 at -5 dBm: {kind}", ours=_rate(truth, "chi2", -5.0))
             for truth, kind in (("direct", "P_f"), ("indirect", "P_d"))
         ),
-        Beside(says="chi2: worst difference of P_f from 0.05, all powers", ours=partial(_excess, rule="chi2")),
+        Comparison(text="chi2: worst difference of P_f from 0.05, all powers", ours=partial(_excess, rule="chi2")),
     ),
     panels=_panels,
     trials=50_000,

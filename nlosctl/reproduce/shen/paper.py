@@ -1,4 +1,4 @@
-"""Shen, Molisch 2012: the paper, where its text is in error, and its trials: direct and indirect paths, and rules."""
+"""Shen, Molisch 2012: the paper with the errors in its text, its rules, and its trials, direct and indirect paths."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from nlosctl.api import detect_ip
 from nlosctl.arrays import FloatArray
 from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
-from nlosctl.reproduce.samples import Condition, Drawn, Samples
+from nlosctl.reproduce.samples import Condition, Samples
 from nlosctl.reproduce.simulated import Simulated, simulated
 from nlosctl.reproduce.verdicts import Expected, printed
 
@@ -26,7 +26,6 @@ __all__ = [
     "p_values",
     "printed_share",
     "rate",
-    "rate_in",
     "rates",
     "triplet_trials",
 ]
@@ -81,7 +80,7 @@ LEVELS = tuple(
         {*(round(10.0**power, 6) for power in np.linspace(-3.0, 0.0, 31)), 0.03, 0.04, 0.05, 0.07, 0.3, 0.5, 0.9, 0.95}
     )
 )
-"""The expected P_f at which paths are judged; samples hold the place of the first at which a path is flagged."""
+"""Expected P_f at which paths are tested; samples hold the index of the first level at which a path is flagged."""
 
 RULES: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
     **{f"lambda{rule}": (f"lambda {rule}", "tdaj", {"rule": f"lambda{rule}"}) for rule in range(1, 7)},
@@ -92,52 +91,47 @@ RULES: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
 """Label, method and parameters of each rule."""
 
 READINGS = {"rays": "rays, Algorithm 1", "lines": "lines, as simulated"}
-"""Rays, as Algorithm 1 has it; or lines, those that meet behind a node being indirect, as the paper's simulator."""
+"""Readings of the paper: rays as in Algorithm 1, or lines as in its simulator, indirect if they meet behind a node."""
 
 
 def triplet_trials(chunk: Chunk, *, indirect: bool, reading: str = "rays", **parameters: Any) -> Simulated:
-    """Draw the chunk's trials of ``shen``, one path each, all indirect or all direct."""
+    """Sample the chunk's trials of ``shen``, one path each, all indirect or all direct."""
     share, folded = float(indirect), reading == "lines"
     return simulated("shen", chunk, indirect_fraction=share, fold_angles=folded, **parameters)
 
 
-def p_values(given: Simulated, chunk: Chunk, rule: str, *, reading: str = "rays") -> FloatArray:
-    """Return each path's p-value (T,) by a rule, 1 where it can't judge."""
+def p_values(trials: Simulated, chunk: Chunk, rule: str, *, reading: str = "rays") -> FloatArray:
+    """Return each path's p-value (T,) by a rule, 1 if it has none."""
     _, method, options = RULES[rule]
     parameters: dict[str, Any] = {**options, **({"behind_is_ip": True} if reading == "lines" else {})}
-    flags = detect_ip(given.table, method=method, seed=chunk.seed, **parameters).flags
+    flags = detect_ip(trials.table, method=method, seed=chunk.seed, **parameters).flags
     return np.nan_to_num(np.asarray(flags.column("p_value").to_numpy(zero_copy_only=False), dtype=np.float64), nan=1.0)
 
 
 def detection_samples(condition: Condition, chunk: Chunk, *, number: int, rules: Sequence[str]) -> Samples:
-    """Return for direct and indirect paths and each rule the place in `LEVELS` from which a path is flagged.
+    """Return the index of the first of `LEVELS` that flags a path, for direct and indirect paths and each rule.
 
-    The condition may have a ``reading``, which is for the paper's rules alone; the rest are parameters of ``shen``.
+    The condition may have a ``reading``, for the paper's rules only, and has parameters of the scenario ``shen``.
     """
     parameters: dict[str, Any] = {"number": number, **condition}
     wanted = str(parameters.pop("reading", "rays"))
     samples = {}
     for truth in ("direct", "indirect"):
         indirect = truth == "indirect"
-        given = {
+        trials = {
             reading: triplet_trials(chunk, indirect=indirect, reading=reading, **parameters)
             for reading in {"rays", wanted}
         }
         for rule in rules:
             reading = wanted if RULES[rule][1] == "tdaj" else "rays"
-            p_value = p_values(given[reading], chunk, rule, reading=reading)
+            p_value = p_values(trials[reading], chunk, rule, reading=reading)
             samples[f"{truth}_{rule}"] = np.searchsorted(LEVELS, p_value, side="right").astype(float)
     return samples
 
 
 def rate(samples: Samples, *, truth: str, rule: str, level: float) -> float:
-    """Return the share of paths that are flagged at an expected P_f, one of `LEVELS`: P_f or P_d."""
+    """Return the share of paths flagged at an expected P_f of `LEVELS`: P_f of direct paths, P_d of indirect ones."""
     return float(np.mean(samples[f"{truth}_{rule}"] <= LEVELS.index(level)))
-
-
-def rate_in(drawn: Drawn, *, truth: str, rule: str, level: float, **keys: float | int | str) -> float:
-    """Return the `rate` in one condition."""
-    return rate(drawn.of(**keys), truth=truth, rule=rule, level=level)
 
 
 def printed_share(shown: str, trials: int = TRIALS) -> Expected:
@@ -148,6 +142,6 @@ def printed_share(shown: str, trials: int = TRIALS) -> Expected:
 
 def rates(samples: Samples, *, truth: str, rule: str) -> FloatArray:
     """Return the `rate` at each of `LEVELS`."""
-    places = samples[f"{truth}_{rule}"].astype(np.int64)
-    counts = np.bincount(places, minlength=len(LEVELS) + 1)[: len(LEVELS)]
-    return np.asarray(np.cumsum(counts) / places.shape[0])
+    first = samples[f"{truth}_{rule}"].astype(np.int64)
+    counts = np.bincount(first, minlength=len(LEVELS) + 1)[: len(LEVELS)]
+    return np.asarray(np.cumsum(counts) / first.shape[0])

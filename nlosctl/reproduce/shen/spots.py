@@ -1,4 +1,4 @@
-"""Shen, Molisch 2012, Section IV-C: where the reflectors are over which a rule is blind, for a target at (-1, 5)."""
+"""Shen, Molisch 2012, Section IV-C: reflectors via which a rule is blind, for a target at (-1, 5)."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ SCENE = DetectionScene(target_m=(-1.0, 5.0))
 REGION_M = (-8.0, 8.0, 0.0, 10.0)
 _FIRST, _SECOND = ORDERS
 _NEAR, _FAR = 0.5, 30.0
-"""Reflectors are no nearer to the node than this, metres; the half-lines are cut at the region's edge."""
+"""Smallest distance of a reflector from the node, and length of a half-line before it is cut at the region, metres."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spot:
-    """A blind spot: reflectors on a line from one point to another, x and y in metres, on paths of one order."""
+    """A blind spot: reflectors on a line segment, x and y in metres, for paths of one order."""
 
     kind: str
     order: Order
@@ -29,13 +29,13 @@ class Spot:
     to_m: tuple[float, float]
 
     def points(self, along: FloatArray) -> FloatArray:
-        """Return points (N, 2) at shares (N,) of the way."""
+        """Return the points (N, 2) at shares (N,) of the segment."""
         start, end = np.array(self.from_m), np.array(self.to_m)
         return np.asarray(start + along[:, None] * (end - start))
 
 
 def _half_line(kind: str, order: Order, node: tuple[float, float], angle: float) -> Spot:
-    """Return the part within the region of a half-line from a node."""
+    """Return the part of a half-line from a node inside the region."""
     step = np.array([np.cos(angle), np.sin(angle)])
     along = np.linspace(_NEAR, _FAR, 10_000)
     points = np.array(node) + along[:, None] * step
@@ -82,4 +82,4 @@ SPOTS: dict[str, tuple[Spot, ...]] = {
         _half_line("BS3", _SECOND, SCENE.rx_m, np.pi - _DOD),
     ),
 }
-"""Table I for this target. Each rule has the spots on the lines to the target; what else there is, is its own."""
+"""Table I for this target: each rule is blind on the lines to the target and on spots of its own."""

@@ -1,9 +1,8 @@
-"""Shen, Molisch 2012, Table I and Theorem 1: rules on their blind spots, and on direct paths at which they fail."""
+"""Shen, Molisch 2012, Table I and Theorem 1: rules on their blind spots, and on direct paths where they fail."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from nlosctl.contract.scene import Scene
 from nlosctl.io.results.tables import measurement_table
 from nlosctl.models.triplets import PathRows
 from nlosctl.plotting.panels import BarsPanel, Panel
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, measure, share
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, measure_all, share_of
 from nlosctl.reproduce.shen.detection_theory import TABLE_I, DetectionScene
 from nlosctl.reproduce.shen.paper import PAPER, RULES, p_values
 from nlosctl.reproduce.shen.spots import SCENE, SPOTS
@@ -43,11 +42,11 @@ _DIRECT_PATHS: list[Condition] = [
         ("fusion0", 5.0, 0.5),
     )
 ]
-"""An ordinary target, and five at which direct paths are a blind spot of the rule."""
+"""An ordinary target, and five whose direct paths are a blind spot of the rule."""
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    """Return whether the rule, and chi2, flag paths over reflectors along the blind spots, or direct ones."""
+    """Return whether the rule and chi2 flag paths via reflectors on the blind spots, or direct paths."""
     generator = chunk.generator()
     rule = str(condition["rule"])
     if condition["place"] == "direct":
@@ -59,15 +58,15 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
         along = generator.uniform(0.02, 0.98, chunk.size)
         every = [_triplets(scene.indirect_rows(spot.points(along), spot.order)) for spot in spots]
         noise_free = np.stack(every)[chunk.trials % len(spots), :, np.arange(chunk.size)].T
-    given = _measured(scene, noise_free, condition["place"] != "direct", generator)
+    trials = _measured(scene, noise_free, condition["place"] != "direct", generator)
     return {
-        "rule": (p_values(given, chunk, rule) < _LEVEL).astype(float),
-        "chi2": (p_values(given, chunk, "chi2") < _LEVEL).astype(float),
+        "rule": (p_values(trials, chunk, rule) < _LEVEL).astype(float),
+        "chi2": (p_values(trials, chunk, "chi2") < _LEVEL).astype(float),
     }
 
 
 def _triplets(rows: PathRows) -> FloatArray:
-    """Return DOD, DOA, path length and their standard deviations (6, N); the baseline frame is the global one."""
+    """Return DOD, DOA, path length and their standard deviations (6, N); the baseline frame is the global frame."""
     rays = rows.rays
     return np.stack(
         [
@@ -102,15 +101,7 @@ def _measured(
     return Simulated(kind="triplets", columns=columns, table=table, scene=Scene(), truth_m=target)
 
 
-def _flagged(samples: Samples, *, by: str) -> float:
-    return share(samples[by])
-
-
-def _at(drawn: Drawn, *, condition: Condition, by: str) -> float:
-    return _flagged(drawn.of(**condition), by=by)
-
-
-def _told(condition: Condition) -> str:
+def _description(condition: Condition) -> str:
     rule, place = str(condition["rule"]), str(condition["place"])
     label = RULES[rule][0]
     if place == "direct":
@@ -119,31 +110,31 @@ def _told(condition: Condition) -> str:
 
 
 def _claim(condition: Condition) -> Claim:
-    ours = partial(_at, condition=condition, by="rule")
+    ours = at(share_of("rule"), **condition)
     if condition["place"] == "direct":
         return Claim(
-            says=f"All rules have the expected P_f = 0.05: {_told(condition)}",
+            text=f"All rules have the expected P_f = 0.05: {_description(condition)}",
             where="Theorem 1",
             ours=ours,
             expected=about(0.05, 0.1, "0.05"),
             note="Blind spots of direct paths, which Table I leaves out: there the linear law (19) of the rule fails.",
         )
     return Claim(
-        says=f"Blind: P_d of {_told(condition)}",
+        text=f"Blind: P_d of {_description(condition)}",
         where="Table I",
         ours=ours,
         expected=at_most(2.0 * _LEVEL, "about P_f"),
     )
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     panels = []
     for title, y_label, wanted in (
         ("indirect paths on blind spots", "P_d at P_f = 0.05 [-]", _ON_SPOTS),
         ("direct paths", "P_f at an expected 0.05 [-]", _DIRECT_PATHS),
     ):
         ours = {
-            label: [measure(partial(_at, condition=condition, by=by), drawn) for condition in wanted]
+            label: measure_all([at(share_of(by), **condition) for condition in wanted], results)
             for by, label in (("rule", "the rule"), ("chi2", "chi2"))
         }
         panels.append(
@@ -152,8 +143,8 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
                 x_label="rule and place [-]",
                 y_label=y_label,
                 groups=tuple(_short(condition) for condition in wanted),
-                values={label: np.array([one.value for one in some]) for label, some in ours.items()},
-                errors={label: np.nan_to_num([one.standard_error for one in some]) for label, some in ours.items()},
+                values={label: values for label, (values, _) in ours.items()},
+                errors={label: np.nan_to_num(errors) for label, (_, errors) in ours.items()},
             )
         )
     return panels
@@ -173,12 +164,12 @@ EXPERIMENT = Experiment(
     title="Blind spots: those of Table I, and those of direct paths",
     conditions=(*_ON_SPOTS, *_DIRECT_PATHS),
     sample=_sample,
-    quantities={"flagged_by_rule": partial(_flagged, by="rule"), "flagged_by_chi2": partial(_flagged, by="chi2")},
+    quantities={"flagged_by_rule": share_of("rule"), "flagged_by_chi2": share_of("chi2")},
     claims=tuple(_claim(condition) for condition in (*_ON_SPOTS, *_DIRECT_PATHS)),
-    beside=tuple(
-        Beside(
-            says=f"chi2 in place of {_told(condition)}: {'P_f' if condition['place'] == 'direct' else 'P_d'}",
-            ours=partial(_at, condition=condition, by="chi2"),
+    comparisons=tuple(
+        Comparison(
+            text=f"chi2 in place of {_description(condition)}: {'P_f' if condition['place'] == 'direct' else 'P_d'}",
+            ours=at(share_of("chi2"), **condition),
         )
         for condition in (*_ON_SPOTS, *_DIRECT_PATHS)
     ),

@@ -8,19 +8,10 @@ from functools import partial
 import numpy as np
 
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
-from nlosctl.reproduce.experiment import Beside, Claim, Experiment
-from nlosctl.reproduce.samples import Drawn
+from nlosctl.reproduce.experiment import Claim, Comparison, Experiment
+from nlosctl.reproduce.samples import Results, at
 from nlosctl.reproduce.shen.detection_theory import DetectionScene, scene_detection_probability
-from nlosctl.reproduce.shen.paper import (
-    CHUNK_TRIALS,
-    PAPER,
-    RULES,
-    TRIALS,
-    detection_samples,
-    printed_share,
-    rate,
-    rate_in,
-)
+from nlosctl.reproduce.shen.paper import CHUNK_TRIALS, PAPER, RULES, TRIALS, detection_samples, printed_share, rate
 from nlosctl.reproduce.verdicts import printed
 
 __all__ = ["EXPERIMENT"]
@@ -51,25 +42,25 @@ _NOTE = (
 )
 
 
-def _theory(drawn: Drawn, *, rule: int, level: float) -> float:
+def _theory(results: Results, *, rule: int, level: float) -> float:
     scene = DetectionScene(target_m=(5.2, 10.0))
     reflector = np.array([[4.8, 9.8]])
     return float(scene_detection_probability(scene, reflector, rule, level, "reflector first")[0])
 
 
-def _claim(rule: int, kind: str, place: int) -> Claim:
-    level, shown = _LEVELS[place], _PRINTED[rule][kind][place]
-    says = f"lambda {rule}, expected P_f {level:g}: {kind}"
+def _claim(rule: int, kind: str, index: int) -> Claim:
+    level, shown = _LEVELS[index], _PRINTED[rule][kind][index]
+    cell = f"lambda {rule}, expected P_f {level:g}:"
     if kind == "theory":
-        ours = partial(_theory, rule=rule, level=level)
-        return Claim(says=f"{says[:-6]}P_d by (33)", where=_WHERE, ours=ours, expected=printed(shown))
+        theory = partial(_theory, rule=rule, level=level)
+        return Claim(text=f"{cell} P_d by (33)", where=_WHERE, ours=theory, expected=printed(shown))
     truth = "direct" if kind == "P_f" else "indirect"
-    ours = partial(rate_in, truth=truth, rule=f"lambda{rule}", level=level)
-    return Claim(says=f"{says} simulated", where=_WHERE, ours=ours, expected=printed_share(shown), note=_NOTE)
+    ours = at(partial(rate, truth=truth, rule=f"lambda{rule}", level=level))
+    return Claim(text=f"{cell} {kind} simulated", where=_WHERE, ours=ours, expected=printed_share(shown), note=_NOTE)
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
-    samples = drawn.of()
+def _panels(results: Results) -> Sequence[Panel]:
+    samples = results.of()
     panels = []
     for rule, table in _PRINTED.items():
         ours = [
@@ -106,12 +97,12 @@ EXPERIMENT = Experiment(
         for level in _LEVELS
     },
     claims=tuple(
-        _claim(rule, kind, place) for rule, kinds in _PRINTED.items() for kind in kinds for place in range(len(_LEVELS))
+        _claim(rule, kind, index) for rule, kinds in _PRINTED.items() for kind in kinds for index in range(len(_LEVELS))
     ),
-    beside=tuple(
-        Beside(
-            says=f"chi2, expected P_f {level:g}: {shown} simulated",
-            ours=partial(rate_in, truth=truth, rule="chi2", level=level),
+    comparisons=tuple(
+        Comparison(
+            text=f"chi2, expected P_f {level:g}: {shown} simulated",
+            ours=at(partial(rate, truth=truth, rule="chi2", level=level)),
         )
         for truth, shown in (("direct", "P_f"), ("indirect", "P_d"))
         for level in _LEVELS

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
-from nlosctl.reproduce.experiment import Beside, Claim, Experiment
-from nlosctl.reproduce.samples import Drawn, conditions
+from nlosctl.reproduce.experiment import Claim, Comparison, Experiment
+from nlosctl.reproduce.samples import Results, at, conditions
 from nlosctl.reproduce.shen.paper import (
     CHUNK_TRIALS,
     PAPER,
@@ -19,7 +19,6 @@ from nlosctl.reproduce.shen.paper import (
     detection_samples,
     printed_share,
     rate,
-    rate_in,
 )
 
 __all__ = ["EXPERIMENT"]
@@ -39,7 +38,7 @@ _PRINTED = {
         "P_d": ("0.5657", "0.5799", "0.5933", "0.6157", "0.6499"),
     },
 }
-"""By rule: P_f and P_d over the expected P_f; the column that is printed 0075 is of 0.07."""
+"""By rule: P_f and P_d over the expected P_f; the column printed as 0075 is that of 0.07."""
 _TRUTHS = {"P_f": "direct", "P_d": "indirect"}
 _NOTES = {
     "rays": "The paper's simulator took lines for rays: see the rows below.",
@@ -47,18 +46,18 @@ _NOTES = {
 }
 
 
-def _claim(reading: str, rule: str, kind: str, place: int) -> Claim:
-    level = _LEVELS[place]
+def _claim(reading: str, rule: str, kind: str, index: int) -> Claim:
+    level = _LEVELS[index]
     return Claim(
-        says=f"{RULES[rule][0]}, {READINGS[reading]}, expected P_f {level:g}: {kind}",
+        text=f"{RULES[rule][0]}, {READINGS[reading]}, expected P_f {level:g}: {kind}",
         where="Table IV",
-        ours=partial(rate_in, truth=_TRUTHS[kind], rule=rule, level=level, reading=reading),
-        expected=printed_share(_PRINTED[rule][kind][place]),
+        ours=at(partial(rate, truth=_TRUTHS[kind], rule=rule, level=level), reading=reading),
+        expected=printed_share(_PRINTED[rule][kind][index]),
         note=_NOTES[reading],
     )
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     panels = []
     for kind, truth in _TRUTHS.items():
         lines = []
@@ -66,12 +65,13 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             shown = np.array(_PRINTED[rule][kind], dtype=float)
             label = RULES[rule][0]
             lines.append(Series(label=f"{label}: paper", x=np.array(_LEVELS), y=shown, line=False, style=number))
-            for reading, told in READINGS.items():
-                samples = drawn.of(reading=reading)
+            for reading, reading_label in READINGS.items():
+                samples = results.of(reading=reading)
                 y = np.array([rate(samples, truth=truth, rule=rule, level=level) for level in _LEVELS])
                 style = number if reading == "lines" else number + 3
-                lines.append(Series(label=f"{label}: {told}", x=np.array(_LEVELS), y=y, style=style, marker=False))
-        samples = drawn.of(reading="rays")
+                line_label = f"{label}: {reading_label}"
+                lines.append(Series(label=line_label, x=np.array(_LEVELS), y=y, style=style, marker=False))
+        samples = results.of(reading="rays")
         y = np.array([rate(samples, truth=truth, rule="chi2", level=level) for level in _LEVELS])
         lines.append(Series(label=RULES["chi2"][0], x=np.array(_LEVELS), y=y, style=6))
         panels.append(LinesPanel(x_label="expected P_f [-]", y_label=f"{kind} [-]", lines=tuple(lines)))
@@ -91,13 +91,13 @@ EXPERIMENT = Experiment(
         for level in _LEVELS
     },
     claims=(
-        *(_claim("lines", rule, kind, place) for rule in _PRINTED for kind in _TRUTHS for place in range(len(_LEVELS))),
+        *(_claim("lines", rule, kind, index) for rule in _PRINTED for kind in _TRUTHS for index in range(len(_LEVELS))),
         *(_claim("rays", rule, kind, _LEVELS.index(0.05)) for rule in _PRINTED for kind in _TRUTHS),
     ),
-    beside=tuple(
-        Beside(
-            says=f"chi2, expected P_f {level:g}: {kind}",
-            ours=partial(rate_in, truth=truth, rule="chi2", level=level, reading="rays"),
+    comparisons=tuple(
+        Comparison(
+            text=f"chi2, expected P_f {level:g}: {kind}",
+            ours=at(partial(rate, truth=truth, rule="chi2", level=level), reading="rays"),
         )
         for level in (0.05, 0.1)
         for kind, truth in _TRUTHS.items()

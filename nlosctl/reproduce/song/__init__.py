@@ -1,1 +1,1 @@
-"""Song, Willett and Zhou: figures."""
+"""Figures of Song, Willett and Zhou."""

@@ -1,4 +1,4 @@
-"""Song, Willett, Zhou 2013, Figure 5: how many reflection paths there are, and the separatrix between two and four."""
+"""Song, Willett, Zhou 2013, Figure 5: the number of reflection paths, and the separatrix between two and four."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from nlosctl.arrays import FloatArray
 from nlosctl.geometry.circular_reflection import all_points, count_reflections, separatrix
 from nlosctl.plotting.panels import Panel, RegionsPanel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Experiment
-from nlosctl.reproduce.lattices import lattice_points, on_lattice
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions
+from nlosctl.reproduce.panels import lattice_points, on_lattice
+from nlosctl.reproduce.samples import Condition, Results, Samples, conditions
 from nlosctl.reproduce.song.paper import PAPER
 from nlosctl.reproduce.verdicts import at_least, at_most, printed
 
@@ -19,11 +19,11 @@ __all__ = ["EXPERIMENT"]
 
 
 _FIGURE, _SMALL = 0.955, 0.2
-"""The sensor's distance from the centre, in radii: the figure's, and one below 1/3."""
+"""Distance of the sensor from the centre, in radii: that of the figure, and one below 1/3."""
 _BESIDE = 1e-8
-"""How far from the separatrix, in radii, the paths are counted on either side of it."""
+"""Distance from the separatrix, in radii, at which paths are counted on both sides."""
 _TURNING = 0.01
-"""Speed along the separatrix below which it turns back at a singular point: there are no two sides to tell there."""
+"""Speed along the separatrix below which it turns back at a singular point, where its sides are not defined."""
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
@@ -41,7 +41,7 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
         "x": x,
         "y": y,
         "paths": np.where(count > 0.0, count, np.nan),
-        "points": np.where(count > 0.0, _found(c, x, y), np.nan),
+        "points": np.where(count > 0.0, _verified(c, x, y), np.nan),
         "curve_radius": np.hypot(curve_x, curve_y),
         "fewer": np.where(inside, np.minimum(*sides), np.nan),
         "more": np.where(inside, np.maximum(*sides), np.nan),
@@ -65,8 +65,8 @@ def _count(c: float, x: FloatArray, y: FloatArray) -> FloatArray:
     return count_reflections(*_arguments(c, x, y)).astype(np.float64)
 
 
-def _found(c: float, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return how many reflection points are really found: each is on the circle and obeys the law of reflection."""
+def _verified(c: float, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the number of computed reflection points that are on the circle and obey the law of reflection."""
     hit_x, hit_y = all_points(*_arguments(c, x, y))
     across = [
         ((hit_x - px) * hit_y - (hit_y - py) * hit_x) / np.hypot(hit_x - px, hit_y - py)
@@ -76,47 +76,48 @@ def _found(c: float, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _singular_points(c: float) -> FloatArray:
-    """Return the points (P, 2) within the circle at which the separatrix turns back."""
+    """Return the points (P, 2) inside the circle where the separatrix turns back."""
     angle = 2.0 * np.pi * (np.arange(40_000) + 0.5) / 40_000
     (x0, y0), (x1, y1) = _velocity(c, angle), _velocity(c, np.roll(angle, -1))
     turns = (x0 * x1 + y0 * y1 < 0.0) & (np.arange(40_000) < 39_999)
     points = np.stack(separatrix(c, 0.0, 1.0, angle[turns] + np.pi / 40_000), axis=1)
     start = np.stack(separatrix(c, 0.0, 1.0, np.array([1e-9])), axis=1)
     cusp_at_start = np.hypot(*_velocity(c, np.array([1e-4]))) < 1e-2
-    everything = np.concatenate([points, start[cusp_at_start]])
-    return np.asarray(everything[np.hypot(everything[:, 0], everything[:, 1]) < 1.0])
+    cusps = np.concatenate([points, start[cusp_at_start]])
+    return np.asarray(cusps[np.hypot(cusps[:, 0], cusps[:, 1]) < 1.0])
 
 
 def _distance_from_printed(c: float) -> float:
-    """Return the largest distance of a singular point (39) as printed from the nearest of ours."""
+    """Return the largest distance of a printed singular point (39) from the nearest of ours."""
     across = 2.0 * c * c * np.sqrt(1.0 - c * c)
-    wanted = [(-c / (1.0 + 2.0 * c), 0.0), (c * (2.0 * c * c - 1.0), across), (c * (2.0 * c * c - 1.0), -across)]
+    along = c * (2.0 * c * c - 1.0)
+    printed_points = [(-c / (1.0 + 2.0 * c), 0.0), (along, across), (along, -across)]
     if c < 1.0 / 3.0:
-        wanted.append((-c / (1.0 - 2.0 * c), 0.0))
+        printed_points.append((-c / (1.0 - 2.0 * c), 0.0))
     ours = _singular_points(c)
-    return max(float(np.hypot(*(ours - point).T).min()) for point in np.array(wanted))
+    return max(float(np.hypot(*(ours - point).T).min()) for point in np.array(printed_points))
 
 
-def _share(drawn: Drawn, names: tuple[str, ...], counts: tuple[float, ...]) -> float:
-    samples = drawn.of(sensor_distance=_FIGURE)
-    there = np.isfinite(samples[names[0]])
-    right = np.logical_and.reduce([samples[name] == count for name, count in zip(names, counts, strict=True)])
-    return float(right[there].mean())
+def _share(results: Results, names: tuple[str, ...], counts: tuple[float, ...]) -> float:
+    samples = results.of(sensor_distance=_FIGURE)
+    defined = np.isfinite(samples[names[0]])
+    equal = np.logical_and.reduce([samples[name] == count for name, count in zip(names, counts, strict=True)])
+    return float(equal[defined].mean())
 
 
-def _share_two_or_four(drawn: Drawn) -> float:
-    paths = drawn.of(sensor_distance=_FIGURE)["paths"]
+def _share_two_or_four(results: Results) -> float:
+    paths = results.of(sensor_distance=_FIGURE)["paths"]
     return float(np.isin(paths[np.isfinite(paths)], (2.0, 4.0)).mean())
 
 
-def _share_found(drawn: Drawn) -> float:
-    samples = drawn.of(sensor_distance=_FIGURE)
-    there = np.isfinite(samples["paths"])
-    return float((samples["paths"] == samples["points"])[there].mean())
+def _share_complete(results: Results) -> float:
+    samples = results.of(sensor_distance=_FIGURE)
+    defined = np.isfinite(samples["paths"])
+    return float((samples["paths"] == samples["points"])[defined].mean())
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
-    return [_panel(float(condition["sensor_distance"]), samples) for condition, samples in drawn.where()]
+def _panels(results: Results) -> Sequence[Panel]:
+    return [_panel(float(condition["sensor_distance"]), samples) for condition, samples in results.where()]
 
 
 def _panel(c: float, samples: Samples) -> Panel:
@@ -155,68 +156,68 @@ EXPERIMENT = Experiment(
     },
     claims=(
         Claim(
-            says="(33) has two or four solutions off the separatrix: share of places where it has",
+            text="(33) has two or four solutions off the separatrix: share of places where it has",
             where="Section 3.3, Lemma 1",
             ours=_share_two_or_four,
             expected=at_least(1.0, "1"),
         ),
         Claim(
-            says="... and that many reflection points are there: share of places where all are found",
+            text="... and that many reflection points are there: share of places where all are found",
             where="Section 3.3, Lemma 1",
-            ours=_share_found,
+            ours=_share_complete,
             expected=at_least(1.0, "1"),
         ),
         Claim(
-            says="The region that includes (0, 0) has two solutions: their number there",
+            text="The region that includes (0, 0) has two solutions: their number there",
             where="Section 3.3, Lemma 1",
-            ours=lambda drawn: float(_count(_FIGURE, np.array([1e-9]), np.array([0.0]))[0]),
+            ours=lambda results: float(_count(_FIGURE, np.array([1e-9]), np.array([0.0]))[0]),
             expected=printed("2"),
         ),
         Claim(
-            says="The curve (37)-(38) parts two from four: share of its points with 2 on one side and 4 on the other",
+            text="The curve (37)-(38) parts two from four: share of its points with 2 on one side and 4 on the other",
             where="Section 3.3, Lemma 1",
-            ours=lambda drawn: _share(drawn, ("fewer", "more"), (2.0, 4.0)),
+            ours=lambda results: _share(results, ("fewer", "more"), (2.0, 4.0)),
             expected=at_least(0.999, "1"),
             note="The curve is right as printed; its parameter t is cot(theta / 2), not tan.",
         ),
         Claim(
-            says="For |c| >= 1/3 the separatrix is open: its largest distance from the centre, c = 0.955",
+            text="For |c| >= 1/3 the separatrix is open: its largest distance from the centre, c = 0.955",
             where="after (38)",
-            ours=lambda drawn: float(drawn.of(sensor_distance=_FIGURE)["curve_radius"].max()),
+            ours=lambda results: float(results.of(sensor_distance=_FIGURE)["curve_radius"].max()),
             expected=at_least(1.0, "> 1"),
             unit="radii",
         ),
         Claim(
-            says="... with three singular points: their number",
+            text="... with three singular points: their number",
             where="after (38)",
-            ours=lambda drawn: float(len(_singular_points(_FIGURE))),
+            ours=lambda results: float(len(_singular_points(_FIGURE))),
             expected=printed("3"),
         ),
         Claim(
-            says="... at the coordinates of (39): largest distance of ours from them",
+            text="... at the coordinates of (39): largest distance of ours from them",
             where="(39)",
-            ours=lambda drawn: _distance_from_printed(_FIGURE),
+            ours=lambda results: _distance_from_printed(_FIGURE),
             expected=at_most(1e-3, "0"),
             unit="radii",
         ),
         Claim(
-            says="The sensor and the right two singular points are concentric: distance of these from the centre",
+            text="The sensor and the right two singular points are concentric: distance of these from the centre",
             where="Fig. 5, caption",
-            ours=lambda drawn: float(np.hypot(*_singular_points(_FIGURE)[np.argmax(_singular_points(_FIGURE)[:, 0])])),
+            ours=lambda results: float(np.hypot(*max(_singular_points(_FIGURE), key=lambda point: point[0]))),
             expected=printed("0.955"),
             unit="radii",
         ),
         Claim(
-            says="For |c| < 1/3 it is closed: its largest distance from the centre, c = 0.2",
+            text="For |c| < 1/3 it is closed: its largest distance from the centre, c = 0.2",
             where="after (39)",
-            ours=lambda drawn: float(drawn.of(sensor_distance=_SMALL)["curve_radius"].max()),
+            ours=lambda results: float(results.of(sensor_distance=_SMALL)["curve_radius"].max()),
             expected=at_most(1.0, "< 1"),
             unit="radii",
         ),
         Claim(
-            says="... with one more singular point, at (-c / (1 - 2 c), 0): largest distance of ours from all four",
+            text="... with one more singular point, at (-c / (1 - 2 c), 0): largest distance of ours from all four",
             where="after (39)",
-            ours=lambda drawn: _distance_from_printed(_SMALL),
+            ours=lambda results: _distance_from_printed(_SMALL),
             expected=at_most(1e-3, "0"),
             unit="radii",
         ),

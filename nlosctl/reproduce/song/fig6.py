@@ -1,4 +1,4 @@
-"""Song, Willett, Zhou 2013, Figure 6: what a sensor on an opaque circle sees by the reflector around it."""
+"""Song, Willett, Zhou 2013, Figure 6: region that a sensor on an opaque circle sees via the reflector around it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from nlosctl.geometry.visibility import (
     sees_directly,
 )
 from nlosctl.plotting.panels import Panel, RegionsPanel, Series
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
-from nlosctl.reproduce.lattices import lattice_points, on_lattice
-from nlosctl.reproduce.samples import Condition, Drawn, Samples
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
+from nlosctl.reproduce.panels import lattice_points, on_lattice
+from nlosctl.reproduce.samples import Condition, Results, Samples
 from nlosctl.reproduce.song.paper import PAPER
 from nlosctl.reproduce.verdicts import at_least, at_most, printed
 
@@ -33,7 +33,7 @@ _A1, _A2, _A3 = 1.0, 2.0, 3.0
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    """The sensor is at the angle 0; the places are angles along the ground and heights over it."""
+    """Return the visibility of points at angles along the ground and heights above it, for a sensor at the angle 0."""
     angle, height = lattice_points(chunk, (0.0, _FARTHEST_RAD), (0.0, _REFLECTOR_M - _GROUND_M))
     x, y = (_GROUND_M + height) * np.cos(angle), (_GROUND_M + height) * np.sin(angle)
     sensor_x, sensor_y = np.full(x.shape, _GROUND_M), np.zeros(x.shape)
@@ -54,8 +54,8 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     }
 
 
-def _share(drawn: Drawn, regions: tuple[float, ...], name: str, value: float) -> float:
-    samples = drawn.samples[0]
+def _share(results: Results, regions: tuple[float, ...], name: str, value: float) -> float:
+    samples = results.samples[0]
     inside = np.isin(samples["region"], regions)
     return float((samples[name][inside] == value).mean())
 
@@ -65,7 +65,7 @@ def _share_of_region(samples: Samples, number: int) -> float:
 
 
 def _grazing_angles() -> tuple[float, float]:
-    """Return BC and AD of the figure: where the horizontal ray hits the reflector, and where it touches the ground."""
+    """Return the angles BC and AD of the figure, where the horizontal ray hits the reflector and touches the ground."""
     hit = leave_circle(np.array([_GROUND_M]), _HORIZONTAL, _HORIZONTAL, np.ones(1), np.array([_REFLECTOR_M]))
     normal = np.array([hit.x[0], hit.y[0]]) / _REFLECTOR_M
     ray = np.array([0.0, 1.0])
@@ -76,14 +76,14 @@ def _grazing_angles() -> tuple[float, float]:
 
 
 def _distance_from_singular_point() -> float:
-    """Return the distance of D as traced from the singular point (39) of the separatrix, in radii of the reflector."""
+    """Return the distance of the traced D from the singular point (39) of the separatrix, in radii of the reflector."""
     c, touch = _GROUND_M / _REFLECTOR_M, _grazing_angles()[1]
     at = c * np.array([np.cos(touch), np.sin(touch)])
     return float(np.hypot(at[0] - c * (2.0 * c * c - 1.0), at[1] - 2.0 * c * c * np.sqrt(1.0 - c * c)))
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
-    samples = drawn.samples[0]
+def _panels(results: Results) -> Sequence[Panel]:
+    samples = results.samples[0]
     angle, height, region = on_lattice(samples["angle_rad"], samples["height_m"], samples["region"])
     edge_height = np.linspace(0.0, _REFLECTOR_M - _GROUND_M, 200)
     shape = edge_height.shape
@@ -117,51 +117,51 @@ EXPERIMENT = Experiment(
     quantities={f"share_of_a{number}": partial(_share_of_region, number=number) for number in (1, 2, 3)},
     claims=(
         Claim(
-            says="A target in A1 is reflectively invisible: share of places in A1 without an unblocked path",
+            text="A target in A1 is reflectively invisible: share of places in A1 without an unblocked path",
             where="Lemma 2",
-            ours=lambda drawn: _share(drawn, (_A1,), "free_paths", 0.0),
+            ours=lambda results: _share(results, (_A1,), "free_paths", 0.0),
             expected=at_least(1.0, "1"),
-            note="Every path is traced, two or four for each place, and both its legs are held against the ground.",
+            note="Every path is traced, two or four for each place, and both of its legs are checked for the ground.",
         ),
         Claim(
-            says="A target in A2 is visible by exactly one unblocked reflection: share of places in A2",
+            text="A target in A2 is visible by exactly one unblocked reflection: share of places in A2",
             where="Lemmas 2 and 3",
-            ours=lambda drawn: _share(drawn, (_A2, _A3), "free_paths", 1.0),
+            ours=lambda results: _share(results, (_A2, _A3), "free_paths", 1.0),
             expected=at_least(1.0, "1"),
             note="Lemma 3 and its proof say A1 where they mean A2.",
         ),
         Claim(
-            says="A2 falls into the two-solution region: share of places in A2",
+            text="A2 falls into the two-solution region: share of places in A2",
             where="proof of Lemma 3",
-            ours=lambda drawn: _share(drawn, (_A2, _A3), "paths", 2.0),
+            ours=lambda results: _share(results, (_A2, _A3), "paths", 2.0),
             expected=at_least(1.0, "1"),
         ),
         Claim(
-            says="Angle AD = angle BC = 2 arccos(r / R): AD over BC of the traced horizontal ray",
+            text="Angle AD = angle BC = 2 arccos(r / R): AD over BC of the traced horizontal ray",
             where="proof of Lemma 3, before (40)",
-            ours=lambda drawn: _grazing_angles()[1] / _grazing_angles()[0],
+            ours=lambda results: _grazing_angles()[1] / _grazing_angles()[0],
             expected=printed("1.0"),
             note="AD is twice BC: AD = 2 arccos(r / R), BC = arccos(r / R). (40) itself uses AD and is right.",
         ),
         Claim(
-            says="AD = 2 arccos(r / R)",
+            text="AD = 2 arccos(r / R)",
             where="(40)",
-            ours=lambda drawn: float(np.degrees(_grazing_angles()[1])),
+            ours=lambda results: float(np.degrees(_grazing_angles()[1])),
             expected=printed(f"{np.degrees(2.0 * np.arccos(_GROUND_M / _REFLECTOR_M)):.3f} deg"),
             unit="deg",
         ),
         Claim(
-            says="D is the singular point (39) of the separatrix: distance between the two",
+            text="D is the singular point (39) of the separatrix: distance between the two",
             where="after (40)",
-            ours=lambda drawn: _distance_from_singular_point(),
+            ours=lambda results: _distance_from_singular_point(),
             expected=at_most(1e-9, "0"),
             unit="radii",
         ),
     ),
-    beside=(
-        Beside(
-            says="The one path on the short arc, all that the methods follow, is that path: share of places in A2",
-            ours=lambda drawn: _share(drawn, (_A2, _A3), "short_arc_free", 1.0),
+    comparisons=(
+        Comparison(
+            text="The one path on the short arc, all that the methods follow, is that path: share of places in A2",
+            ours=lambda results: _share(results, (_A2, _A3), "short_arc_free", 1.0),
         ),
     ),
     panels=_panels,

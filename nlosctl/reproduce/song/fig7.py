@@ -1,4 +1,4 @@
-"""Song, Willett, Zhou 2013, Figure 7: a bearing's uncertainty at the target, after a flat and a circular mirror."""
+"""Song, Willett, Zhou 2013, Figure 7: uncertainty of a bearing at the target, after a flat and a circular mirror."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.short_arc import short_arc_reflection
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.panels import curve
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, rms, rms_of
+from nlosctl.reproduce.samples import Condition, Results, Samples, conditions, ratio_of, rms, rms_of
 from nlosctl.reproduce.song.paper import PAPER
 from nlosctl.reproduce.verdicts import at_most, between
 from nlosctl.scenarios import song_circle
@@ -24,7 +24,7 @@ __all__ = ["EXPERIMENT"]
 
 _STD_RAD = np.radians(0.5)
 _SHARES = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
-"""Places along the ray after the reflection, in units of the target's distance from the reflection point."""
+"""Distances along the reflected ray, in units of the target's distance from the reflection point."""
 
 _SCENE = song_circle.scene(song_circle.SongCircleOptions(parameter_set="a"))
 _SENSOR = np.array(_SCENE.sensors[0].position)
@@ -44,9 +44,9 @@ def _path() -> ReflectedPath:
 
 
 def _across(bearing: FloatArray, distance_m: float, *, flat: bool) -> FloatArray:
-    """Return where rays of these bearings (T,) cross the normal to the true ray, so far from its reflection point.
+    """Return the offsets (T,) of rays with these bearings from the true ray, at a distance from its reflection point.
 
-    ``flat``: they are reflected by the tangent at the true reflection point, else by the circle.
+    The rays are reflected by the tangent at the true reflection point if ``flat``, otherwise by the circle.
     """
     path = _path()
     ray_x, ray_y = np.cos(bearing), np.sin(bearing)
@@ -77,17 +77,16 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     return {name: _across(bearing, distance_m, flat=name == "flat") for name in ("flat", "circle")}
 
 
-def _ratio(drawn: Drawn, share: float) -> float:
-    samples = drawn.of(share_of_leg=share)
-    return rms(samples["circle"]) / rms(samples["flat"])
+def _ratio(results: Results, share: float) -> float:
+    return ratio_of("circle", "flat")(results.of(share_of_leg=share))
 
 
-def _spread_per_distance(drawn: Drawn) -> float:
-    """Return the largest over the least span after the flat mirror per metre of the whole path."""
+def _spread_per_distance(results: Results) -> float:
+    """Return the ratio of the largest and smallest span after the flat mirror per metre of the whole path."""
     path = _path()
     spans = [
         rms(samples["flat"]) / float(path.first_leg_m[0] + float(condition["share_of_leg"]) * path.second_leg_m[0])
-        for condition, samples in drawn.where()
+        for condition, samples in results.where()
     ]
     return max(spans) / min(spans)
 
@@ -98,14 +97,14 @@ def _formula_ratio() -> float:
 
 
 def _cone(flat: bool, sigmas: float) -> tuple[FloatArray, FloatArray]:
-    """Return distance after the reflection and place across it (km) of the ray that is so many sigmas off."""
+    """Return distances after the reflection and offsets (km) of a ray with a bearing error of ``sigmas`` stds."""
     distances = np.linspace(0.0, 1.5, 40) * float(_path().second_leg_m[0])
     bearing = _path().bearing_rad + sigmas * _STD_RAD
     across = np.array([_across(bearing, float(distance), flat=flat)[0] for distance in distances])
     return distances / 1e3, across / 1e3
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     target_km = float(_path().second_leg_m[0]) / 1e3
     cones = []
     for flat, style, name in ((True, 1, "flat"), (False, 0, "circle")):
@@ -115,7 +114,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             cones.append(Series(label=label, x=x, y=y, style=style, marker=False))
     cones.append(Series(label="target", x=np.array([target_km]), y=np.zeros(1), line=False, style=2))
     lines = tuple(
-        curve(drawn, "share_of_leg", label, rms_of(name), style=style)
+        curve(results, "share_of_leg", label, rms_of(name), style=style)
         for name, label, style in (("flat", "flat", 1), ("circle", "circle", 0))
     )
     scaled = tuple(
@@ -139,29 +138,29 @@ EXPERIMENT = Experiment(
     quantities={"rms_flat_m": rms_of("flat"), "rms_circle_m": rms_of("circle")},
     claims=(
         Claim(
-            says="After a flat mirror the span grows linearly with the distance: largest over least span per metre",
+            text="After a flat mirror the span grows linearly with the distance: largest over least span per metre",
             where="Fig. 7, caption",
             ours=_spread_per_distance,
             expected=between(1.0, 1.01, "1"),
         ),
         Claim(
-            says="After the circle it is smaller (focused): span over that of the flat mirror, at the target",
+            text="After the circle it is smaller (focused): span over that of the flat mirror, at the target",
             where="Section 4, Fig. 7",
-            ours=lambda drawn: _ratio(drawn, 1.0),
+            ours=lambda results: _ratio(results, 1.0),
             expected=at_most(1.0, "< 1"),
             note="The paper's 'somewhat reduced' is a factor of two here, and Stansfield's weights do not know of it.",
         ),
         Claim(
-            says="The shrinking grows with the distance: the ratio of the spans at 1.5 over that at 0.5 legs",
+            text="The shrinking grows with the distance: the ratio of the spans at 1.5 over that at 0.5 legs",
             where="Section 4, Fig. 7",
-            ours=lambda drawn: _ratio(drawn, 1.5) / _ratio(drawn, 0.5),
+            ours=lambda results: _ratio(results, 1.5) / _ratio(results, 0.5),
             expected=at_most(1.0, "< 1"),
         ),
     ),
-    beside=(
-        Beside(
-            says="The closed form that stansfield-focused weighs by, spread over distance, at the target",
-            ours=lambda drawn: _formula_ratio(),
+    comparisons=(
+        Comparison(
+            text="The closed form that stansfield-focused weighs by, spread over distance, at the target",
+            ours=lambda results: _formula_ratio(),
         ),
     ),
     panels=_panels,

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from nlosctl.plotting.panels import LinesPanel, Panel
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
-from nlosctl.reproduce.panels import curve
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, rms, rms_of
+from nlosctl.plotting.panels import Panel
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
+from nlosctl.reproduce.panels import rms_panels
+from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, ratio_of, rms, rms_of
 from nlosctl.reproduce.simulated import bound_rms_m, fixes, simulated
 from nlosctl.reproduce.song.paper import PAPER
 from nlosctl.reproduce.verdicts import at_least, between
@@ -22,50 +22,30 @@ _METHODS = ("ls", "stansfield", "ml")
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    given = simulated("song-flat", chunk, **condition)
-    found = {method: fixes(given, chunk, method) for method in _METHODS}
-    parts = {method: found[method].position_m - given.truth_m for method in _METHODS}
+    trials = simulated("song-flat", chunk, **condition)
+    estimates = {method: fixes(trials, chunk, method) for method in _METHODS}
+    errors = {method: estimates[method].position_m - trials.truth_m for method in _METHODS}
     return {
-        **{method: found[method].error_m for method in _METHODS},
-        **{f"{method}_{axis}": parts[method][:, place] for method in _METHODS for place, axis in enumerate("xy")},
-        "crlb": bound_rms_m(given),
+        **{method: estimates[method].error_m for method in _METHODS},
+        **{f"{method}_{axis}": errors[method][:, index] for method in _METHODS for index, axis in enumerate("xy")},
+        "crlb": bound_rms_m(trials),
     }
 
 
-def _spread_of_slope(drawn: Drawn, method: str) -> float:
-    """Return the largest over the least RMSE per degree, over all sigmas."""
-    slopes = [rms(samples[method]) / float(condition["bearing_std_deg"]) for condition, samples in drawn.where()]
+def _spread_of_slope(results: Results, method: str) -> float:
+    """Return the ratio of the largest and smallest RMSE per degree, over all sigmas."""
+    slopes = [rms(samples[method]) / float(condition["bearing_std_deg"]) for condition, samples in results.where()]
     return max(slopes) / min(slopes)
 
 
-def _ratio(drawn: Drawn, method: str, other: str, sigma_deg: float = 1.0) -> float:
-    samples = drawn.of(bearing_std_deg=sigma_deg)
-    return rms(samples[method]) / rms(samples[other])
-
-
-def _bias_share(drawn: Drawn, method: str) -> float:
-    samples = drawn.of(bearing_std_deg=5.0)
+def _bias_share(samples: Samples, method: str) -> float:
+    """Return the length of the bias divided by the RMSE."""
     return float(np.hypot(samples[f"{method}_x"].mean(), samples[f"{method}_y"].mean())) / rms(samples[method])
 
 
-def _over_bound(samples: Samples, name: str) -> float:
-    return rms(samples[name]) / rms(samples["crlb"])
-
-
-def _panels(drawn: Drawn) -> Sequence[Panel]:
-    names = {"ls": "least squares", "stansfield": "Stansfield", "ml": "maximum likelihood", "crlb": "Cramer-Rao bound"}
-    x_label = "bearing error, std [deg]"
-    lines = tuple(
-        curve(drawn, "bearing_std_deg", label, rms_of(name), marker=name != "crlb") for name, label in names.items()
-    )
-    ratios = tuple(
-        curve(drawn, "bearing_std_deg", label, partial(_over_bound, name=name), marker=name != "crlb")
-        for name, label in names.items()
-    )
-    return [
-        LinesPanel(x_label=x_label, y_label="RMSE [m]", lines=lines),
-        LinesPanel(x_label=x_label, y_label="over the bound [-]", lines=ratios),
-    ]
+def _panels(results: Results) -> Sequence[Panel]:
+    labels = {"ls": "least squares", "stansfield": "Stansfield", "ml": "maximum likelihood", "crlb": "Cramer-Rao bound"}
+    return rms_panels(results, "bearing_std_deg", "bearing error, std [deg]", "RMSE [m]", labels)
 
 
 EXPERIMENT = Experiment(
@@ -78,7 +58,7 @@ EXPERIMENT = Experiment(
     claims=(
         *(
             Claim(
-                says=f"The RMSE of {method} depends linearly on sigma: largest over least RMSE per degree",
+                text=f"The RMSE of {method} depends linearly on sigma: largest over least RMSE per degree",
                 where="Section 5.1, first observation",
                 ours=partial(_spread_of_slope, method=method),
                 expected=between(1.0, 1.05, "1"),
@@ -86,41 +66,41 @@ EXPERIMENT = Experiment(
             for method in _METHODS
         ),
         Claim(
-            says="LS is the worst: its RMSE over that of ML, at 1 deg",
+            text="LS is the worst: its RMSE over that of ML, at 1 deg",
             where="Section 5.1, second observation",
-            ours=lambda drawn: _ratio(drawn, "ls", "ml"),
+            ours=at(ratio_of("ls", "ml"), bearing_std_deg=1.0),
             expected=at_least(1.0, "> 1"),
             note="By 3 % only: the three sensors have nearly equal distances here.",
         ),
         Claim(
-            says="The RMSE of Stansfield is close to that of ML, at 1 deg",
+            text="The RMSE of Stansfield is close to that of ML, at 1 deg",
             where="Section 5.1, second observation",
-            ours=lambda drawn: _ratio(drawn, "stansfield", "ml"),
+            ours=at(ratio_of("stansfield", "ml"), bearing_std_deg=1.0),
             expected=between(0.98, 1.02, "1"),
         ),
         Claim(
-            says="LS is biased: length of its bias over its RMSE, at 5 deg",
+            text="LS is biased: length of its bias over its RMSE, at 5 deg",
             where="Section 5.1, second observation",
-            ours=lambda drawn: _bias_share(drawn, "ls"),
+            ours=at(partial(_bias_share, method="ls"), bearing_std_deg=5.0),
             expected=at_least(0.005, "> 0"),
             note="True, but a few per cent of the RMSE, and ML has as large a bias the other way: not why LS is worst.",
         ),
         Claim(
-            says="RMSE of ML over the bound, at 1 deg",
+            text="RMSE of ML over the bound, at 1 deg",
             where="Fig. 8",
-            ours=lambda drawn: _ratio(drawn, "ml", "crlb"),
+            ours=at(ratio_of("ml", "crlb"), bearing_std_deg=1.0),
         ),
         Claim(
-            says="RMSE of LS at 1 deg",
+            text="RMSE of LS at 1 deg",
             where="Fig. 8",
-            ours=lambda drawn: rms(drawn.of(bearing_std_deg=1.0)["ls"]),
+            ours=at(rms_of("ls"), bearing_std_deg=1.0),
             unit="m",
         ),
     ),
-    beside=(
-        Beside(
-            says="Bias of ml over its RMSE, at 5 deg",
-            ours=lambda drawn: _bias_share(drawn, "ml"),
+    comparisons=(
+        Comparison(
+            text="Bias of ml over its RMSE, at 5 deg",
+            ours=at(partial(_bias_share, method="ml"), bearing_std_deg=5.0),
         ),
     ),
     panels=_panels,

@@ -10,9 +10,9 @@ import numpy as np
 from nlosctl.arrays import FloatArray
 from nlosctl.models.bearings import sight_lines
 from nlosctl.plotting.panels import LinesPanel, Panel
-from nlosctl.reproduce.experiment import Beside, Chunk, Claim, Experiment
+from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.panels import curve
-from nlosctl.reproduce.samples import Condition, Drawn, Samples, conditions, rms, rms_of
+from nlosctl.reproduce.samples import Condition, Results, Samples, conditions, rms, rms_of
 from nlosctl.reproduce.simulated import Simulated, batch_of, bound_rms_m, fixes, simulated
 from nlosctl.reproduce.song.paper import PAPER
 from nlosctl.reproduce.verdicts import at_least, at_most
@@ -35,29 +35,29 @@ _LABELS = {
 
 
 def _grid(epsilon_deg: float) -> dict[str, float]:
-    """Return the paper's search field, with vertices every 8 km; a small one with 1 km where errors are small."""
+    """Return the paper's search field with vertices every 8 km, or a small one with 1 km for small errors."""
     if epsilon_deg < _SMALL_DEG:
         return {"width_m": 20e3, "height_m": 25e3, "step_m": 1e3}
     return {"width_m": 160e3, "height_m": 200e3, "step_m": 8e3}
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    given = simulated("song-circle", chunk, **condition)
+    trials = simulated("song-circle", chunk, **condition)
     grid = _grid(float(condition["bearing_std_deg"]))
     return {
-        "crlb": bound_rms_m(given),
-        **{method: fixes(given, chunk, method).error_m for method in _METHODS},
-        "ml-grid": fixes(given, chunk, "ml-grid", **grid).error_m,
-        "grid_about_truth": _about_truth(given, float(condition["bearing_std_deg"])),
+        "crlb": bound_rms_m(trials),
+        **{method: fixes(trials, chunk, method).error_m for method in _METHODS},
+        "ml-grid": fixes(trials, chunk, "ml-grid", **grid).error_m,
+        "grid_about_truth": _about_truth(trials, float(condition["bearing_std_deg"])),
     }
 
 
-def _about_truth(given: Simulated, epsilon_deg: float) -> FloatArray:
-    """Return the errors (T,) of the best vertices of grids about the true position; NaN where the grid is small."""
+def _about_truth(trials: Simulated, epsilon_deg: float) -> FloatArray:
+    """Return the errors (T,) of the best vertices of grids about the true position; NaN for the small grid."""
     if epsilon_deg < _SMALL_DEG:
-        return np.full(given.truth_m.shape[0], np.nan)
-    lines = sight_lines(batch_of(given))
-    x, y = given.truth_m[:, 0] - lines.center_x, given.truth_m[:, 1] - lines.center_y
+        return np.full(trials.truth_m.shape[0], np.nan)
+    lines = sight_lines(batch_of(trials))
+    x, y = trials.truth_m[:, 0] - lines.center_x, trials.truth_m[:, 1] - lines.center_y
     best = search_grid(lines, x, y, **_grid(epsilon_deg))
     return np.where(best.found, np.hypot(best.x - x, best.y - y), np.nan)
 
@@ -66,60 +66,60 @@ def _rms_km(samples: Samples, name: str) -> float:
     return rms(samples[name]) / 1e3
 
 
-def _ratio(drawn: Drawn, name: str, other: str, parameter_set: str, epsilon_deg: float) -> float:
-    samples = drawn.of(parameter_set=parameter_set, bearing_std_deg=epsilon_deg)
+def _ratio(results: Results, name: str, other: str, parameter_set: str, epsilon_deg: float) -> float:
+    samples = results.of(parameter_set=parameter_set, bearing_std_deg=epsilon_deg)
     both = np.isfinite(samples[name]) & np.isfinite(samples[other])
     return rms(samples[name][both]) / rms(samples[other][both])
 
 
-def _spread_of_slope(drawn: Drawn, name: str, parameter_set: str) -> float:
+def _spread_of_slope(results: Results, name: str, parameter_set: str) -> float:
     slopes = [
         rms(samples[name]) / float(condition["bearing_std_deg"])
-        for condition, samples in drawn.where(parameter_set=parameter_set)
+        for condition, samples in results.where(parameter_set=parameter_set)
     ]
     return float(np.nanmax(slopes) / np.nanmin(slopes))
 
 
 def _claims(parameter_set: str) -> tuple[Claim, ...]:
     name = f"set {parameter_set.upper()}"
-    first, second, third = (f"Section 5.2, {word} observation" for word in ("first", "second", "third"))
+    first, second, third = (f"Section 5.2, {ordinal} observation" for ordinal in ("first", "second", "third"))
     ratio = partial(_ratio, parameter_set=parameter_set)
     slope = partial(_spread_of_slope, parameter_set=parameter_set)
     return (
         Claim(
-            says=f"{name}: the RMSE of LS may depend linearly on epsilon: largest over least RMSE per degree",
+            text=f"{name}: the RMSE of LS may depend linearly on epsilon: largest over least RMSE per degree",
             where=first,
             ours=partial(slope, name="ls"),
             expected=at_most(1.1, "1"),
         ),
         Claim(
-            says=f"{name}: Stansfield is not necessarily better than LS: its RMSE over that of LS, at 1 deg",
+            text=f"{name}: Stansfield is not necessarily better than LS: its RMSE over that of LS, at 1 deg",
             where=first,
             ours=partial(ratio, name="stansfield", other="ls", epsilon_deg=1.0),
             expected=at_least(1.0, ">= 1"),
             note="Worse up to 3 deg (A), 4 deg (B): the spreads are nearly equal, as LS assumes; distances are not.",
         ),
         Claim(
-            says=f"{name}: no significant difference at small noise: RMSE of LS over that of grid ML, at 0.1 deg",
+            text=f"{name}: no significant difference at small noise: RMSE of LS over that of grid ML, at 0.1 deg",
             where=second,
             ours=partial(ratio, name="ls", other="ml-grid", epsilon_deg=0.1),
             expected=at_most(1.05, "1"),
         ),
         Claim(
-            says=f"{name}: 1.5 deg is small enough for the suboptimal estimators: LS over grid ML, at 1.5 deg",
+            text=f"{name}: 1.5 deg is small enough for the suboptimal estimators: LS over grid ML, at 1.5 deg",
             where="Section 5.2, end",
             ours=partial(ratio, name="ls", other="ml-grid", epsilon_deg=1.5),
             expected=at_most(1.05, "1"),
         ),
         Claim(
-            says=f"{name}: ML outperforms LS at high epsilon: LS over grid ML, at 5 deg",
+            text=f"{name}: ML outperforms LS at high epsilon: LS over grid ML, at 5 deg",
             where=second,
             ours=partial(ratio, name="ls", other="ml-grid", epsilon_deg=5.0),
             expected=at_least(1.0, "> 1"),
             note="By about 6 % only.",
         ),
         Claim(
-            says=f"{name}: the RMSE of ML is not linear in epsilon: largest over least RMSE of grid ML per degree",
+            text=f"{name}: the RMSE of ML is not linear in epsilon: largest over least RMSE of grid ML per degree",
             where=third,
             ours=partial(slope, name="ml-grid"),
             expected=at_least(1.25, "> 1.25"),
@@ -127,34 +127,34 @@ def _claims(parameter_set: str) -> tuple[Claim, ...]:
             "would show both this and a large gain of ML; that the paper's was there is our inference alone.",
         ),
         Claim(
-            says=f"{name}: RMSE of grid ML at 1 deg",
+            text=f"{name}: RMSE of grid ML at 1 deg",
             where="Fig. 9",
-            ours=lambda drawn: rms(drawn.of(parameter_set=parameter_set, bearing_std_deg=1.0)["ml-grid"]) / 1e3,
+            ours=lambda results: rms(results.of(parameter_set=parameter_set, bearing_std_deg=1.0)["ml-grid"]) / 1e3,
             unit="km",
         ),
     )
 
 
-def _beside(parameter_set: str) -> tuple[Beside, ...]:
+def _comparisons(parameter_set: str) -> tuple[Comparison, ...]:
     name = f"set {parameter_set.upper()}"
     ratio = partial(_ratio, parameter_set=parameter_set)
     return (
-        Beside(
-            says=f"{name}: grid about the truth, largest over least RMSE per degree",
+        Comparison(
+            text=f"{name}: grid about the truth, largest over least RMSE per degree",
             ours=partial(_spread_of_slope, name="grid_about_truth", parameter_set=parameter_set),
         ),
-        Beside(
-            says=f"{name}: stansfield-focused (closed form) over ml, at 1 deg",
+        Comparison(
+            text=f"{name}: stansfield-focused (closed form) over ml, at 1 deg",
             ours=partial(ratio, name="stansfield-focused", other="ml", epsilon_deg=1.0),
         ),
-        Beside(
-            says=f"{name}: ml over its Cramer-Rao bound, which the paper says can't be given, at 5 deg",
+        Comparison(
+            text=f"{name}: ml over its Cramer-Rao bound, which the paper says can't be given, at 5 deg",
             ours=partial(ratio, name="ml", other="crlb", epsilon_deg=5.0),
         ),
     )
 
 
-def _panels(drawn: Drawn) -> Sequence[Panel]:
+def _panels(results: Results) -> Sequence[Panel]:
     return [
         LinesPanel(
             x_label="bearing error, std [deg]",
@@ -162,7 +162,7 @@ def _panels(drawn: Drawn) -> Sequence[Panel]:
             title=f"parameter set {parameter_set.upper()}",
             lines=tuple(
                 curve(
-                    drawn,
+                    results,
                     "bearing_std_deg",
                     label,
                     partial(_rms_km, name=name),
@@ -186,7 +186,7 @@ EXPERIMENT = Experiment(
         f"rmse_{name.replace('-', '_')}_m": rms_of(name) for name in (*_METHODS, "ml-grid", "grid_about_truth", "crlb")
     },
     claims=(*_claims("a"), *_claims("b")),
-    beside=(*_beside("a"), *_beside("b")),
+    comparisons=(*_comparisons("a"), *_comparisons("b")),
     panels=_panels,
     trials=1000,
     quick_trials=24,

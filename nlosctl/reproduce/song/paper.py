@@ -1,4 +1,4 @@
-"""Song, Willett, Zhou 2013: the paper, and where its text is in error."""
+"""Song, Willett, Zhou 2013: the paper with the errors in its text."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ PAPER = Paper(
         Erratum(
             where="Section 4",
             printed="geometric distortion by the tangent",
-            right="there is none: the mirror at the tangent reflects the very ray; only the weights are wrong",
+            right="no distortion: the mirror at the tangent reflects the very ray; only the weights are wrong",
         ),
         Erratum(
             where="Section 3.2, abstract",
