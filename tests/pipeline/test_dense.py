@@ -1,4 +1,4 @@
-"""Ragged to dense and back, against slow loops over single snapshots."""
+"""Chunks to dense batches and back, compared with slow loops over single snapshots."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def as_rows(estimates: ChunkEstimates) -> list[tuple[Any, ...]]:
 def test_estimates_come_in_order_and_no_more_than_wanted(
     case: tuple[list[int], list[bool]], size: int, alternatives: int
 ) -> None:
-    """By snapshot, then method, then alternative, at most N of these; as from a loop over the snapshots."""
+    """Estimates are in the order of a loop over snapshots, methods and at most N alternatives."""
     counts, kept = case
     runs = [method("one", ladder, minimum=1), method("two", ladder, minimum=3)]
     estimates = solve(counts, kept, runs, block_size=size, alternatives=alternatives).estimates

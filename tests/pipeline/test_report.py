@@ -1,4 +1,4 @@
-"""What a run counts."""
+"""The counts and the summary of a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ANSWERED = {"ok", "ambiguous", "infeasible", "boundary"}
 
 @given(st.lists(st.lists(st.sampled_from(list(Status)), max_size=12), max_size=5))
 def test_statuses_are_counted_over_chunks(chunks: list[list[Status]]) -> None:
-    """Each status is counted by its word, whatever the chunks; those with a position are answered."""
+    """Statuses are counted by word over all chunks; estimates with a position are answered."""
     tally = MethodTally()
     for chunk in chunks:
         nothing = np.full(len(chunk), np.nan)
@@ -32,7 +32,7 @@ def test_statuses_are_counted_over_chunks(chunks: list[list[Status]]) -> None:
 
 @given(st.lists(st.tuples(st.floats(0, 60) | st.just(np.nan), st.integers(0, 12)), max_size=40))
 def test_bad_fits_are_those_that_chance_does_not_explain(rows: list[tuple[float, int]]) -> None:
-    """Half a chi-square beyond the 99.9 % point of n - 2 degrees of freedom is a bad fit; over 5 % of them is told."""
+    """Half a chi-square above the 99.9 % quantile of n - 2 degrees of freedom is a bad fit; over 5 % fit badly."""
     tally = MethodTally()
     cost, used = np.array([row[0] for row in rows]), np.array([row[1] for row in rows], dtype=np.int64)
     tally.add(np.zeros(len(rows), dtype=np.uint8), cost, used)
@@ -59,7 +59,7 @@ def report() -> RunReport:
 
 
 def test_the_summary_tells_every_count() -> None:
-    """Inputs, snapshots, rows, left out, bad, a line for each method by status, and the notes."""
+    """The summary has inputs, snapshots, rows, rows left out, bad rows, a line for each method, and the notes."""
     lines = report().lines()
     assert lines[0].startswith("a.csv, b.csv, c.csv and 1 more: 4 snapshots of bearings, 12 rows")
     assert "2 left out" in lines[0]
@@ -68,26 +68,26 @@ def test_the_summary_tells_every_count() -> None:
 
 
 def test_unanswered_are_counted_over_the_methods() -> None:
-    """``--strict`` looks at estimates without a position, of any method."""
+    """Estimates without a position of any method are unanswered."""
     assert report().unanswered == 3
     assert RunReport(kind="bearings", inputs=[]).unanswered == 0
 
 
 def test_the_report_is_plain_json() -> None:
-    """The dictionary holds every count, and JSON can hold the dictionary."""
-    told = json.loads(json.dumps(report().as_dict(), allow_nan=False))
-    assert (told["rows"], told["rows_left_out"], told["bad_rows"], told["snapshots"]) == (12, 2, 1, 4)
-    assert told["methods"]["ml"] == {
+    """The dictionary has every count and can be written as JSON."""
+    loaded = json.loads(json.dumps(report().as_dict(), allow_nan=False))
+    assert (loaded["rows"], loaded["rows_left_out"], loaded["bad_rows"], loaded["snapshots"]) == (12, 2, 1, 4)
+    assert loaded["methods"]["ml"] == {
         "statuses": {"ok": 3, "too_few": 1},
         "answered": 3,
         "fits_badly": False,
         "verdicts": {},
     }
-    assert told["notes"] == ["mind the gap"]
+    assert loaded["notes"] == ["mind the gap"]
 
 
 @pytest.mark.parametrize("status", Status)
 def test_every_status_says_what_it_has(status: Status) -> None:
-    """A status has a position exactly if it is answered, and a covariance exactly if it is not on a boundary too."""
+    """A status has a position if and only if it is answered, and a covariance unless it is also on a boundary."""
     assert status.has_position == (status.word in ANSWERED)
     assert status.has_covariance == (status.word in ANSWERED - {"boundary"})

@@ -1,4 +1,4 @@
-"""A seed for every snapshot, from the run's seed and the snapshot's id alone."""
+"""The seed of a snapshot depends only on the run's seed and the snapshot's id."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ SEEDS = st.integers(-(2**31), 2**31)
 
 
 def ints(ids: list[int]) -> np.ndarray:
-    """Return ids as the pipeline hands them over."""
+    """Return ids in the type that the pipeline uses."""
     return np.array(ids, dtype=np.int64)
 
 
 @given(SEEDS, INTEGERS, st.randoms())
 def test_integer_ids_in_any_order_and_company(seed: int, ids: list[int], random: object) -> None:
-    """A snapshot's seed depends neither on its place nor on the other snapshots."""
+    """A snapshot's seed depends neither on its position nor on the other snapshots."""
     together = dict(zip(ids, snapshot_seeds(seed, ints(ids)).tolist(), strict=True))
     shuffled = ids[:]
     random.shuffle(shuffled)  # type: ignore[attr-defined]
@@ -31,7 +31,7 @@ def test_integer_ids_in_any_order_and_company(seed: int, ids: list[int], random:
 
 @given(SEEDS, TEXTS)
 def test_text_ids_in_any_order_and_company(seed: int, ids: list[str]) -> None:
-    """The same for text, whatever its letters."""
+    """The same holds for text with any characters."""
     together = snapshot_seeds(seed, ids).tolist()
     assert snapshot_seeds(seed, ids[::-1]).tolist() == together[::-1]
     assert [int(snapshot_seeds(seed, [one])[0]) for one in ids] == together
@@ -47,7 +47,7 @@ def test_different_ids_have_different_seeds(seed: int, ids: list[int]) -> None:
 
 @given(SEEDS, SEEDS, INTEGERS)
 def test_different_runs_have_different_seeds(one: int, other: int, ids: list[int]) -> None:
-    """Another ``--seed`` gives every snapshot another seed; the same gives the same."""
+    """Another seed of the run changes the seed of every snapshot; the same seed does not."""
     equal = snapshot_seeds(one, ints(ids)) == snapshot_seeds(other, ints(ids))
     assert equal.all() if one == other else not equal.any()
     equal = snapshot_seeds(one, list(map(str, ids))) == snapshot_seeds(other, list(map(str, ids)))
@@ -56,7 +56,7 @@ def test_different_runs_have_different_seeds(one: int, other: int, ids: list[int
 
 @pytest.mark.parametrize("as_text", [False, True])
 def test_neighbouring_seeds_are_unrelated(as_text: bool) -> None:
-    """Seeds of ids that count up differ in half their bits, and so do those of runs that count up."""
+    """Seeds of consecutive ids, and of runs with consecutive seeds, differ in half their bits."""
     ids = np.arange(4000)
     seeds = snapshot_seeds(0, [str(one) for one in ids] if as_text else ids)
     assert seeds.dtype == np.uint64
@@ -68,5 +68,5 @@ def test_neighbouring_seeds_are_unrelated(as_text: bool) -> None:
 
 
 def test_no_snapshot_no_seed() -> None:
-    """Nothing in, nothing out."""
+    """No ids give no seeds."""
     assert snapshot_seeds(3, ints([])).shape == snapshot_seeds(3, []).shape == (0,)
