@@ -142,7 +142,7 @@ RANGES = Table(
             name="sensor_z_m",
             type="number",
             unit="m",
-            meaning="sensor height; with --target-z-m slant ranges are reduced to the plane of the targets",
+            meaning="sensor height, for slant ranges to targets at a height of their own (target_z_m)",
         ),
         Column(
             name="path",

@@ -25,9 +25,7 @@ ELLIPSE = (
         nullable=True,
         meaning="direction of the major axis, counter-clockwise from +x",
     ),
-    Column(
-        name="ellipse_probability", type="number", nullable=True, meaning="probability of the ellipse, from --ellipse"
-    ),
+    Column(name="ellipse_probability", type="number", nullable=True, meaning="probability of the ellipse"),
 )
 """The columns of estimates that the setting ``ellipse`` asks for."""
 

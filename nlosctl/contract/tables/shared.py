@@ -57,14 +57,14 @@ EARLIER_FLAGS = (
         type="boolean",
         nullable=True,
         carried=True,
-        meaning="flag of an earlier step: rows with false are left out unless --all-rows",
+        meaning="flag of an earlier step: rows with false are not used by default",
     ),
     Column(
         name="ip",
         type="boolean",
         nullable=True,
         carried=True,
-        meaning="flag of an earlier step: rows with true (indirect path) are left out unless --all-rows",
+        meaning="flag of an earlier step: rows with true (indirect path) are not used by default",
     ),
     Column(
         name="used", type="boolean", nullable=True, carried=True, meaning="flag of an earlier step: the row was used"
