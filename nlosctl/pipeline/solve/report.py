@@ -126,11 +126,11 @@ class RunReport:
             tally.take(counts["methods"][name])
         for unit, worst in counts["flat_plane"].items():
             self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
-        for given in counts["inputs"]:
-            if self.inputs and self.inputs[-1]["name"] == given["name"]:
-                self.inputs[-1] = {**given, "rows": self.inputs[-1]["rows"] + given["rows"]}
+        for entry in counts["inputs"]:
+            if self.inputs and self.inputs[-1]["name"] == entry["name"]:
+                self.inputs[-1] = {**entry, "rows": self.inputs[-1]["rows"] + entry["rows"]}
             else:
-                self.inputs.append(dict(given))
+                self.inputs.append(dict(entry))
 
     @property
     def unanswered(self) -> int:
@@ -146,7 +146,7 @@ class RunReport:
             rows += f" ({self.rows_left_out} left out: flagged by an earlier step)"
         if self.bad_rows:
             rows += f", {self.bad_rows} bad rows set aside"
-        names = ", ".join(str(given["name"]) for given in self.inputs[:3])
+        names = ", ".join(str(entry["name"]) for entry in self.inputs[:3])
         more = f" and {len(self.inputs) - 3} more" if len(self.inputs) > 3 else ""
         snapshots = "1 snapshot" if self.snapshots == 1 else f"{self.snapshots} snapshots"
         lines = [f"{names}{more}: {snapshots} of {self.kind}, {rows}"]
