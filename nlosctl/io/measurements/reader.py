@@ -234,7 +234,7 @@ class _Snapshots:
         if are_flags_by_method(self._survey.column_names) and "method" in whole.table.column_names:
             refuse_several_methods(whole.table, whole.starts, self._input.name)
         key = self._survey.table.row_key
-        if not whole.rises(key[0]):
+        if key and not whole.rises(key[0]):
             whole = drop_duplicates(batches, whole, key, self._tally)
         self._refuse_huge(int(np.diff(whole.starts, append=len(whole)).max()))
         return Chunk(
