@@ -120,8 +120,8 @@ class SnapshotIndex:
             if self._recent is None:
                 self._recent = _IdSet()
                 while self._sorted:
-                    earlier, held, numbers = self._sorted.popleft()
-                    self._index(earlier, pa.array(held.values()) if isinstance(held, _Steps) else held, numbers)
+                    earlier, kept, numbers = self._sorted.popleft()
+                    self._index(earlier, pa.array(kept.values()) if isinstance(kept, _Steps) else kept, numbers)
             seen = self._index(part, ids, _Steps.of(rows))
         if self._first is None:
             self._first = ids[0]
@@ -145,8 +145,8 @@ class SnapshotIndex:
 
     def _remember(self, part: str, ids: Any, rows: IntArray) -> None:
         """Keep sorted ids in their order: integers and rows take a byte each where they count up."""
-        held = _Steps.of(ids.to_numpy()) if pa.types.is_integer(ids.type) else ids
-        self._sorted.append((part, held, _Steps.of(rows)))
+        kept = _Steps.of(ids.to_numpy()) if pa.types.is_integer(ids.type) else ids
+        self._sorted.append((part, kept, _Steps.of(rows)))
         self._sorted_count += len(ids)
         while self._sorted_count - len(self._sorted[0][1]) >= self._remembered:
             self._sorted_count -= len(self._sorted.popleft()[1])

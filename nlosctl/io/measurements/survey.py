@@ -187,20 +187,20 @@ def _planned(
     table = table or kind_table(kind_of_columns([*file.names, *options.renames]))
     names = rename(file.names, options.renames, table, part.name)
     plan = plan_columns(names, table, options.constants, scene, part.name)
-    kept = columns_to_read(names, plan, options.extra_columns)
+    to_read = columns_to_read(names, plan, options.extra_columns)
     original = dict(zip(names, file.names, strict=True))
     schema = file.start(
         {original[name]: wanted for name, wanted in plan.types.items()},
-        None if kept == names else [original[name] for name in kept],
+        None if to_read == names else [original[name] for name in to_read],
     )
     derived = {name for pair in pairs for name in (pair.x, pair.y) if not name.startswith("truth")}
-    fields = [field.with_name(name) for name, field in zip(kept, schema, strict=True) if name not in derived]
+    fields = [field.with_name(name) for name, field in zip(to_read, schema, strict=True) if name not in derived]
     opened = OpenTable(
         part=part,
         file=file,
         plan=plan,
-        file_names=tuple(original[name] for name in kept),
-        names=kept,
+        file_names=tuple(original[name] for name in to_read),
+        names=to_read,
         all_names=names,
         own_names=tuple(name for name in names if name not in derived),
         schema=pa.schema(fields),

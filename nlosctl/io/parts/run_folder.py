@@ -228,9 +228,9 @@ def _entries(folder: Location) -> list[Location]:
 
 def _refuse_other_files(root: Location) -> None:
     if root.is_dir():
-        found = sorted(path.name for path in root.iterdir() if path.name != _STATE)
-        if found:
-            raise DataError(f"{root}: the folder contains other files ({found[0]!r}); name an empty or a new one")
+        others = sorted(path.name for path in root.iterdir() if path.name != _STATE)
+        if others:
+            raise DataError(f"{root}: the folder contains other files ({others[0]!r}); name an empty or a new one")
 
 
 def _read_json(path: Location) -> dict[str, Any] | None:
@@ -260,16 +260,16 @@ def _difference(begun: Any, now: Any, where: str = "") -> str | None:
     """Return a message about the first difference of two plans, or None."""
     if isinstance(begun, dict) and isinstance(now, dict):
         for key in [*begun, *(key for key in now if key not in begun)]:
-            found = _difference(begun.get(key), now.get(key), f"{where}.{key}" if where else key)
-            if found is not None:
-                return found
+            difference = _difference(begun.get(key), now.get(key), f"{where}.{key}" if where else key)
+            if difference is not None:
+                return difference
         return None
     if isinstance(begun, list) and isinstance(now, list) and len(begun) == len(now):
         for index, (earlier, later) in enumerate(zip(begun, now, strict=True)):
             name = later.get("name", index) if isinstance(later, dict) else index
-            found = _difference(earlier, later, f"{where}[{name}]")
-            if found is not None:
-                return found
+            difference = _difference(earlier, later, f"{where}[{name}]")
+            if difference is not None:
+                return difference
         return None
     return None if begun == now else f"{where} was {_short(begun)} and is {_short(now)}"
 

@@ -172,8 +172,8 @@ def _is_hidden(relative: PurePosixPath) -> bool:
 
 
 def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:
-    found = glob(pattern, recursive=True)  # noqa: PTH207 - absolute patterns too, and names stay as given
-    matches = sorted(match for match in found if Path(match).is_file())
+    paths = glob(pattern, recursive=True)  # noqa: PTH207 - absolute patterns too, and names stay as given
+    matches = sorted(path for path in paths if Path(path).is_file())
     if not matches:
         raise DataError(f"{pattern}: no file matches this pattern")
     return [_file(match, input_format) for match in matches]

@@ -48,8 +48,8 @@ Mark = tuple[int, int, int]
 
 def is_remote(word: str) -> bool:
     """Return whether a name is a URL of another scheme than ``file``."""
-    found = _URL.fullmatch(word)
-    return found is not None and found[1].lower() != "file"
+    match = _URL.fullmatch(word)
+    return match is not None and match[1].lower() != "file"
 
 
 def is_local(path: Location) -> TypeIs[Path]:
@@ -59,8 +59,8 @@ def is_local(path: Location) -> TypeIs[Path]:
 
 def names_folder(word: str) -> bool:
     """Return whether a path or URL ends with a slash (before its ``?region=...``)."""
-    found = _URL.fullmatch(word)
-    return (word if found is None else found[2]).endswith("/")
+    match = _URL.fullmatch(word)
+    return (word if match is None else match[2]).endswith("/")
 
 
 def location(word: str) -> Location:
@@ -70,10 +70,10 @@ def location(word: str) -> Location:
     """
     if not word or "\0" in word:
         raise UsageError(f"{word!r} is not the name of a file; expected a path or a URL")
-    found = _URL.fullmatch(word)
-    if found is None:
+    match = _URL.fullmatch(word)
+    if match is None:
         return Path(word)
-    scheme, rest, query = found[1], found[2], found[3] or ""
+    scheme, rest, query = match[1], match[2], match[3] or ""
     if scheme.lower() == "file":
         split = urlsplit(word)
         if split.netloc not in ("", "localhost"):
@@ -182,13 +182,13 @@ _EXTENSIONS = {
 
 def format_of_path(path: str) -> FileFormat:
     """Return the format by the extension of ``path``; raise UsageError with the known ones if it is unknown."""
-    found = known_format_of_path(path)
-    if found is None:
+    format = known_format_of_path(path)
+    if format is None:
         raise UsageError(
             f"{path}: unknown file extension; known: {' '.join(_EXTENSIONS)} "
             f"(or name the format: --input-format for an input, --format for the output)"
         )
-    return found
+    return format
 
 
 def known_format_of_path(path: str) -> FileFormat | None:

@@ -59,15 +59,15 @@ def json_column(
     ``contract`` is the contract's type of the column, None if it has no such column: any value then fits text, as JSON.
     """
     read = _read_any if wanted == "text" and contract is None else _READERS[wanted]
-    kept, faults = [], []
+    read_values, faults = [], []
     for index, value in enumerate(values):
         try:
-            kept.append(None if value is None else read(value))
+            read_values.append(None if value is None else read(value))
         except (ValueError, OverflowError):
-            kept.append(None)
+            read_values.append(None)
             fault = f"got {shown(value)}, expected {_expected(value, wanted, contract)}"
             faults.append(CellFault(index=index, column=name, fault=fault))
-    return pa.array(kept, type=arrow_type_of(wanted)), faults
+    return pa.array(read_values, type=arrow_type_of(wanted)), faults
 
 
 def _expected(value: Any, wanted: ColumnType, contract: ColumnType | None) -> str:

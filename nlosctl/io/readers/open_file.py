@@ -73,12 +73,11 @@ class TableFile:
         return pa.schema([schema.field(name) for name in self._columns])
 
     def batches(self) -> Iterator[RecordBatch]:
-        """Yield the rows in file order, in batches of bounded size; call `start` first.
+        """Return the rows in file order, in batches of bounded size; call `start` first.
 
         Raises DataError at the end, or with the reader's own error, if the file has changed since the run began.
         """
-        for batch in self._rows:
-            yield self._with_steps(batch) if self._steps else batch
+        return map(self._with_steps, self._rows) if self._steps else self._rows
 
     def peek(self) -> Iterator[RecordBatch]:
         """Yield rows without the columns of the last step; `batches` yields them again."""
