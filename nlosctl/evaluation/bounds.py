@@ -12,7 +12,6 @@ from nlosctl.geometry.symmetric import Symmetric2x2
 
 __all__ = ["Bounds", "bounds_of"]
 
-
 _CONDITION_LIMIT = 1e12
 
 

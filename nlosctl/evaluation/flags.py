@@ -12,7 +12,6 @@ from nlosctl.evaluation.summaries import FlagSummary
 
 __all__ = ["UNKNOWN", "FlagScores"]
 
-
 UNKNOWN = -1
 """Neither true (1) nor false (0): a null in the file."""
 

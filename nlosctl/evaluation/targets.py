@@ -17,7 +17,6 @@ from nlosctl.evaluation.summaries import TargetSummary
 
 __all__ = ["CASES", "EchoRows", "TargetScores", "case_of"]
 
-
 CASES = ("i", "ii", "iii", "iv", "v", "vi")
 """The six cases of Liang, Zeng, Li, Fig. 2."""
 

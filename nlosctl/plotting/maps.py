@@ -25,7 +25,6 @@ from nlosctl.plotting.library import (
 
 __all__ = ["draw_map", "draw_regions", "edges_of"]
 
-
 _LEVELS = 9
 _LABEL_SPACING = 0.09
 _LIGHTEST, _DARKEST = 0.96, 0.25

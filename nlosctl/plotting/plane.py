@@ -15,7 +15,6 @@ from nlosctl.plotting.library import Axes, Circle, Ellipse, FuncFormatter
 
 __all__ = ["Extent", "draw_ellipses", "draw_reflectors", "draw_sensors", "finish_map", "legend_once", "scene_sensors"]
 
-
 _MARGIN = 0.08
 _FLATTEST = 0.45
 _MOST_NAMES = 15

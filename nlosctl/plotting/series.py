@@ -13,7 +13,6 @@ from nlosctl.plotting.panels import Series
 
 __all__ = ["draw_cdf", "draw_points", "draw_reference_lines", "draw_series", "place_legend"]
 
-
 _RASTER_POINTS = 5000
 _MARKED_POINTS = 40
 _INSIDE_ENTRIES = 6

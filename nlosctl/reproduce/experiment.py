@@ -19,7 +19,7 @@ from nlosctl.reproduce.verdicts import Expected
 __all__ = ["Chunk", "Claim", "Comparison", "Erratum", "Experiment", "Paper"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Erratum:
     """An error in a paper's text: its location, what is printed, what is right and why."""
 

@@ -17,7 +17,6 @@ from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "MadhowRingOptions", "generate", "scene"]
 
-
 _GRID = (-0.6, -0.3, 0.0, 0.3, 0.6)
 """Coordinates of the 25 sources, in radii; the paper does not give the positions of its 25."""
 
@@ -60,10 +59,7 @@ class MadhowRingOptions:
         meaning="width of the sector about the inward normal over which outliers are uniform",
     )
     range_std_share: float = option(
-        0.0,
-        minimum=0.0,
-        maximum=1.0,
-        meaning="standard deviation of the logarithm of log-normal ranges; 0: no ranges",
+        0.0, minimum=0.0, maximum=1.0, meaning="standard deviation of the logarithm of log-normal ranges; 0: no ranges"
     )
 
     def __post_init__(self) -> None:

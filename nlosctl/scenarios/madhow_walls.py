@@ -20,7 +20,6 @@ __all__ = ["SCENARIO", "MadhowWallsOptions", "WallPath", "generate", "scene", "t
 
 Point = tuple[float, float]
 
-
 _WORLDS = {
     "10": Scene(
         sensors=tuple(

@@ -49,10 +49,7 @@ def scene(options: MixedPathsOptions) -> Scene:
         reflectors=(
             LineReflector(name="cliff", point=(0.8 * options.baseline_m, 0.0), direction=(0.1, 1.0)),
             CircleReflector(
-                name="layer",
-                center=(0.0, -ground),
-                radius=_LAYER_SHARE * options.baseline_m,
-                blocker_radius=ground,
+                name="layer", center=(0.0, -ground), radius=_LAYER_SHARE * options.baseline_m, blocker_radius=ground
             ),
         ),
     )

@@ -16,7 +16,6 @@ from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "RandomFieldOptions", "generate", "scene"]
 
-
 _REDRAWS = 200
 _MIRROR_DISTANCE = (0.75, 1.5)
 """Distance of the mirrors from the field's centre, in sides of the field: beyond its corners, at 0.708."""

@@ -14,7 +14,6 @@ from nlosctl.scenarios.triplet_rows import triplet_columns
 
 __all__ = ["SCENARIO", "RoomOptions", "generate", "scene"]
 
-
 _MARGIN = 0.05
 """Smallest distance of nodes and targets from the walls, as a share of the room's sides."""
 _LEGS = 5

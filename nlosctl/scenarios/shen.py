@@ -15,7 +15,6 @@ from nlosctl.scenarios.triplet_rows import triplet_columns
 
 __all__ = ["SCENARIO", "ShenOptions", "generate", "scene"]
 
-
 _TX, _RX = np.array([[-2.5, 0.0]]), np.array([[2.5, 0.0]])
 _REGION_M = (-8.0, 8.0, 0.0, 10.0)
 

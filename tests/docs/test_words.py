@@ -15,7 +15,8 @@ ROOT = Path(__file__).parents[2]
 LEFT_OUT = ("docs/papers.md", "docs/commands.md", "tests/docs/test_words.py")
 CLEAN = (
     *("README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "docs", "benchmarks", "fixtures/builders"),
-    *("nlosctl/contract/tables", "nlosctl/evaluation", "nlosctl/formats", "nlosctl/plotting", "nlosctl/scenarios"),
+    *("nlosctl/contract/tables", "nlosctl/evaluation", "nlosctl/formats", "nlosctl/plotting", "nlosctl/reproduce"),
+    "nlosctl/scenarios",
     *(f"nlosctl/io/{room}" for room in ("conversion", "parts", "paths", "readers", "results", "scenes", "writers")),
     *(f"nlosctl/pipeline/{room}" for room in ("convert", "evaluate", "simulate")),
     *(f"tests/{room}" for room in ("docs", "io", "papers", "scenarios", "support")),

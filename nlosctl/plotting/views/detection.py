@@ -21,7 +21,6 @@ from nlosctl.plotting.views.snapshot_rows import labels_of_rows
 
 __all__ = ["draw_detection_view"]
 
-
 _CURVE_POINTS = 2000
 
 

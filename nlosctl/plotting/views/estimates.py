@@ -17,7 +17,6 @@ from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
 
 __all__ = ["draw_estimates_view", "thinning_note"]
 
-
 _DENSE_FROM = 3000
 _ELLIPSES_TO = 60
 _MOST_PANELS = 9

@@ -22,7 +22,6 @@ from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, dra
 
 __all__ = ["draw_range_circle", "draw_scene_view", "first_measurements", "sensor_positions"]
 
-
 _WIDEST_WEDGE_RAD = 1.0
 _BEYOND = 1.12
 

@@ -21,7 +21,6 @@ from nlosctl.reproduce.verdicts import at_least, at_most
 
 __all__ = ["EXPERIMENT"]
 
-
 _WHERE = "Section III.B, Fig. 2"
 _COUNTS = {"sets": "candidates", "kept": "left by the comparison"}
 _EXAMPLE: Condition = {"sensors": 3, "nlos_range": "half", "noise_db": 0.0}

@@ -90,11 +90,7 @@ EXPERIMENT = Experiment(
             ours=at(share_of("right_eta35"), noise_db=5.0),
             note="With eta = 15 m it fails at 5 dB: the third true set is often more than that above the first two.",
         ),
-        Claim(
-            text="The same, eta = 15 m",
-            where=_WHERE,
-            ours=at(share_of("right_eta15"), noise_db=5.0),
-        ),
+        Claim(text="The same, eta = 15 m", where=_WHERE, ours=at(share_of("right_eta15"), noise_db=5.0)),
     ),
     comparisons=(
         Comparison(

@@ -34,44 +34,33 @@ __all__ = [
     "identified",
 ]
 
-
 PAPER = Paper(
     name="liang",
     reference="Liang, Zeng, Li",
     errata=(
+        Erratum("Section IV", "10 log10(sigma) dB", "of sigma in metres, not of its square: 0 dB is 1 m"),
         Erratum(
-            where="Section IV", printed="10 log10(sigma) dB", right="of sigma in metres, not of its square: 0 dB is 1 m"
+            "(1)",
+            "a direct range is one way, one by a scatterer a whole round trip",
+            "from delays times c / 2 the scattered one is half of that (nlos_range=half); (1) gives the tables",
         ),
         Erratum(
-            where="(1)",
-            printed="a direct range is one way, one by a scatterer a whole round trip",
-            right="from delays times c / 2 the scattered one is half of that (nlos_range=half); (1) gives the tables",
+            "(4), (5)",
+            "candidates are compared with the unknown TIP sets, in no stated order",
+            "greedily by rising spread, each with those that were kept",
         ),
         Erratum(
-            where="(4), (5)",
-            printed="candidates are compared with the unknown TIP sets, in no stated order",
-            right="greedily by rising spread, each with those that were kept",
+            "(4), (5)",
+            "sets may share a circle as long as they share no point",
+            "a circle is of one target: unique=circles removes most false targets of N = 4",
         ),
         Erratum(
-            where="(4), (5)",
-            printed="sets may share a circle as long as they share no point",
-            right="a circle is of one target: unique=circles removes most false targets of N = 4",
+            "(7)",
+            "no rule where no difference exceeds eta; at least one target",
+            "all sets then; assignment may find none",
         ),
-        Erratum(
-            where="(7)",
-            printed="no rule where no difference exceeds eta; at least one target",
-            right="all sets then; assignment may find none",
-        ),
-        Erratum(
-            where="Section IV",
-            printed='"more than a 71 % probability" at 0 dB',
-            right="at least 71 %: the least is 710 of 1000",
-        ),
-        Erratum(
-            where="abstract, Section IV",
-            printed='"outstanding localization accuracy"',
-            right="no figure or table shows it",
-        ),
+        Erratum("Section IV", '"more than a 71 % probability" at 0 dB', "at least 71 %: the least is 710 of 1000"),
+        Erratum("abstract, Section IV", '"outstanding localization accuracy"', "no figure or table shows it"),
     ),
 )
 

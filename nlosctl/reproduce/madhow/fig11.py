@@ -18,7 +18,6 @@ from nlosctl.reproduce.verdicts import at_least, between
 
 __all__ = ["EXPERIMENT"]
 
-
 _FIELD = "-400,900,-400,800"
 _NEAR_M = 25.0
 """An estimate within this distance of the source, or of its image, belongs to it."""
@@ -92,10 +91,7 @@ def _panels(results: Results) -> Sequence[Panel]:
         truth_x, truth_y = samples["truth_x_m"][:1], samples["truth_y_m"][:1]
         second = [
             Series(
-                label="second estimates",
-                x=samples["second_x_m"][:_SHOWN],
-                y=samples["second_y_m"][:_SHOWN],
-                style=3,
+                label="second estimates", x=samples["second_x_m"][:_SHOWN], y=samples["second_y_m"][:_SHOWN], style=3
             )
         ]
         panels.append(
@@ -163,11 +159,7 @@ EXPERIMENT = Experiment(
             text="Wideband, mixture-ml with exclude_behind_walls: share of trials at the true source",
             ours=lambda results: _share_at_source(results, "mixture"),
         ),
-        Comparison(
-            text="... and its rms error",
-            ours=at(rms_of("mixture"), band="wide"),
-            unit="m",
-        ),
+        Comparison(text="... and its rms error", ours=at(rms_of("mixture"), band="wide"), unit="m"),
     ),
     panels=_panels,
     trials=2000,

@@ -99,10 +99,7 @@ EXPERIMENT = Experiment(
             text="Least share of trials at the likelihood's maximum (within 0.05 nat), suppression with the paper's M",
             ours=smallest(share_of("hit")),
         ),
-        Comparison(
-            text="... with all 28 pairs and acceptance=likelihood",
-            ours=smallest(share_of("repaired_hit")),
-        ),
+        Comparison(text="... with all 28 pairs and acceptance=likelihood", ours=smallest(share_of("repaired_hit"))),
         Comparison(
             text="rms of mixture-ml over suppression, 1 blocked, 2 deg",
             ours=at(ratio_of("ml", "suppress"), nlos_receivers=1, bearing_std_deg=2.0),

@@ -57,8 +57,7 @@ EXPERIMENT = Experiment(
             ours=largest(ratio_of("ml_half", "ml"), nlos_receivers=0),
         ),
         Comparison(
-            text="... as it comes, with alpha = 0.25",
-            ours=largest(ratio_of("ml_quarter", "ml"), nlos_receivers=0),
+            text="... as it comes, with alpha = 0.25", ours=largest(ratio_of("ml_quarter", "ml"), nlos_receivers=0)
         ),
     ),
     panels=lambda results: panels_by_blocked(results, _BLOCKED, ("suppress", "suppression"), ("ml", "ML")),

@@ -116,10 +116,7 @@ EXPERIMENT = Experiment(
         ),
     ),
     comparisons=(
-        Comparison(
-            text="Failures of mixture-ml, 1 blocked, 4 deg",
-            ours=_observed("ml", 1, 4.0),
-        ),
+        Comparison(text="Failures of mixture-ml, 1 blocked, 4 deg", ours=_observed("ml", 1, 4.0)),
         Comparison(
             text="Failures of suppression with all 28 pairs and acceptance=likelihood, 1 blocked, 4 deg",
             ours=_observed("repaired", 1, 4.0),

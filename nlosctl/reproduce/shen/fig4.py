@@ -25,7 +25,6 @@ from nlosctl.solvers.triplets.target_fits import fit_paths
 
 __all__ = ["EXPERIMENT"]
 
-
 _WHERE = "Section IV-C, Fig. 4"
 _LEVEL = 0.05
 _RULES = (*(f"lambda{rule}" for rule in range(1, 7)), "chi2")

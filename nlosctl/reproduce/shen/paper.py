@@ -30,43 +30,42 @@ __all__ = [
     "triplet_trials",
 ]
 
-
 PAPER = Paper(
     name="shen",
     reference="Shen, Molisch 2012",
     errata=(
         Erratum(
-            where="(11)",
-            printed="c3 = -2 (x^2 / mu3^3 - y^2 mu3 / (mu3^2 - d^2)^2)",
-            right="a plus between the terms; no number of the paper shows it, the path length has hardly any weight",
+            "(11)",
+            "c3 = -2 (x^2 / mu3^3 - y^2 mu3 / (mu3^2 - d^2)^2)",
+            "a plus between the terms; no number of the paper shows it, the path length has hardly any weight",
         ),
         Erratum(
-            where="(14)",
-            printed="(3,1) b3 c3, (5,1) over alpha, (5,3) b3, and superscripts of rows 1 to 4",
-            right="b3 c1, over gamma, b1, each coefficient at its own intersection; Table III has the right W",
+            "(14)",
+            "(3,1) b3 c3, (5,1) over alpha, (5,3) b3, and superscripts of rows 1 to 4",
+            "b3 c1, over gamma, b1, each coefficient at its own intersection; Table III has the right W",
         ),
-        Erratum(where="(26), (33)", printed="1 / (2 pi)", right="1 / sqrt(2 pi)"),
+        Erratum("(26), (33)", "1 / (2 pi)", "1 / sqrt(2 pi)"),
         Erratum(
-            where="(29)-(31)",
-            printed="each of the three densities is shifted by the mean",
-            right="only one of them: the mean would be three times as large",
+            "(29)-(31)",
+            "each of the three densities is shifted by the mean",
+            "only one of them: the mean would be three times as large",
         ),
-        Erratum(where="(34)", printed="y / (m - x / 2), y / (m + x / 2)", right="y / (x - d / 2), y / (x + d / 2)"),
-        Erratum(where="Section IV", printed="x1 = x2 = x3, y2 = y2 = y3", right="y1 = y2 = y3"),
-        Erratum(where="Section IV-D", printed="a false alarm is to decide for a DP when an IP happens", right="a miss"),
-        Erratum(where="Section VI-A", printed="6 scenarios; scenario 5 has three objects", right="5; one reflector"),
-        Erratum(where="Section VI-E", printed='"several orders of magnitude"', right="its Table V says 5 to 9 times"),
-        Erratum(where="Table IV", printed="expected P_f 0075", right="0.07"),
+        Erratum("(34)", "y / (m - x / 2), y / (m + x / 2)", "y / (x - d / 2), y / (x + d / 2)"),
+        Erratum("Section IV", "x1 = x2 = x3, y2 = y2 = y3", "y1 = y2 = y3"),
+        Erratum("Section IV-D", "a false alarm is to decide for a DP when an IP happens", "a miss"),
+        Erratum("Section VI-A", "6 scenarios; scenario 5 has three objects", "5; one reflector"),
+        Erratum("Section VI-E", '"several orders of magnitude"', "its Table V says 5 to 9 times"),
+        Erratum("Table IV", "expected P_f 0075", "0.07"),
         Erratum(
-            where="Table I, Theorem 1",
-            printed="blind spots of indirect paths alone; all rules equal for direct ones",
-            right="direct paths have them too (lambda 1 at mu2 = pi/2, 3 at mu1 = pi/2, 6 at x = 0, 5 at y -> 0): "
+            "Table I, Theorem 1",
+            "blind spots of indirect paths alone; all rules equal for direct ones",
+            "direct paths have them too (lambda 1 at mu2 = pi/2, 3 at mu1 = pi/2, 6 at x = 0, 5 at y -> 0): "
             "there the false alarms of a rule are far from P_f",
         ),
         Erratum(
-            where="Algorithm 1",
-            printed="no word on lines that meet behind transmitter or receiver",
-            right="the simulator behind Tables IV and V must have taken lines for rays and called such paths indirect: "
+            "Algorithm 1",
+            "no word on lines that meet behind transmitter or receiver",
+            "the simulator behind Tables IV and V must have taken lines for rays and called such paths indirect: "
             "with that, and not without, their numbers come out (fold_angles, behind_is_ip)",
         ),
     ),

@@ -15,20 +15,10 @@ from nlosctl.arrays import FloatArray
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Claim, Comparison, Experiment
 from nlosctl.reproduce.samples import Results, Samples, at, conditions
-from nlosctl.reproduce.shen.paper import (
-    CHUNK_TRIALS,
-    PAPER,
-    READINGS,
-    RULES,
-    TRIALS,
-    detection_samples,
-    rate,
-    rates,
-)
+from nlosctl.reproduce.shen.paper import CHUNK_TRIALS, PAPER, READINGS, RULES, TRIALS, detection_samples, rate, rates
 from nlosctl.reproduce.verdicts import about, at_least
 
 __all__ = ["FIG5", "FIG6", "FIG7"]
-
 
 _INDIVIDUAL = tuple(f"lambda{rule}" for rule in range(1, 7))
 _RULES = (*_INDIVIDUAL, "fusion0", "fusion5", "chi2", "chi2_miss")
@@ -57,8 +47,7 @@ def _roc_experiment(*, figure: int, scenario: int, detection_note: str = "", ala
         claims=tuple(claim for reading in READINGS for claim in _claims(where, reading, detection_note, alarm_note)),
         comparisons=(
             Comparison(
-                text="chi2: P_d at P_f = 0.1",
-                ours=at(partial(_detected, rule="chi2", false_alarm=0.1), reading="rays"),
+                text="chi2: P_d at P_f = 0.1", ours=at(partial(_detected, rule="chi2", false_alarm=0.1), reading="rays")
             ),
             Comparison(
                 text="chi2 with rays_miss=true: P_d at P_f = 0.1",
@@ -139,7 +128,5 @@ FIG6 = _roc_experiment(
     alarm_note="One in a hundred direct paths has lines that meet behind a node, by noise, and is called indirect.",
 )
 FIG7 = _roc_experiment(
-    figure=7,
-    scenario=4,
-    detection_note="Reached by fusion with K = 0 alone; lambda 5 has 0.85, with lines 0.89.",
+    figure=7, scenario=4, detection_note="Reached by fusion with K = 0 alone; lambda 5 has 0.85, with lines 0.89."
 )

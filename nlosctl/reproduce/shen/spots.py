@@ -11,7 +11,6 @@ from nlosctl.reproduce.shen.detection_theory import ORDERS, DetectionScene, Orde
 
 __all__ = ["REGION_M", "SCENE", "SPOTS", "Spot"]
 
-
 SCENE = DetectionScene(target_m=(-1.0, 5.0))
 REGION_M = (-8.0, 8.0, 0.0, 10.0)
 _FIRST, _SECOND = ORDERS

@@ -22,7 +22,6 @@ from nlosctl.scenarios.triplet_rows import triplet_columns
 
 __all__ = ["EXPERIMENT"]
 
-
 _LEVEL = 0.05
 _KINDS = ("BS1", "BS2", "BS3")
 _ON_SPOTS: list[Condition] = [

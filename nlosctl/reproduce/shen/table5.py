@@ -20,7 +20,6 @@ from nlosctl.reproduce.verdicts import at_least, printed
 
 __all__ = ["EXPERIMENT"]
 
-
 _WHERE = "Table V"
 _ROOM_M = (-5.0, 5.0, 0.0, 8.0)
 _LEVEL = 0.05

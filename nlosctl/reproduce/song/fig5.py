@@ -17,7 +17,6 @@ from nlosctl.reproduce.verdicts import at_least, at_most, printed
 
 __all__ = ["EXPERIMENT"]
 
-
 _FIGURE, _SMALL = 0.955, 0.2
 """Distance of the sensor from the centre, in radii: that of the figure, and one below 1/3."""
 _BESIDE = 1e-8

@@ -25,7 +25,6 @@ from nlosctl.reproduce.verdicts import at_least, at_most, printed
 
 __all__ = ["EXPERIMENT"]
 
-
 _GROUND_M, _REFLECTOR_M = 6371e3, 6671e3
 _FARTHEST_RAD = np.radians(42.0)
 _HORIZONTAL = np.zeros(1)

@@ -21,7 +21,6 @@ from nlosctl.scenarios import song_circle
 
 __all__ = ["EXPERIMENT"]
 
-
 _STD_RAD = np.radians(0.5)
 _SHARES = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Distances along the reflected ray, in units of the target's distance from the reflection point."""

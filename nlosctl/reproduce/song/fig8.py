@@ -90,17 +90,11 @@ EXPERIMENT = Experiment(
             where="Fig. 8",
             ours=at(ratio_of("ml", "crlb"), bearing_std_deg=1.0),
         ),
-        Claim(
-            text="RMSE of LS at 1 deg",
-            where="Fig. 8",
-            ours=at(rms_of("ls"), bearing_std_deg=1.0),
-            unit="m",
-        ),
+        Claim(text="RMSE of LS at 1 deg", where="Fig. 8", ours=at(rms_of("ls"), bearing_std_deg=1.0), unit="m"),
     ),
     comparisons=(
         Comparison(
-            text="Bias of ml over its RMSE, at 5 deg",
-            ours=at(partial(_bias_share, method="ml"), bearing_std_deg=5.0),
+            text="Bias of ml over its RMSE, at 5 deg", ours=at(partial(_bias_share, method="ml"), bearing_std_deg=5.0)
         ),
     ),
     panels=_panels,
