@@ -1,4 +1,4 @@
-"""The jobs of the command line as functions on Arrow tables: what ``import nlosctl`` offers."""
+"""The jobs of the command line as functions on Arrow tables: what ``import nlosctl`` provides."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Any
 
+from nlosctl import registry
 from nlosctl.contract.fields import parse_field
-from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
-from nlosctl.errors import UsageError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.contract.methods import Job
+from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.io.results.in_memory import gather, input_of_table
-from nlosctl.pipeline.bound.bounds import BoundSettings, bounds_at_truth, bounds_on_map, parse_map, result_schema
-from nlosctl.pipeline.engine.workers import usable_jobs
-from nlosctl.pipeline.evaluate.evaluate import Evaluation, evaluate_inputs
-from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
-from nlosctl.pipeline.simulate.simulation import Simulation
-from nlosctl.pipeline.solve.method_runs import MethodRun, method_runs
+from nlosctl.jobs import bound as bound_job
+from nlosctl.jobs import evaluate as evaluate_job
+from nlosctl.jobs import simulate as simulate_job
+from nlosctl.jobs.files import Destination
+from nlosctl.jobs.solve import solve
+from nlosctl.pipeline.evaluate.evaluate import Evaluation
 from nlosctl.pipeline.solve.report import RunReport
-from nlosctl.pipeline.solve.run import MeasurementRun
-from nlosctl.pipeline.solve.settings import RunSettings
 
 __all__ = ["Detection", "Localization", "bound", "detect_ip", "evaluate", "identify_los", "localize", "simulate"]
+
+SceneLike = Scene | str | PathLike[str] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,11 +35,20 @@ class Localization:
     report: RunReport
 
 
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Flags as an Arrow table, as the command line writes them, estimates or None, and the report of the run."""
+
+    flags: Any
+    estimates: Any | None
+    report: RunReport
+
+
 def localize(
     table: Any,
     *,
     method: str | Sequence[str] = "ml",
-    scene: Scene | str | PathLike[str] | None = None,
+    scene: SceneLike = None,
     crs: str | None = None,
     origin: tuple[float, float] | None = None,
     kind: str | None = None,
@@ -57,42 +67,48 @@ def localize(
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
-    """Estimate positions from a table of measurements; the same results to the bit as ``nlosctl localize``.
+    """Estimate positions from a table of measurements; the results are those of ``nlosctl localize``, to the bit.
 
-    ``table`` is a pyarrow Table (or anything that `pyarrow.table` takes). ``scene`` is a Scene or the path of a scene
-    file; else the one in the table's metadata. ``columns`` reads a column under another name (the contract's name ->
-    the table's), ``constants`` gives missing std columns, in radians or metres; ``field`` is in the
-    words of ``--field``, ``target_z_m`` the height of the targets where ranges are slant. ``crs`` or ``origin``
-    (latitude and longitude in degrees) tell how x and y lie on earth; ``ellipse`` and ``add`` (cep50, gdop) ask for
-    further columns. ``sweep`` gives parameters in turn several values, told in columns ``sweep_KEY``;
-    ``parameters`` are the method's.
+    ``table`` is a pyarrow Table, or anything that `pyarrow.table` accepts. ``scene`` is a Scene or the path of a scene
+    file; default: the scene in the table's metadata. ``columns`` maps standard column names to those of the table,
+    ``constants`` missing standard deviations to their values, in radians or metres. ``field`` is the search region:
+    ``xmin,xmax,ymin,ymax``, ``circle:x,y,r``, ``polygon:FILE`` or ``sensors:FACTOR``. ``target_z_m`` is the height of
+    the targets if ranges are slant. ``crs`` or ``origin`` (latitude and longitude in degrees) define the local plane
+    on earth. ``ellipse`` (a probability) and ``add`` (cep50, gdop) add columns. ``sweep`` runs parameters through
+    several values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    frame = _frame(crs, origin)
-    reader = _reader(
-        table, kind=kind, columns=columns, constants=constants, scene=scene, frame=frame, all_rows=all_rows
+    read = InputOptions(
+        kind=kind,
+        columns=dict(columns or {}),
+        constants=dict(constants or {}),
+        all_rows=all_rows,
+        scene=_scene(scene),
+        crs=crs,
+        origin=origin,
     )
-    settings = RunSettings(
-        seed=seed,
-        jobs=usable_jobs(jobs),
-        block_size=block_size,
-        alternatives=alternatives,
-        ellipse=ellipse,
-        add=tuple(add),
-        carry=tuple(carry),
+    options = SolveOptions(
+        method=_names(method),
+        parameters=parameters,
+        sweep=sweep or {},
         field=parse_field(field),
         target_z_m=target_z_m,
-        want_flags=True,
+        alternatives=alternatives,
+        seed=seed,
+        jobs=jobs,
+        block_size=block_size,
     )
-    return _localization(reader, method_runs(_names(method), reader.kind, "localize", parameters, sweep), settings)
+    write = OutputOptions(ellipse=ellipse, add=tuple(add), carry=tuple(carry))
+    tables, report = _solve("localize", table, read, options, write, ["estimates", "flags"])
+    return Localization(estimates=tables["estimates"], flags=tables["flags"], report=report)
 
 
 def bound(
     table: Any,
     *,
     map: tuple[float, float, float, float, float] | None = None,
-    scene: Scene | str | PathLike[str] | None = None,
+    scene: SceneLike = None,
     crs: str | None = None,
     origin: tuple[float, float] | None = None,
     kind: str | None = None,
@@ -102,61 +118,34 @@ def bound(
     noise: str = "gaussian",
     use_ranges: bool = True,
 ) -> Any:
-    """Return the Cramer-Rao bound of each snapshot at its truth as a table; see ``nlosctl bound``.
+    """Return the Cramér-Rao bound of each snapshot at its true position as a table; see ``nlosctl bound``.
 
-    With ``map`` (least x, largest x, least y, largest y, step, in metres) over a grid of positions instead, for the
-    sensors, paths and stds of the first snapshot. ``noise`` is the errors' distribution, gaussian or
-    laplace; without ``use_ranges`` the ranges beside bearings don't count. The other arguments are those of `localize`.
+    With ``map`` (xmin, xmax, ymin, ymax, step, in metres) the bound is over a grid of positions, for the sensors, paths
+    and standard deviations of the first snapshot. ``noise`` is the error distribution, gaussian or laplace; without
+    ``use_ranges`` the ranges in a table of bearings are not used. The other arguments are those of `localize`.
 
-    Raises DataError for faults of the data, UsageError for a map that is none.
+    Raises DataError for faults of the data, UsageError for an invalid map.
     """
-    frame = _frame(crs, origin)
-    reader = _reader(
-        table, kind=kind, columns=columns, constants=constants, scene=scene, frame=frame, all_rows=all_rows
-    )
-    grid = None if map is None else parse_map(",".join(str(float(number)) for number in map))
-    settings = BoundSettings(noise=noise, use_ranges=use_ranges)
-    tables = bounds_at_truth(reader, settings) if grid is None else bounds_on_map(reader, grid, settings)
-    return gather(list(tables), result_schema(reader, grid))
-
-
-def _reader(
-    table: Any,
-    *,
-    kind: str | None,
-    columns: Mapping[str, str] | None,
-    constants: Mapping[str, float] | None,
-    all_rows: bool,
-    scene: Scene | str | PathLike[str] | None = None,
-    frame: EarthFrame | None = None,
-) -> MeasurementReader:
-    options = ReadOptions(
+    read = InputOptions(
         kind=kind,
-        renames=dict(columns or {}),
+        columns=dict(columns or {}),
         constants=dict(constants or {}),
-        scene=scene if isinstance(scene, Scene) else None,
-        scene_file=None if scene is None or isinstance(scene, Scene) else fspath(scene),
         all_rows=all_rows,
-        frame=frame,
+        scene=_scene(scene),
+        crs=crs,
+        origin=origin,
     )
-    return MeasurementReader([input_of_table(table)], options)
-
-
-def _frame(crs: str | None, origin: tuple[float, float] | None) -> EarthFrame | None:
-    if crs is not None and origin is not None:
-        raise UsageError("crs and origin both say how the plane lies on earth; give one")
-    if origin is not None:
-        return parse_frame(f"{origin[0]!r} {origin[1]!r}", "origin")
-    return None if crs is None else parse_frame(crs, "crs")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Detection:
-    """Flags as an Arrow table, as the command line writes them, estimates or None, and the report of the run."""
-
-    flags: Any
-    estimates: Any | None
-    report: RunReport
+    options = SolveOptions(noise=noise, use_ranges=use_ranges)
+    bounds = _TableSink()
+    bound_job.bound(
+        [input_of_table(table)],
+        None if map is None else ",".join(str(float(number)) for number in map),
+        read,
+        options,
+        OutputOptions(),
+        Destination(sinks={"bound": bounds.start}),
+    )
+    return bounds.table()
 
 
 def detect_ip(
@@ -174,31 +163,24 @@ def detect_ip(
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Detection:
-    """Flag indirect paths in a table of triplets; the same results to the bit as ``nlosctl detect-ip``.
+    """Flag indirect paths in a table of triplets; the results are those of ``nlosctl detect-ip``, to the bit.
 
-    ``details`` adds what the flags were decided by; the estimates are None where no method makes any. The rest as in
-    `localize`.
+    ``details`` adds the test statistics behind each flag; the estimates are None if no method makes any. The other
+    arguments are those of `localize`.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    reader = _reader(table, kind="triplets", columns=columns, constants=constants, all_rows=all_rows)
-    runs = method_runs(_names(method), reader.kind, "detect-ip", parameters, sweep)
-    settings = RunSettings(
-        seed=seed,
-        jobs=usable_jobs(jobs),
-        block_size=block_size,
-        carry=tuple(carry),
-        want_estimates=any(run.spec.estimates for run in runs),
-        want_flags=True,
-        want_details=details,
+    read = InputOptions(
+        kind="triplets", columns=dict(columns or {}), constants=dict(constants or {}), all_rows=all_rows
     )
-    run = MeasurementRun(reader, runs, settings)
-    chunks = list(run.tables())
-    estimates = None
-    if settings.want_estimates:
-        estimates = gather([chunk.estimates for chunk in chunks], run.schemas["estimates"])
-    flags = gather([chunk.flags for chunk in chunks], run.schemas["flags"])
-    return Detection(flags=flags, estimates=estimates, report=run.report)
+    options = SolveOptions(
+        method=_names(method), parameters=parameters, sweep=sweep or {}, seed=seed, jobs=jobs, block_size=block_size
+    )
+    write = OutputOptions(details=details, carry=tuple(carry))
+    estimated = any(registry.resolve(name, "triplets", "detect-ip").estimates for name in options.method)
+    wanted = ["flags", *(["estimates"] if estimated else [])]
+    tables, report = _solve("detect-ip", table, read, options, write, wanted)
+    return Detection(flags=tables["flags"], estimates=tables.get("estimates"), report=report)
 
 
 def identify_los(
@@ -207,7 +189,7 @@ def identify_los(
     method: str | Sequence[str] = "assignment",
     field: str = "sensors:1",
     target_z_m: float | None = None,
-    scene: Scene | str | PathLike[str] | None = None,
+    scene: SceneLike = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
@@ -219,39 +201,34 @@ def identify_los(
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
-    """Tell the direct echoes of several targets from all others; the same to the bit as ``nlosctl identify-los``.
+    """Identify the line-of-sight echoes of several targets; the results are those of ``nlosctl identify-los``.
 
-    The table holds ranges, any number of each sensor, in any order. ``field`` says where targets may be, in the words
-    of ``--field``. The rest as in `localize`.
+    The table has ranges, any number per sensor, in any order. ``field`` is the region where targets are searched for.
+    The other arguments are those of `localize`.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    reader = _reader(table, kind="ranges", columns=columns, constants=constants, scene=scene, all_rows=all_rows)
-    settings = RunSettings(
-        seed=seed,
-        jobs=usable_jobs(jobs),
-        block_size=block_size,
-        alternatives=alternatives,
-        carry=tuple(carry),
+    read = InputOptions(
+        kind="ranges",
+        columns=dict(columns or {}),
+        constants=dict(constants or {}),
+        all_rows=all_rows,
+        scene=_scene(scene),
+    )
+    options = SolveOptions(
+        method=_names(method),
+        parameters=parameters,
+        sweep=sweep or {},
         field=parse_field(field),
         target_z_m=target_z_m,
-        want_flags=True,
+        alternatives=alternatives,
+        seed=seed,
+        jobs=jobs,
+        block_size=block_size,
     )
-    return _localization(reader, method_runs(_names(method), reader.kind, "identify-los", parameters, sweep), settings)
-
-
-def _names(method: str | Sequence[str]) -> list[str]:
-    return [method] if isinstance(method, str) else list(method)
-
-
-def _localization(reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> Localization:
-    run = MeasurementRun(reader, runs, settings)
-    chunks = list(run.tables())
-    return Localization(
-        estimates=gather([chunk.estimates for chunk in chunks], run.schemas["estimates"]),
-        flags=gather([chunk.flags for chunk in chunks], run.schemas["flags"]),
-        report=run.report,
-    )
+    wanted = ["flags", "estimates"]
+    tables, report = _solve("identify-los", table, read, options, OutputOptions(carry=tuple(carry)), wanted)
+    return Localization(estimates=tables["estimates"], flags=tables["flags"], report=report)
 
 
 def simulate(
@@ -262,13 +239,15 @@ def simulate(
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Any:
-    """Draw a table of measurements with their truth; its metadata carries the scene.
+    """Draw a table of measurements with ground truth; its metadata contain the scene.
 
-    ``sweep`` gives parameters in turn several values, ``trials`` snapshots of each; see ``nlosctl simulate``. Raises
+    ``sweep`` runs parameters through several values, with ``trials`` snapshots each; see ``nlosctl simulate``. Raises
     UsageError for an unknown scenario or parameter.
     """
-    simulation = Simulation(scenario, parameters, seed=seed, trials=trials, sweep=sweep)
-    return gather(list(simulation.tables()), simulation.schema, simulation.metadata)
+    options = SolveOptions(parameters=parameters, sweep=sweep or {}, seed=seed)
+    drawn = _TableSink()
+    simulate_job.simulate(scenario, trials, options, OutputOptions(), sink=drawn.start)
+    return drawn.table()
 
 
 def evaluate(
@@ -279,12 +258,60 @@ def evaluate(
     ospa_order: float = 2.0,
     ospa_cutoff_m: float = 20.0,
 ) -> Evaluation:
-    """Hold a table of estimates (or flags) against the truth in it, by method; see ``nlosctl evaluate``.
+    """Compare a table of estimates (or flags) with the ground truth in it, by method; see ``nlosctl evaluate``.
 
-    With ``estimates`` the table is the flags of `identify_los` that belong to them. Raises DataError where the table
-    is neither, or has no truth.
+    With ``estimates``, the table is the flags of `identify_los` that belong to them. Raises DataError if the table is
+    neither estimates nor flags, or has no ground truth.
     """
-    if estimates is not None:
-        given = input_of_table(estimates)
-        return evaluate_targets(input_of_table(table), given, order=ospa_order, cutoff_m=ospa_cutoff_m)
-    return evaluate_inputs([input_of_table(table)], truth=None, best_alternative=best_alternative)
+    evaluation, _ = evaluate_job.evaluate(
+        [input_of_table(table)],
+        InputOptions(),
+        OutputOptions(),
+        estimates=None if estimates is None else input_of_table(estimates),
+        ospa_order=ospa_order,
+        ospa_cutoff_m=ospa_cutoff_m,
+        best_alternative=best_alternative,
+    )
+    return evaluation
+
+
+class _TableSink:
+    """A sink that keeps the tables of a job in memory."""
+
+    def __init__(self) -> None:
+        self._tables: list[Any] = []
+        self._schema: Any = None
+        self._metadata: Mapping[str, str] | None = None
+
+    def start(self, schema: Any, metadata: Mapping[str, str] | None = None) -> _TableSink:
+        """Set the schema of the tables to come, and the metadata of the whole; return the sink."""
+        self._schema, self._metadata = schema, metadata
+        return self
+
+    def write(self, table: Any) -> None:
+        """Receive rows."""
+        self._tables.append(table)
+
+    def set_metadata(self, metadata: Mapping[str, str]) -> None:
+        """Ignore the metadata that only files have."""
+
+    def table(self) -> Any:
+        """Return all rows as one table."""
+        return gather(self._tables, self._schema, self._metadata)
+
+
+def _solve(
+    job: Job, table: Any, read: InputOptions, options: SolveOptions, write: OutputOptions, wanted: Sequence[str]
+) -> tuple[dict[str, Any], RunReport]:
+    sinks = {name: _TableSink() for name in wanted}
+    destination = Destination(sinks={name: sink.start for name, sink in sinks.items()})
+    run = solve(job, [input_of_table(table)], read, options, write, destination)
+    return {name: sink.table() for name, sink in sinks.items()}, run.report
+
+
+def _scene(scene: SceneLike) -> Scene | str | None:
+    return scene if scene is None or isinstance(scene, Scene) else fspath(scene)
+
+
+def _names(method: str | Sequence[str]) -> tuple[str, ...]:
+    return (method,) if isinstance(method, str) else tuple(method)

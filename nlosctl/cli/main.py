@@ -1,4 +1,4 @@
-"""The program: its commands, and how every error ends."""
+"""The program: its commands, and how each error is reported."""
 
 from __future__ import annotations
 
@@ -16,18 +16,16 @@ import typer
 from nlosctl.cli.commands.bound import bound
 from nlosctl.cli.commands.config import config_app
 from nlosctl.cli.commands.convert import convert
-from nlosctl.cli.commands.detect_ip import detect_ip
 from nlosctl.cli.commands.evaluate import evaluate
-from nlosctl.cli.commands.identify_los import identify_los
-from nlosctl.cli.commands.localize import localize
 from nlosctl.cli.commands.methods import methods_app
 from nlosctl.cli.commands.plot import PLOT_EPILOG, plot
 from nlosctl.cli.commands.reproduce import reproduce
 from nlosctl.cli.commands.schema import schema
 from nlosctl.cli.commands.simulate import simulate
+from nlosctl.cli.commands.solve import detect_ip, identify_los, localize
 from nlosctl.cli.commands.validate import validate
 from nlosctl.cli.options.settings import SettingsCommand
-from nlosctl.cli.shared.terminal import ClosedOutput, forget, tell
+from nlosctl.cli.terminal import ClosedOutput, discard, print_message
 from nlosctl.contract.limits import limit, limit_variable
 from nlosctl.errors import GatheredError, NlosctlError, UsageError, in_one_line, printable
 from nlosctl.version import __version__
@@ -35,31 +33,34 @@ from nlosctl.version import __version__
 __all__ = ["app", "run"]
 
 _EXIT_CODES = """\
-Exit codes: 0 done (a summary counts the statuses); 1 bad data, or a file that is absent, exists already or can't be
-written; 2 the words of the command line; 3 under --strict, when some snapshot got no estimate; 4 a condition of
-evaluate --fail-if is met; 130 interrupted.
+Exit codes: 0 done (a summary counts the statuses); 1 bad data, or a file that is missing, exists already or cannot be
+written; 2 usage error; 3 with --strict, if a snapshot has no estimate; 4 a condition of evaluate --fail-if is met; 130
+interrupted.
 """
+
+_PARSER: Any = sys.modules[typer.BadParameter.__module__]
+"""The module of the parser's exceptions: click, or the copy of it that typer contains."""
 
 _INTERRUPTED = 130
 _REPEAT_AFTER_S = 0.01
 _LEAST_MEMORY_MB = 512
-"""With less than three quarters of this OpenBLAS tries for ever to get what it wants as it is loaded."""
+"""With less than three quarters of this, OpenBLAS retries its allocation forever while it is loaded."""
 
 
 class _PipeClosedError(Exception):
-    """Whoever read our output has gone: not an error of ours, and nothing to say."""
+    """The reader of our output has closed the pipe: not an error, and nothing is printed."""
 
 
 class _StoppedError(Exception):
-    """The user or the system wants an end; ``exit_code`` is 128 plus the signal's number."""
+    """An interrupt by the user or the system; ``exit_code`` is 128 plus the number of the signal."""
 
     def __init__(self, exit_code: int) -> None:
-        super().__init__("interrupted; no partial output is left")
+        super().__init__("interrupted; no partial output remains")
         self.exit_code = exit_code
 
 
 class _Terminated(KeyboardInterrupt):
-    """SIGTERM, SIGHUP or SIGXCPU: unwinds like Ctrl-C, so that temporary files go."""
+    """SIGTERM, SIGHUP or SIGXCPU: unwinds like Ctrl-C, so that temporary files are removed."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -69,7 +70,7 @@ class _Terminated(KeyboardInterrupt):
 app = typer.Typer(
     name="nlosctl",
     help="Localize radio, acoustic and radar sources from files of measurements when some paths are not line of "
-    "sight, and say which ones.",
+    "sight, and identify those paths.",
     epilog=_EXIT_CODES,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -78,14 +79,14 @@ app = typer.Typer(
 
 
 def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Take interrupts and closed pipes before the parser's own handling of them, which would exit otherwise."""
+    """Convert interrupts and closed pipes before the parser handles them, which would exit in another way."""
 
     @functools.wraps(command)
     def call(*arguments: Any, **options: Any) -> Any:
         try:
             return command(*arguments, **options)
         except BrokenPipeError as error:
-            _forget_stdout()
+            _discard_stdout()
             raise _PipeClosedError from error
         except _Terminated as stop:
             raise _StoppedError(128 + stop.number) from stop
@@ -95,10 +96,22 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-_COMMANDS = (localize, bound, detect_ip, identify_los, simulate, evaluate, plot, reproduce, convert, validate, schema)
-for _command in _COMMANDS:
+_COMMANDS = (
+    ("localize", localize),
+    ("bound", bound),
+    ("detect-ip", detect_ip),
+    ("identify-los", identify_los),
+    ("simulate", simulate),
+    ("evaluate", evaluate),
+    ("plot", plot),
+    ("reproduce", reproduce),
+    ("convert", convert),
+    ("validate", validate),
+    ("schema", schema),
+)
+for _name, _command in _COMMANDS:
     _epilog = PLOT_EPILOG if _command is plot else None
-    app.command(_command.__name__.replace("_", "-"), cls=SettingsCommand, epilog=_epilog)(_guarded(_command))
+    app.command(_name, cls=SettingsCommand, epilog=_epilog)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 app.add_typer(config_app, name="config")
 
@@ -112,7 +125,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _program(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -127,15 +140,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
     if sys.stdout is None:
         sys.stdout = ClosedOutput()
     elif arguments is None and isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # text that a terminal's encoding lacks; data goes as bytes
+        sys.stdout.reconfigure(errors="backslashreplace")  # for text that the encoding lacks; data are bytes
     try:
-        _keep_to_memory()
+        _limit_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
-        if outcome == _INTERRUPTED:  # the parser has met an interrupt, whatever its signal
+        if outcome == _INTERRUPTED:  # the parser caught an interrupt, of whatever signal
             raise _StoppedError(128 + came[0] if came else _INTERRUPTED)
         sys.stdout.flush()
     except (_PipeClosedError, BrokenPipeError):
-        _forget_stdout()
+        _discard_stdout()
         return 0
     except Exception as error:
         if "--debug" in words or os.environ.get("NLOSCTL_DEBUG"):
@@ -145,28 +158,28 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(error: Exception) -> int:
-    """Tell an error in one line (or the few of a gathered list) and return its exit code."""
+    """Print an error in one line (or the few lines of a gathered list) and return its exit code."""
     code = 1
     if isinstance(error, GatheredError):
         message = str(error)
     elif isinstance(error, NlosctlError | _StoppedError):
         message, code = printable(str(error)), error.exit_code
     elif isinstance(error, MemoryError):
-        message = "there is not enough memory for this (NLOSCTL_MAX_MEMORY_MB, if it is set, keeps it in bounds)"
-    elif type(error).__name__ == "NoArgsIsHelpError":  # the help is its message, printed already where it is in colour
-        tell(str(error).rstrip("\n"))
+        message = "not enough memory (if NLOSCTL_MAX_MEMORY_MB is set, it is the limit)"
+    elif isinstance(error, _PARSER.NoArgsIsHelpError):  # its message is the help, which is printed already if in colour
+        print_message(str(error).rstrip("\n"))
         return 2
-    elif hasattr(error, "format_message"):  # the parser's own complaint about the command line
+    elif isinstance(error, _PARSER.ClickException):  # the parser's own usage errors
         message, code = f"{' '.join(error.format_message().split())}{_help_hint(error)}", 2
     elif isinstance(error, ImportError):
-        message = f"a library can't be loaded, perhaps for want of memory: {in_one_line(error)[:300]}"
+        message = f"a library cannot be loaded, perhaps for lack of memory: {in_one_line(error)[:300]}"
     elif isinstance(error, OSError) and error.strerror:
         message = f"{error.filename or 'the output'}: {error.strerror}"
     else:
         message = f"internal error: {in_one_line(error)} (run again with --debug for the traceback)"
-    tell(f"nlosctl: {message}")
+    print_message(f"nlosctl: {message}")
     if isinstance(error, OSError):
-        _forget_stdout()
+        _discard_stdout()
     return code
 
 
@@ -175,17 +188,17 @@ def _help_hint(error: Exception) -> str:
     return f" (see '{context.command_path} --help')" if context is not None else ""
 
 
-def _forget_stdout() -> None:
-    forget(sys.stdout)
+def _discard_stdout() -> None:
+    discard(sys.stdout)
 
 
-def _keep_to_memory() -> None:
-    """Hold the process to the limit ``memory_mb`` where it is set, so that what asks for more is refused."""
+def _limit_memory() -> None:
+    """Limit the memory of the process to ``memory_mb``, if that is set."""
     most = limit("memory_mb")
     if 0 < most < _LEAST_MEMORY_MB:
         raise UsageError(
             f"{limit_variable('memory_mb')} must be 0 (no limit) or at least {_LEAST_MEMORY_MB}: the libraries "
-            f"alone take most of that. Got {most} instead."
+            f"alone need most of that. Got {most} instead."
         )
     if most:
         import resource
@@ -194,7 +207,7 @@ def _keep_to_memory() -> None:
 
 
 def _unwind_on_signals(came: list[int]) -> None:
-    """Let SIGTERM, SIGHUP (but under ``nohup``) and SIGXCPU unwind the run; their numbers are put into ``came``."""
+    """Let SIGTERM, SIGHUP (except under ``nohup``) and SIGXCPU unwind the run; append their numbers to ``came``."""
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         came.append(number)
@@ -209,16 +222,16 @@ def _unwind_on_signals(came: list[int]) -> None:
 
 
 def _repeat_lost_signals() -> None:
-    """Raise an interrupt anew where it came within a callback or a ``__del__``: Python drops what these raise."""
+    """Raise an interrupt again if it came in a callback or a ``__del__``: Python drops exceptions raised there."""
     lost: list[BaseException] = []
-    tell_others = sys.unraisablehook
+    report_others = sys.unraisablehook
 
     def note(dropped: sys.UnraisableHookArgs) -> None:
         if isinstance(dropped.exc_value, KeyboardInterrupt):
             lost.append(dropped.exc_value.with_traceback(None))
             signal.setitimer(signal.ITIMER_REAL, _REPEAT_AFTER_S)
         else:
-            tell_others(dropped)
+            report_others(dropped)
 
     def repeat(number: int, frame: FrameType | None) -> NoReturn:
         raise lost[-1]

@@ -63,7 +63,7 @@ Field = BoxField | CircleField | SensorsField | PolygonField
 
 
 def parse_field(text: str) -> Field:
-    """Return the field that the words of ``--field`` mean.
+    """Return the field that the words of ``field`` mean.
 
     Raises UsageError for words that mean none, DataError for a polygon file (lines ``x,y`` in metres, ``#`` and a
     header ``x_m,y_m`` allowed) that can't be read.

@@ -78,7 +78,7 @@ class ImporterSpec:
     """An importer, frozen.
 
     ``reference`` is the document that the format was taken from, ``options`` a frozen dataclass whose fields
-    (`nlosctl.contract.options.option`) are the ``--param`` keys. ``rows(file, options)`` yields the rows of a snapshot
+    (`nlosctl.contract.options.option`) are the parameters. ``rows(file, options)`` yields the rows of a snapshot
     together, and a `BadLine` for each line that does not fit; it raises DataError where the whole file is of no use.
     ``kind(options)`` is the kind of measurement, ``extra`` the type of columns that the contract does not know.
     """

@@ -1,4 +1,4 @@
-"""Typed options of methods and scenarios: declared as dataclass fields, parsed from the words of ``--param``."""
+"""Typed options of methods and scenarios: declared as dataclass fields, parsed from text or Python values."""
 
 from __future__ import annotations
 

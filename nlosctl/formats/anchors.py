@@ -13,7 +13,7 @@ def anchors_of(file: ForeignFile) -> dict[str, Sensor]:
     """Return the scene's sensors by name; raise DataError if it has none."""
     if not file.scene.sensors:
         raise DataError(
-            f"{file.name}: directions from a boresight need a scene with the anchors: --scene FILE with [[sensor]], "
+            f"{file.name}: directions from a boresight need a scene with the anchors: `scene` FILE with [[sensor]], "
             f"name, position and heading_deg"
         )
     return {sensor.name: sensor for sensor in file.scene.sensors}

@@ -83,7 +83,7 @@ def read_table(
             known = ", ".join(known if known.isprintable() else repr(known) for known in columns)
             raise DataError(
                 f"{file.name}: no column {name!r}{did_you_mean(name, columns)}. The file has: {known}; "
-                "set the column names with --param"
+                "set the column names with `parameters`"
             )
 
     def parse_line(line: int, text: str) -> Row | None:

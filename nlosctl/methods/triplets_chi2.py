@@ -42,7 +42,7 @@ class ConsistencyOptions:
         if self.noise != "gaussian":
             raise UsageError(
                 f"The 'noise' parameter of chi2 must be 'gaussian': its chi-square law holds for no other. "
-                f"Got {self.noise!r} instead; use --method tdaj."
+                f"Got {self.noise!r} instead; use `method` tdaj."
             )
 
 

@@ -130,7 +130,7 @@ def picture_format(target: str, format: str | None = None) -> str:
         return wanted.lower()
     known = ", ".join(f".{name}" for name in PICTURE_FORMATS)
     if format is not None:
-        raise UsageError(f"--format must be one of {', '.join(PICTURE_FORMATS)}. Got {format!r} instead.")
+        raise UsageError(f"`format` must be one of {', '.join(PICTURE_FORMATS)}. Got {format!r} instead.")
     got = f"extension {'.' + wanted!r}" if wanted else "no extension"
     near = did_you_mean(wanted, PICTURE_FORMATS)
     raise UsageError(f"{target}: got {got}, expected a picture's name that ends in one of {known}{near}")

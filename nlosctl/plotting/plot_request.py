@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from nlosctl.io.measurements.options import ReadOptions
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.io.results.plot_inputs import DrawnFile
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Axes, Figure
@@ -22,7 +22,7 @@ class PlotRequest:
     """
 
     files: Sequence[DrawnFile]
-    read: ReadOptions = field(default_factory=ReadOptions)
+    read: InputOptions = field(default_factory=InputOptions)
     snapshot: str | None = None
     paths: Sequence[str] = ()
     x: str | None = None

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from nlosctl.api import bound, localize
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import parse_options
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.io.results.tables import measurement_table
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
@@ -92,7 +93,7 @@ def bound_rms_m(trials: Simulated, **arguments: Any) -> FloatArray:
 
 def batch_of(trials: Simulated) -> Any:
     """Return the trials as one dense batch; raise ValueError if they differ in their number of rows."""
-    reader = MeasurementReader([input_of_table(trials.table)], ReadOptions(kind=trials.kind, scene=trials.scene))
+    reader = MeasurementReader([input_of_table(trials.table)], InputOptions(kind=trials.kind, scene=trials.scene))
     (chunk,) = reader.chunks()
     ((_, row),) = dense_blocks(chunk.offsets, ~chunk.left_out, trials.truth_m.shape[0])
     return dense_batch(trials.kind, chunk.columns, row, scene=trials.scene)

@@ -37,7 +37,7 @@ class SampleStore:
         is_ours = self._read(self._complete) is not None
         if self._complete.exists() and not is_ours and not overwrite:
             raise DataError(
-                f"{self._complete}: has another seed, number of trials or version, or is damaged; --overwrite replaces "
+                f"{self._complete}: has another seed, number of trials or version, or is damaged; `overwrite` replaces "
                 "it, or choose another folder with -o"
             )
         if self._parts.exists() and is_ours:

@@ -24,7 +24,7 @@ SNAPSHOTS_PER_BLOCK = 1024
 class ScenarioSpec:
     """A scenario: a simulated world that generates measurements with their truth.
 
-    ``options`` is a frozen dataclass whose fields are its ``--param`` keys, ``scene(options)`` returns its sensors and
+    ``options`` is a frozen dataclass whose fields are its parameters, ``scene(options)`` returns its sensors and
     reflectors, and ``generate(options, generator, snapshots)`` samples that many snapshots, using only ``generator``.
     """
 

@@ -16,8 +16,7 @@ from cli_support import FIXTURES, Outcome
 from nlosctl.errors import DataError
 from nlosctl.io.paths.locations import location
 from nlosctl.pipeline.engine.parts import PartWork
-
-pytestmark = pytest.mark.extensive
+from nlosctl.pipeline.engine.slices import SliceWork
 
 Cli = Callable[..., Outcome]
 NAMES = [f"good_bearings{end}" for end in (".csv", ".csv.gz", ".jsonl", ".arrow", ".arrows", ".parquet")]
@@ -65,7 +64,6 @@ def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
     assert store.cat("/out/report.json").startswith(b"{")
 
 
-@pytest.mark.process
 def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tmp_path: Path) -> None:
     """Parts in the order of their names, hidden ones left out, ``key=value`` a column; also into a folder of a disk."""
     table = pa.parquet.read_table(FIXTURES / "good_bearings.parquet")
@@ -88,7 +86,6 @@ def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tm
     assert parts.equals(found.replace_schema_metadata(None))
 
 
-@pytest.mark.process
 def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
     """``*`` stays within a folder, ``**`` goes down; each file is a table of its own, as with a pattern of a disk."""
     store.pipe("/in/deep/er/good_bearings.csv", store.cat("/in/good_bearings.csv"))
@@ -156,7 +153,6 @@ def on_disk(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.process
 def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_path: Path) -> None:
     """Parts, flags and manifests are the bytes of a local run, for any number of jobs; nothing else is left there."""
     in_parts(tmp_path / "in")
@@ -169,7 +165,6 @@ def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_
     assert not (location(place) / "o0" / "_unfinished").exists()
 
 
-@pytest.mark.process
 def test_a_run_into_a_store_is_gone_on_with(
     cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -201,34 +196,32 @@ def test_a_run_into_a_store_is_gone_on_with(
         told = cli(*words, more)
         assert (told.code, made) == (0, expected), told.err
         assert content(f"{place}/out") == on_disk(tmp_path / "local")
-    assert "contains results already" in cli(*words).err
+    assert "holds results already" in cli(*words).err
     assert "method" in cli(*words, "-m", "ls", "--resume").err
 
 
-@pytest.mark.process
-def test_parts_of_an_engine_go_by_way_of_the_store_of_the_output(
+def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
     cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A single file of a store is put together from part files beside it, which go; the current folder has none."""
+    """A single file of a store is put together from slices; nothing else is written there or in the current folder."""
     in_parts(tmp_path / "in")
     assert cli("localize", "in", "-o", "local.parquet").code == 0
     made = []
 
-    def engine(work: PartWork, numbers: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
-        made.extend(work.roots.values())
-        yield from ((number, work.make(number)) for number in reversed(numbers))
+    def engine(work: SliceWork, numbers: Sequence[int]) -> Iterator[Any]:
+        made.extend(numbers)
+        yield from map(work.make, numbers)
 
     monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
     before = sorted(tmp_path.iterdir())
     told = cli("localize", "in", "-o", f"{place}/out/fixes.parquet", "--engine", "dask")
     assert told.code == 0, told.err
-    assert made[0].startswith(f"{place}/out/.nlosctl.")
+    assert made == [0, 1, 2]
     assert content(f"{place}/out") == {"fixes.parquet": (tmp_path / "local.parquet").read_bytes()}
     assert [path.name for path in location(f"{place}/out").iterdir()] == ["fixes.parquet"]
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.process
 def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Path) -> None:
     """A folder that holds other files is refused, and ``--overwrite`` leaves alone what came beside the parts."""
     in_parts(tmp_path / "in")
@@ -236,11 +229,11 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
     (tmp_path / "mine").write_bytes(b"mine")
     (location(f"{place}/out") / "deep").mkdir()
     (location(f"{place}/out") / "deep" / "mine").take(tmp_path / "mine")
-    assert "contains other files ('deep')" in cli(*words).err
+    assert "holds other files already ('deep')" in cli(*words).err
     assert content(f"{place}/out") == {"deep/mine": b"mine"}
     assert cli("localize", "in", "-o", f"{place}/free/").code == 0
     (location(f"{place}/free") / "key=1" / "mine").take(tmp_path / "mine")
-    assert "contains other files" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
+    assert "holds other files already" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
     assert content(f"{place}/free") == {"key=1/mine": b"mine"}
 
 
@@ -261,7 +254,7 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
             1,
             "the scene can't be read: No such file",
         ),
-        (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "unknown file extension"),
+        (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "the extension tells no format"),
     ],
 )
 def test_what_a_url_can_be_wrong_about_is_one_line(

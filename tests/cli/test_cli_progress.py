@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from nlosctl.cli.shared import terminal
+from nlosctl.cli import terminal
 
 
 @pytest.mark.parametrize("ends", ["closed", "hung up"])
@@ -20,7 +20,7 @@ def test_a_bar_goes_quietly_after_its_terminal(ends: str) -> None:
             super().flush()
 
     stream = Terminal()
-    shown = terminal._UntoldFailures(stream)
+    shown = terminal._ForgivingTerminal(stream)
     shown.write("half a bar")
     assert stream.getvalue() == "half a bar"
     if ends == "closed":

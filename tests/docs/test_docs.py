@@ -14,8 +14,8 @@ import typer.main
 import yaml
 
 from nlosctl import registry
+from nlosctl.cli.commands.methods import papers_of
 from nlosctl.cli.main import app
-from nlosctl.cli.shared.papers import papers_of
 from nlosctl.contract.statuses import Status
 from nlosctl.scenarios.catalogue import scenarios
 from nlosctl.version import __version__

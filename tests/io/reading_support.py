@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from nlosctl.contract.scene import Scene
-from nlosctl.io.measurements.reader import Chunk, MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.measurements.row_checks import BadRow, BadRowSink
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.scenes.scene_file import find_scene
@@ -33,7 +33,7 @@ class Whole:
 def read(paths: Sequence[Path | str], bad_rows: BadRowSink | None = None, **options: Any) -> list[Chunk]:
     """Return all chunks of files, on one thread."""
     inputs = expand_inputs([str(path) for path in paths])
-    reader = MeasurementReader(inputs, ReadOptions(use_threads=False, **options), bad_rows)
+    reader = MeasurementReader(inputs(use_threads=False, **options), bad_rows)
     return list(reader.chunks())
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
 
@@ -65,7 +66,7 @@ def read(x: list[float], reflector: list[str | None]) -> list[int]:
             "reflector": pa.array(reflector, pa.string()),
         }
     )
-    reader = MeasurementReader([input_of_table(table)], ReadOptions(scene=scene))
+    reader = MeasurementReader([input_of_table(table)], InputOptions(scene=scene))
     return [int(code) for chunk in reader.chunks() for code in chunk.columns["reflector"]]
 
 

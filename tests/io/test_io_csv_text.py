@@ -18,8 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reading_support import Gathered, pa, read, whole
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.readers.csv_records import RecordBlocks
 
@@ -142,10 +143,10 @@ def test_a_stream_tells_the_cure_for_own_columns(small_blocks: None) -> None:
     data = "\n".join(lines).encode()
     for extra in (None, ("n",)):
         inputs = expand_inputs(["-"], stdin=io.BytesIO(data))
-        reader = MeasurementReader(inputs, ReadOptions(extra_columns=extra))
+        reader = MeasurementReader(inputs, InputOptions(extra_columns=extra))
         with pytest.raises(DataError, match=r"line 42, column 'n': got 'x'.*save it as a file"):
             list(reader.chunks())
-    reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), ReadOptions(extra_columns=("sweep_*",)))
+    reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), InputOptions(extra_columns=("sweep_*",)))
     assert sum(chunk.table.num_rows for chunk in reader.chunks()) == 50
     assert reader.column_names[-1] == "n"
     assert "n" not in reader.schema.names

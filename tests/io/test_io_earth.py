@@ -12,9 +12,10 @@ import numpy as np
 import pyproj
 import pytest
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
 
@@ -42,7 +43,7 @@ def write(folder: Path, text: str, name: str = "drive.csv") -> str:
 
 def read(name: str, **options: Any) -> tuple[MeasurementReader, Mapping[str, Any]]:
     """Return the reader of a file, and the columns of its only chunk."""
-    reader = MeasurementReader(expand_inputs([name]), ReadOptions(**options))
+    reader = MeasurementReader(expand_inputs([name]), InputOptions(**options))
     (chunk,) = reader.chunks()
     return reader, chunk.columns
 
@@ -50,8 +51,7 @@ def read(name: str, **options: Any) -> tuple[MeasurementReader, Mapping[str, Any
 @pytest.mark.parametrize("words", [None, "EPSG:32632", "EPSG:2056", "47,8.9", "47.37,8.54,25"])
 def test_true_azimuths_meet_in_the_source_in_any_plane(tmp_path: Path, words: str | None) -> None:
     """Whatever the plane, bearings point from the sensors to the source: north is true north at each sensor."""
-    frame = None if words is None else parse_frame(words, "--origin")
-    reader, columns = read(write(tmp_path, HEADER + "".join(lines())), frame=frame)
+    reader, columns = read(write(tmp_path, HEADER + "".join(lines())), origin=words)
     from nlosctl.io.scenes.scene_file import plane_of
 
     assert reader.scene.frame is not None
@@ -65,7 +65,7 @@ def test_without_a_word_the_plane_touches_the_first_place(tmp_path: Path) -> Non
     """The origin is the first row's place, whatever follows and however it is cut."""
     name = write(tmp_path, HEADER + "".join(lines()))
     assert read(name)[0].scene.frame == EarthFrame(origin_lat_deg=47.37, origin_lon_deg=8.54)
-    reader = MeasurementReader(expand_inputs([name]), ReadOptions(chunk_rows=1))
+    reader = MeasurementReader(expand_inputs([name]), InputOptions(chunk_rows=1))
     whole = read(name)[1]["sensor_x_m"]
     cut = np.concatenate([chunk.columns["sensor_x_m"] for chunk in reader.chunks()])
     assert reader.scene.frame == EarthFrame(origin_lat_deg=47.37, origin_lon_deg=8.54)
@@ -88,7 +88,7 @@ def test_other_headers_and_true_places_in_degrees(tmp_path: Path) -> None:
     header = HEADER.replace("sensor_lat_deg", "LAT").replace("\n", ",truth_lat_deg,truth_lon_deg\n")
     rows = [row.replace("\n", f",{SOURCE[0]},{SOURCE[1]}\n") for row in lines()]
     name = write(tmp_path, header + "".join(rows))
-    reader = MeasurementReader(expand_inputs([name]), ReadOptions(renames={"sensor_lat_deg": "LAT"}))
+    reader = MeasurementReader(expand_inputs([name]), InputOptions(columns={"sensor_lat_deg": "LAT"}))
     (chunk,) = reader.chunks()
     azimuth, _, length = GEOD.inv(8.54, 47.37, SOURCE[1], SOURCE[0])
     truth = chunk.table.column("truth_x_m")[0].as_py(), chunk.table.column("truth_y_m")[0].as_py()
@@ -129,7 +129,7 @@ def test_the_scene_carries_the_frame(tmp_path: Path) -> None:
     write(tmp_path, scene_to_toml(utm), "drive.scene.toml")
     name = write(tmp_path, HEADER + "".join(lines()))
     assert read(name)[0].scene == utm
-    assert read(name, frame=scene.frame)[0].scene == scene
+    assert read(name, origin=scene.frame.words)[0].scene == scene
 
 
 @pytest.mark.parametrize(
@@ -175,4 +175,4 @@ def test_without_pyproj_the_install_line_is_told(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(builtins, "__import__", refuse)
     name = write(tmp_path, HEADER + "".join(lines()))
     with pytest.raises(UsageError, match=r"pip install 'nlosctl\[geo\]'"):
-        read(name, frame=EarthFrame(origin_lat_deg=1.25, origin_lon_deg=2.5))
+        read(name, origin="1.25,2.5")

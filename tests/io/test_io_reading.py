@@ -13,7 +13,7 @@ from reading_support import FIXTURES, bearings, read, save, scene_of, whole
 
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.errors import DataError, UsageError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.paths.locations import FileFormat, format_named, format_of_bytes, format_of_path
 
@@ -39,7 +39,7 @@ def test_stdin_is_recognized_by_its_first_bytes(extension: str) -> None:
     """A stream needs no name for its format to be known."""
     stream = io.BytesIO((FIXTURES / f"good_bearings.{extension}").read_bytes())
     inputs = expand_inputs(["-"], stdin=stream)
-    chunks = list(MeasurementReader(inputs, ReadOptions(scene=SCENE, use_threads=False)).chunks())
+    chunks = list(MeasurementReader(inputs(scene=SCENE, use_threads=False)).chunks())
     assert sum(len(chunk.snapshot) for chunk in chunks) == 40
 
 
@@ -84,7 +84,7 @@ def test_files_of_different_columns_share_a_schema(tmp_path: Path) -> None:
 def test_without_snapshot_column_a_file_is_one_snapshot(tmp_path: Path) -> None:
     """Without ids all rows belong together, and the report says so."""
     path = save(bearings([1, 2, 3]).drop_columns(["snapshot"]), tmp_path / "one.parquet")
-    reader = MeasurementReader(expand_inputs([str(path)]), ReadOptions(use_threads=False))
+    reader = MeasurementReader(expand_inputs([str(path)])(use_threads=False))
     (chunk,) = reader.chunks()
     assert chunk.offsets.tolist() == [0, 3]
     assert "snapshot" in reader.report.remarks[0]
@@ -123,7 +123,7 @@ def test_renamed_and_constant_columns(tmp_path: Path) -> None:
         .drop_columns(["old_std"])
     )
     path = save(table, tmp_path / "a.parquet")
-    found = whole(read([path], renames={"bearing_deg": "AZ"}, constants={"bearing_std_rad": 0.03}))
+    found = whole(read([path], columns={"bearing_deg": "AZ"}, constants={"bearing_std_rad": 0.03}))
     np.testing.assert_allclose(found.columns["bearing_rad"], np.radians(0.1))
     assert found.columns["bearing_std_rad"].tolist() == [0.03, 0.03]
     assert "bearing_deg" in found.table.column_names
@@ -132,12 +132,12 @@ def test_renamed_and_constant_columns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "error", "word"),
     [
-        ({"renames": {"bearing_deg": "AZZ"}}, DataError, "AZZ"),
-        ({"renames": {"baering_deg": "bearing_rad"}}, UsageError, "bearing_deg"),
-        ({"constants": {"bearing_std_rad": 0.1}}, UsageError, "--bearing-std-deg"),
+        ({"columns": {"bearing_deg": "AZZ"}}, DataError, "AZZ"),
+        ({"columns": {"baering_deg": "bearing_rad"}}, UsageError, "bearing_deg"),
+        ({"constants": {"bearing_std_rad": 0.1}}, UsageError, "`bearing_std_deg`"),
         ({"constants": {"bearing_rad": 0.1}}, UsageError, "bearing_std_rad"),
         ({"kind": "bearing"}, UsageError, "bearings"),
-        ({"max_snapshot_rows": 1}, DataError, "--max-snapshot-rows"),
+        ({"max_snapshot_rows": 1}, DataError, "`max_snapshot_rows`"),
     ],
 )
 def test_wrong_options_are_told(tmp_path: Path, options: dict[str, object], error: type, word: str) -> None:

@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reading_support import Gathered, bearings, pa, read, save, whole
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_from_toml, scene_to_toml
@@ -39,10 +40,10 @@ def test_files_of_different_scenes_are_refused(tmp_path: Path, slopes: tuple[Any
     folder.mkdir()
     paths = [save_with_scene(folder / f"{n}.parquet", slope, [n]) for n, slope in enumerate(slopes)]
     words: list[Path] = [folder] if as_folder else paths
-    with pytest.raises(DataError, match=r"1\.parquet: its scene is not that of .*0\.parquet; .*--scene FILE"):
+    with pytest.raises(DataError, match=r"1\.parquet: its scene is not that of .*0\.parquet; .*`scene` FILE"):
         read(words)
     (tmp_path / "given.toml").write_text(scene(3.0))
-    assert len(read(words, scene_file=str(tmp_path / "given.toml"))) > 0
+    assert len(read(words, scene=str(tmp_path / "given.toml"))) > 0
     assert len(read(words, scene=Scene())) > 0
 
 
@@ -58,7 +59,7 @@ def test_a_part_of_a_folder_has_its_scene_beside_it(tmp_path: Path) -> None:
     """Where the folder has no scene, that of each part counts."""
     save_with_scene(tmp_path / "a.parquet", None, [1])
     (tmp_path / "a.scene.toml").write_text(scene(1.0))
-    reader = MeasurementReader(expand_inputs([str(tmp_path)]), ReadOptions())
+    reader = MeasurementReader(expand_inputs([str(tmp_path)])())
     assert reader.scene.reflector_names == ("w",)
     save_with_scene(tmp_path / "b.parquet", None, [2])
     with pytest.raises(DataError, match="its scene is not that of"):
@@ -108,7 +109,7 @@ def test_a_message_shows_how_to_sort(tmp_path: Path, name: str, renames: dict[st
         with pa.ipc.new_file(path, table.schema) as writer:
             writer.write_table(table)
     with pytest.raises(DataError, match="comes back") as caught:
-        read([path if name else tmp_path], renames=renames)
+        read([path if name else tmp_path], columns=renames)
     assert hint.format(folder=tmp_path) in str(caught.value).replace("""'"'"'""", "'")
     assert f"column '{renames.get('snapshot', 'snapshot')}'" in str(caught.value)
 
@@ -138,7 +139,7 @@ def test_a_snapshot_of_bad_rows_alone_is_counted(tmp_path: Path) -> None:
     table = bearings([1, 1, 2, 2, 3, 3], sensor=["a", "b", "a", "b", "c", "c"], bearing_std_rad=std)
     path = save(table.set_column(2, "sensor_x_m", pa.array([0.0] * 6)), tmp_path / "a.parquet")
     for chunk_rows in (1, 3, 100):
-        options = ReadOptions(chunk_rows=chunk_rows)
+        options = InputOptions(chunk_rows=chunk_rows)
         reader = MeasurementReader(expand_inputs([str(path)]), options, Gathered())
         assert [value for chunk in reader.chunks() for value in chunk.snapshot.to_pylist()] == [1, 3]
         report = reader.report

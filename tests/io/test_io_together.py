@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
 
 HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
@@ -16,7 +17,7 @@ ROWS = ["1,a,0,0,0.5,0.01", "1,b,9,0,2.0,0.01", "2,a,0,0,0.6,0.01", "2,b,9,0,2.1
 
 def read(path: Path, *, chunk_rows: int = 1000) -> int:
     """Return how many good rows a file has; raises DataError."""
-    with_all = ReadOptions(chunk_rows=chunk_rows)
+    with_all = InputOptions(chunk_rows=chunk_rows)
     return sum(len(chunk.left_out) for chunk in MeasurementReader(expand_inputs([str(path)]), with_all).chunks())
 
 

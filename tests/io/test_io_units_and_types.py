@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from reading_support import Gathered, bearings, pa, read, save, whole
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
 
 
@@ -72,7 +73,7 @@ def test_many_wild_bearings_are_plainly_degrees(
 def test_no_chunk_follows_the_first_degrees(tmp_path: Path) -> None:
     """Estimates of a degrees file don't stream out before it is refused."""
     path = with_bearings(tmp_path / "a.parquet", [1.0, 90.0] * 50)
-    chunks = MeasurementReader(expand_inputs([str(path)]), ReadOptions(chunk_rows=5)).chunks()
+    chunks = MeasurementReader(expand_inputs([str(path)]), InputOptions(chunk_rows=5)).chunks()
     with pytest.raises(DataError, match="50 of 100"):
         next(chunks)
 

@@ -102,7 +102,7 @@ def test_an_existing_file_is_kept_without_overwrite(tmp_path: Path) -> None:
     """Overwriting must be asked for, and an input is never overwritten."""
     path = tmp_path / "a.csv"
     path.write_text("old")
-    with pytest.raises(DataError, match="--overwrite"):
+    with pytest.raises(DataError, match="`overwrite`"):
         TableWriter(str(path), TABLE.schema)
     with pytest.raises(DataError, match="is the input"):
         TableWriter(str(path), TABLE.schema, overwrite=True, inputs=[path])

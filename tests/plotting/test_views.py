@@ -357,7 +357,7 @@ def test_unsuitable_views_are_refused(files: Any) -> None:
     """The error of an unsuitable view lists its requirements and suitable views; unknown views too."""
     opened = files("fixes of bearings")
     with pytest.raises(
-        UsageError, match=r"--view map takes a map of 'bound --map'.*suitable views: estimates, cdf, scene"
+        UsageError, match=r"`view` map takes a map of 'bound --map'.*suitable views: estimates, cdf, scene"
     ):
         choose_view(opened, "map")
     with pytest.raises(UsageError, match=r"no view 'scenes' \(did you mean 'scene'\?\)"):

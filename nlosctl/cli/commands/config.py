@@ -21,7 +21,7 @@ from nlosctl.cli.options.settings import (
     tell_source,
     variable_name,
 )
-from nlosctl.cli.shared.terminal import print_json, print_table, tell
+from nlosctl.cli.terminal import print_json, print_message, print_table
 from nlosctl.contract.limits import LIMITS, SIZES, limit_variable, size_variable
 from nlosctl.errors import UsageError, did_you_mean
 
@@ -69,7 +69,7 @@ def show(
     if json:
         print_json(rows)
     elif not rows:
-        tell("every setting is its default")
+        print_message("every setting is its default")
     else:
         print_table([{**row, "value": _shown(row["value"])} for row in rows], ["command", "setting", "value", "source"])
 
@@ -117,4 +117,4 @@ def _remark_on_variables(commands: dict[str, Any]) -> None:
     known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS), map(size_variable, SIZES))
     for variable in sorted(os.environ):
         if variable.startswith("NLOSCTL_") and variable not in known:
-            tell(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}")
+            print_message(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}")

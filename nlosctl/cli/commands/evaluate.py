@@ -1,32 +1,19 @@
-"""``nlosctl evaluate``: estimates or flags against truth."""
+"""``nlosctl evaluate``: estimates or flags against ground truth."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from nlosctl.cli.options.declarations import (
-    ConfigFile,
-    Debug,
-    Format,
-    InputFormat,
-    Inputs,
-    Json,
-    Output,
-    Overwrite,
-    Quiet,
-    Report,
-)
-from nlosctl.cli.shared.reading import open_output
-from nlosctl.cli.shared.terminal import Preview, print_json, print_table, tell, tell_report, write_report
+from nlosctl.cli.options.declarations import ConfigFile, Debug, Inputs, Json, Quiet
+from nlosctl.cli.options.settings import takes_options
+from nlosctl.cli.terminal import Preview, Terminal, print_json, print_message, print_table
+from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError
-from nlosctl.io.paths.locations import Location
 
 if TYPE_CHECKING:
-    from nlosctl.io.writers.output_set import OutputSet
     from nlosctl.pipeline.evaluate.evaluate import Evaluation
 
 __all__ = ["evaluate"]
@@ -35,103 +22,95 @@ _CONDITION_MET = 4
 _TEXT = "text"
 
 
+@takes_options()
 def evaluate(
     inputs: Inputs,
+    read: InputOptions,
+    write: OutputOptions,
+    *,
     truth: Annotated[
         str | None,
-        typer.Option("--truth", metavar="FILE", help="True positions (snapshot, truth_x_m, truth_y_m) by snapshot."),
+        typer.Option(
+            "--truth",
+            metavar="FILE",
+            rich_help_panel="Input",
+            help="True positions: snapshot, truth_x_m, truth_y_m.",
+        ),
     ] = None,
     estimates: Annotated[
         str | None,
-        typer.Option("--estimates", metavar="FILE", help="Estimates that belong to flags of identify-los."),
+        typer.Option(
+            "--estimates", metavar="FILE", rich_help_panel="Input", help="Estimates to the flags of identify-los."
+        ),
     ] = None,
-    ospa_order: Annotated[float, typer.Option("--ospa-order", min=1.0, help="Order p of OSPA and GOSPA.")] = 2.0,
+    ospa_order: Annotated[
+        float, typer.Option("--ospa-order", min=1.0, rich_help_panel="Method", help="Order p of OSPA and GOSPA.")
+    ] = 2.0,
     ospa_cutoff_m: Annotated[
-        float, typer.Option("--ospa-cutoff-m", metavar="M", help="Cutoff c of OSPA and GOSPA.")
+        float,
+        typer.Option(
+            "--ospa-cutoff-m",
+            metavar="M",
+            rich_help_panel="Method",
+            help="Cutoff c of OSPA and GOSPA, in metres.",
+        ),
     ] = 20.0,
     alternatives: Annotated[
         Literal["first", "best"],
-        typer.Option("--alternatives", help="Which alternative counts: the first, or the one nearest to the truth."),
+        typer.Option(
+            "--alternatives",
+            rich_help_panel="Method",
+            help="Alternative that counts: the first, or the nearest to the truth.",
+        ),
     ] = "first",
     fail_if: Annotated[
         list[str],
         typer.Option(
             "--fail-if",
             metavar="CONDITION",
-            help="Exit 4 if a figure of some method meets it: 'rmse_m>5', of one method: 'ml:rmse_m>5'. Repeatable.",
+            rich_help_panel="Run",
+            help="Exit 4 if a metric meets it: 'rmse_m>5', 'ml:rmse_m>5'. Repeatable.",
         ),
     ] = [],  # noqa: B006 - typer copies it
-    output: Output = "-",
-    format: Format = None,
-    input_format: InputFormat = None,
+    config: ConfigFile = None,
     json: Json = False,
-    report: Report = None,
-    overwrite: Overwrite = False,
     quiet: Quiet = False,
     debug: Debug = False,
-    config: ConfigFile = None,
 ) -> int:
-    """Hold estimates (or flags) against the truth: RMSE, bias, percentiles, NEES, ellipse coverage, by method.
+    """Compare estimates (or flags) with ground truth: RMSE, bias, percentiles, NEES, ellipse coverage, by method.
 
-    Flags of identify-los with --estimates: number of targets right, exact identification, precision and recall, OSPA
-    and GOSPA, matched RMSE, cases (i) to (vi). A row without a fix counts in the fix rate and is infinite in the
-    percentiles; RMSE, bias and NEES are of the rows with one. A terminal gets a line per figure (so does any output
-    with --format text), a pipe or -o a table with a row per method and swept values, as plot draws it. Exit codes: 0
-    done, 1 bad data or files, 2 the words of the command line, 4 a --fail-if condition is met.
+    Flags of identify-los with --estimates: number of targets, exact identification, precision and recall, OSPA and
+    GOSPA, matched RMSE, cases (i) to (vi). A row without a fix lowers the fix rate and counts as infinite in the
+    percentiles; RMSE, bias and NEES are of the rows with a fix. A terminal gets a line per metric (so does any output
+    with --format text), a pipe or -o a table with a row per method and swept values, for plot. Exit codes: 0 done, 1
+    bad data or files, 2 usage error, 4 a --fail-if condition is met.
     """
-    from nlosctl.io.paths.inputs import expand_inputs
-    from nlosctl.io.paths.locations import format_named
-    from nlosctl.io.results.evaluation_arrays import TruthTable
-    from nlosctl.io.writers.output_set import OutputSet, check_targets
-    from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs
-    from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
-    from nlosctl.pipeline.evaluate.fail_conditions import parse_condition
+    from nlosctl.jobs.evaluate import evaluate, evaluation_report
 
-    conditions = [parse_condition(words) for words in fail_if]
-    given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
-    paths = [part.path for table in given for part in table.parts if part.path is not None]
-    check_targets([output, None if report == "-" else report], overwrite=overwrite, inputs=paths)
-    if estimates is not None:
-        if len(given) > 1:
-            raise UsageError("--estimates goes with one file of flags; evaluate several one by one")
-        if not ospa_cutoff_m > 0.0:
-            raise UsageError(f"--ospa-cutoff-m must be larger than 0. Got {ospa_cutoff_m:g} instead.")
-        evaluation = evaluate_targets(given[0], expand_inputs([estimates])[0], order=ospa_order, cutoff_m=ospa_cutoff_m)
-    else:
-        truth_table = None if truth is None else TruthTable(expand_inputs([truth])[0])
-        evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=alternatives == "best")
-    reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
-    content = {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": reasons}
-    if json:
-        print_json(content)
-    with OutputSet() as outputs:
-        if output != "-" or not json:
-            _write(evaluation, output, format, overwrite, paths, outputs)
-        write_report(report, content, outputs)
-    tell_report(report, content)
-    for reason in reasons:
-        tell(f"nlosctl: {reason}")
-    return _CONDITION_MET if reasons else 0
-
-
-def _write(
-    evaluation: Evaluation,
-    output: str,
-    format: str | None,
-    overwrite: bool,
-    inputs: Sequence[Location],
-    outputs: OutputSet,
-) -> None:
-    from nlosctl.io.results.tables import score_table
-
-    if format == _TEXT and output != "-":
+    as_text = write.format == _TEXT or Preview.wanted(write) is not None
+    if write.format == _TEXT and write.output != "-":
         raise UsageError("--format text goes to standard output; leave out -o")
-    if format == _TEXT or Preview.wanted(output, format) is not None:
+    evaluation, reasons = evaluate(
+        inputs,
+        read,
+        write,
+        truth=truth,
+        estimates=estimates,
+        ospa_order=ospa_order,
+        ospa_cutoff_m=ospa_cutoff_m,
+        best_alternative=alternatives == "best",
+        fail_if=fail_if,
+        wants_table=not as_text and (write.output != "-" or not json),
+    )
+    report = evaluation_report(evaluation, reasons)
+    if json:
+        print_json(report)
+    elif as_text:
         _render(evaluation)
-        return
-    table = score_table(evaluation.of, evaluation.groups)
-    writer = open_output(output, table.schema, format_name=format, overwrite=overwrite, inputs=inputs, metadata={})
-    outputs.take(writer).write(table)
+    Terminal(quiet).show_report([], report, write)
+    for reason in reasons:
+        print_message(f"nlosctl: {reason}")
+    return _CONDITION_MET if reasons else 0
 
 
 def _render(evaluation: Evaluation) -> None:

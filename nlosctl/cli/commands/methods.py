@@ -1,4 +1,4 @@
-"""``nlosctl methods``: which methods there are, what one is, and whether all of them load."""
+"""``nlosctl methods``: list, show and check the installed methods."""
 
 from __future__ import annotations
 
@@ -8,11 +8,27 @@ import typer
 
 from nlosctl.cli.options.completion import complete_method_name
 from nlosctl.cli.options.declarations import Debug, Json
-from nlosctl.cli.shared.papers import papers_of
-from nlosctl.cli.shared.terminal import print_json, print_table
+from nlosctl.cli.terminal import print_json, print_table
 from nlosctl.errors import MethodError, UsageError, did_you_mean
 
-__all__ = ["methods_app"]
+__all__ = ["methods_app", "papers_of"]
+
+_PAPERS = {
+    "Song, Willett, Zhou 2013": "X. Song, P. Willett, S. Zhou, Bearings-Only Localization with NLOS Reflected AoAs, "
+    "Journal of Advances in Information Fusion, 2013",
+    "Stansfield 1947": "R. G. Stansfield, Statistical Theory of DF Fixing, Journal of the IEE 14(15), 762-770, 1947",
+    "Liang, Zeng, Li": "Y. Liang, C. Zeng, H. Li, LOS Path Identification in Multipath Environments with an Unknown "
+    "Number of Passive Targets, Stevens Institute of Technology",
+    "Liang, Li 2023": "Y. Liang, H. Li, LOS Signal Identification for Passive Multi-Target Localization in Multipath "
+    "Environments, IEEE Signal Processing Letters 30, 1597-1601, 2023",
+    "Beck, Stoica, Li 2008": "A. Beck, P. Stoica, J. Li, Exact and Approximate Solutions of Source Localization "
+    "Problems, IEEE Transactions on Signal Processing 56(5), 1770-1778, 2008",
+    "Shen, Molisch 2012": "J. Shen, A. F. Molisch, Indirect Path Detection Based on Wireless Propagation "
+    "Measurements, IEEE Transactions on Wireless Communications, 2012, doi:10.1109/TWC.2012.112012.120104",
+    "Ananthasubramaniam, Madhow": "B. Ananthasubramaniam, U. Madhow, Cooperative Localization Using Angle of Arrival "
+    "Measurements: Sequential Algorithms and Non-Line-of-Sight Suppression, University of California, Santa Barbara",
+}
+"""The papers that the references of the built-in methods name (docs/references.bib has them for BibTeX)."""
 
 methods_app = typer.Typer(help="List the methods, show one, or check that all of them load.")
 
@@ -20,7 +36,9 @@ methods_app = typer.Typer(help="List the methods, show one, or check that all of
 @methods_app.callback(invoke_without_command=True)
 def list_methods(
     context: typer.Context,
-    check: Annotated[bool, typer.Option("--check", help="Import every method; exit 1 if one fails.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", rich_help_panel="Run", help="Import every method; exit 1 if one fails.")
+    ] = False,
     json: Json = False,
     debug: Debug = False,
 ) -> None:
@@ -121,3 +139,8 @@ def _render(description: dict[str, Any]) -> None:
         for item in parameters
     ]
     print_table(rows, ["name", "type", "unit", "default", "meaning"])
+
+
+def papers_of(reference: str) -> list[str]:
+    """Return the papers that a reference names, in full; none for a plugin's own."""
+    return [paper for key, paper in _PAPERS.items() if key in reference]

@@ -1,4 +1,4 @@
-"""``nlosctl plot``: pictures of files."""
+"""``nlosctl plot``: figures of files."""
 
 from __future__ import annotations
 
@@ -10,19 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from nlosctl.cli.options.completion import complete_view
-from nlosctl.cli.options.declarations import (
-    Columns,
-    ConfigFile,
-    Debug,
-    InputFormat,
-    Json,
-    Kind,
-    Overwrite,
-    Quiet,
-    SceneFile,
-    key_values,
-)
-from nlosctl.cli.shared.terminal import Terminal, print_json, print_table
+from nlosctl.cli.options.declarations import ConfigFile, Debug, Json, Quiet
+from nlosctl.cli.options.settings import takes_options
+from nlosctl.cli.terminal import Terminal, print_json, print_table
+from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError
 from nlosctl.plotting.catalogue import VIEWS
 
@@ -42,6 +33,7 @@ PLOT_EPILOG = "\n\n".join(
 )
 
 
+@takes_options()
 def plot(
     inputs: Annotated[
         list[str] | None,
@@ -51,10 +43,17 @@ def plot(
             show_default=False,
         ),
     ] = None,
+    *,
+    read: InputOptions,
+    write: OutputOptions,
     output: Annotated[
         str | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="The picture: .png, .svg or .pdf; - is stdout, by --format."
+            "--output",
+            "-o",
+            metavar="FILE",
+            rich_help_panel="Output",
+            help="Figure (.png, .svg, .pdf); - is standard output, with --format.",
         ),
     ] = None,
     view: Annotated[
@@ -63,75 +62,87 @@ def plot(
             "--view",
             metavar="NAME",
             autocompletion=complete_view,
-            help="What to show, where the files allow several (see --views).",
+            rich_help_panel="Method",
+            help="View (see --views); default: the first that suits the files.",
         ),
     ] = None,
     views: Annotated[
-        bool, typer.Option("--views", help="List the views, with FILEs those that suit them, and stop.")
+        bool, typer.Option("--views", rich_help_panel="Method", help="List the views that suit the files, and exit.")
     ] = False,
     snapshot: Annotated[
-        str | None, typer.Option("--snapshot", metavar="ID", help="Snapshot to draw; the first unless told.")
+        str | None,
+        typer.Option(
+            "--snapshot", metavar="ID", rich_help_panel="Method", help="Snapshot to plot; default: the first."
+        ),
     ] = None,
     path: Annotated[
-        list[str], typer.Option("--path", metavar="ID", help="Draw this path of the triplets. Repeatable.")
+        list[str],
+        typer.Option(
+            "--path", metavar="ID", rich_help_panel="Method", help="Path of the triplets to plot. Repeatable."
+        ),
     ] = [],  # noqa: B006 - typer copies it
     x: Annotated[
         str | None,
-        typer.Option("--x", metavar="KEY", help="Swept parameter along the x axis, where there are several."),
+        typer.Option("--x", metavar="KEY", rich_help_panel="Method", help="Swept parameter of the x axis."),
     ] = None,
     y: Annotated[
         str | None,
         typer.Option(
-            "--y", metavar="FIGURE", help="Figure of evaluate (or of a bound map) to draw: rmse_m unless told."
+            "--y", metavar="METRIC", rich_help_panel="Method", help="Metric of evaluate or bound; default: rmse_m."
         ),
     ] = None,
-    linear: Annotated[bool, typer.Option("--linear", help="No logarithmic axes.")] = False,
-    title: Annotated[str | None, typer.Option("--title", metavar="TEXT", help="Title over the picture.")] = None,
+    linear: Annotated[bool, typer.Option("--linear", rich_help_panel="Output", help="Use linear axes.")] = False,
+    title: Annotated[
+        str | None, typer.Option("--title", metavar="TEXT", rich_help_panel="Output", help="Title of the figure.")
+    ] = None,
     size: Annotated[
-        str | None, typer.Option("--size", metavar="WxH", help="Width and height in inches, such as 6.4x4.")
+        str | None,
+        typer.Option(
+            "--size", metavar="WxH", rich_help_panel="Output", help="Width and height in inches, such as 6.4x4."
+        ),
     ] = None,
     max_rows: Annotated[
         int,
-        typer.Option("--max-rows", min=1000, help="Draw evenly spaced snapshots of a larger file, and say so."),
+        typer.Option(
+            "--max-rows",
+            min=1000,
+            rich_help_panel="Input",
+            help="Largest number of rows to plot; a larger file is thinned.",
+        ),
     ] = 1_000_000,
-    scene: SceneFile = None,
-    kind: Kind = None,
-    column: Columns = [],  # noqa: B006
-    input_format: InputFormat = None,
     format: Annotated[
-        str | None, typer.Option("--format", metavar="FORMAT", help="Format of the picture: png, svg or pdf.")
+        str | None,
+        typer.Option("--format", metavar="FORMAT", rich_help_panel="Output", help="Figure format: png, svg or pdf."),
     ] = None,
-    overwrite: Overwrite = False,
+    config: ConfigFile = None,
     json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
-    config: ConfigFile = None,
 ) -> None:
-    """Draw files: geometry and ellipses, errors, sweeps, ROC, bounds; the view is chosen by what they hold."""
+    """Plot files: geometry and ellipses, errors, sweeps, ROC, bounds; their contents select the view."""
     if views or not inputs:
         if not views:
-            raise UsageError("name a file to draw; 'nlosctl plot --views' lists the views")
-        with _opened(inputs or [], scene, kind, input_format) as files:
+            raise UsageError("name a file to plot; 'nlosctl plot --views' lists the views")
+        with _opened(inputs or [], read) as files:
             _list_views(files, json)
         return
     if output is None:
-        raise UsageError("name the picture: -o FILE.svg (or .png, .pdf), or -o - --format png for standard output")
+        raise UsageError("name the figure: -o FILE.svg (or .png, .pdf), or -o - --format png for standard output")
     if output == "-" and (json or sys.stdout.isatty()):
-        raise UsageError("a picture on standard output goes into a pipe, without --json; name a file with -o")
-    from nlosctl.io.measurements.options import ReadOptions
+        raise UsageError("a figure on standard output needs a pipe and no --json; name a file with -o")
     from nlosctl.io.writers.output_set import check_targets
     from nlosctl.plotting.figures import figure_bytes, picture_format, save_figure
     from nlosctl.plotting.plot_request import PlotRequest
     from nlosctl.plotting.views.pictures import choose_view, draw_picture
 
     chosen = picture_format(output, format)
-    with _opened(inputs, scene, kind, input_format) as files:
+    with _opened(inputs, read) as files:
         paths = [part.path for file in files for part in file.given.parts if part.path is not None]
-        check_targets([output], overwrite=overwrite, inputs=paths)
+        check_targets([output], overwrite=write.overwrite, inputs=paths)
         name = choose_view(files, view, one_snapshot=snapshot is not None)
         request = PlotRequest(
             files=files,
-            read=ReadOptions(kind=kind, renames=key_values(column, "--column"), scene_file=scene),
+            read=read,
             snapshot=snapshot,
             paths=path,
             x=x,
@@ -145,7 +156,7 @@ def plot(
     if output == "-":
         sys.stdout.buffer.write(figure_bytes(picture.figure, chosen))
     else:
-        save_figure(picture.figure, output, format=chosen, overwrite=overwrite, inputs=paths)
+        save_figure(picture.figure, output, format=chosen, overwrite=write.overwrite, inputs=paths)
     terminal = Terminal(quiet=quiet)
     terminal.note(f"{', '.join(file.name for file in files)}: view {name!r} in {output}")
     for note in picture.notes:
@@ -155,22 +166,20 @@ def plot(
 
 
 @contextmanager
-def _opened(
-    inputs: Sequence[str], scene: str | None, kind: str | None, input_format: str | None
-) -> Iterator[list[DrawnFile]]:
-    """Open the inputs; nothing heavy is imported where there are none."""
+def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[DrawnFile]]:
+    """Open the inputs; nothing heavy is imported if there are none."""
     if not inputs:
         yield []
         return
-    from nlosctl.io.paths.inputs import expand_inputs
-    from nlosctl.io.paths.locations import format_named
     from nlosctl.io.results.plot_inputs import open_drawn
+    from nlosctl.jobs.files import open_inputs
 
-    given = expand_inputs(inputs, None if input_format is None else format_named(input_format))
+    given = open_inputs(inputs, read.input_format)
+    scene = read.scene if isinstance(read.scene, str) else None
     with ExitStack() as stack:
         files = []
         for one in given:
-            files.append(open_drawn(one, scene, kind))
+            files.append(open_drawn(one, scene, read.kind))
             stack.callback(files[-1].close)
         yield files
 

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from nlosctl.cli.options.declarations import ConfigFile, Debug, Jobs, Json, Overwrite, Quiet, Seed
-from nlosctl.cli.shared.terminal import Terminal, print_json, print_table
+from nlosctl.cli.options.declarations import ConfigFile, Debug, Json, Quiet
+from nlosctl.cli.options.settings import takes_options
+from nlosctl.cli.terminal import Terminal, print_json, print_table
+from nlosctl.contract.run_options import OutputOptions, SolveOptions
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,53 +22,64 @@ if TYPE_CHECKING:
 __all__ = ["reproduce"]
 
 
+@takes_options(jobs=1)
 def reproduce(
     names: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="NAME...",
-            help="Figures or tables, such as song-fig8; a paper's name stands for all of it, all for everything. None: "
-            "list them.",
+            help="Figures or tables, such as song-fig8; a paper; or all. Without it, list them.",
             show_default=False,
         ),
     ] = None,
+    *,
+    options: SolveOptions,
+    write: OutputOptions,
     output: Annotated[
         str | None,
         typer.Option(
             "--output",
             "-o",
             metavar="FOLDER",
-            help="Write NAME.parquet, NAME.png, NAME.svg and the samples there; a run that was interrupted goes on.",
+            rich_help_panel="Output",
+            help="Folder of results, figures and samples; an interrupted run continues.",
             show_default=False,
         ),
     ] = None,
     trials: Annotated[
         int | None,
-        typer.Option("--trials", "-n", min=1, help="Trials for each condition; unless given, each experiment's own."),
+        typer.Option(
+            "--trials",
+            "-n",
+            min=1,
+            rich_help_panel="Method",
+            help="Trials per condition; default: set by the experiment.",
+        ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Few trials: seconds in place of minutes, wide errors.")
+        bool,
+        typer.Option(
+            "--quick", rich_help_panel="Method", help="Few trials: seconds instead of minutes, larger errors."
+        ),
     ] = False,
-    seed: Seed = 0,
-    jobs: Jobs = 1,
     page: Annotated[
         str | None,
         typer.Option(
             "--page",
             metavar="FILE",
-            help="Write a page (Markdown) of all that was run; its pictures go to figures/ beside it.",
+            rich_help_panel="Output",
+            help="Also write a Markdown page, with figures/ beside it.",
         ),
     ] = None,
-    overwrite: Overwrite = False,
+    config: ConfigFile = None,
     json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
-    config: ConfigFile = None,
 ) -> None:
-    """Run the Monte Carlo of a paper's figure or table and hold its claims against ours.
+    """Run the Monte Carlo simulation of a paper's figure or table and compare its claims with our results.
 
-    Each number of ours has its Monte-Carlo standard error; the verdict allows three of them. The same seed gives the
-    same files whatever the number of jobs, interrupted or not.
+    Each of our numbers has a Monte Carlo standard error; the verdict allows three of them. The same seed gives the same
+    files for any number of jobs, interrupted or not.
     """
     if not names:
         if output is not None or page is not None or trials is not None or quick:
@@ -74,33 +87,40 @@ def reproduce(
         _list(json)
         return
     if quick and trials is not None:
-        raise UsageError("--quick and --trials both say the number of trials; give one")
+        raise UsageError("--quick and --trials both set the number of trials; give one")
     if page is not None and output is None:
-        raise UsageError("--page goes with -o FOLDER, where the results and pictures are")
+        raise UsageError("--page needs -o FOLDER for the results and figures")
     from nlosctl.io.writers.output_set import check_targets
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
     from nlosctl.reproduce.run import output_folder
 
     experiments = [find_experiment(name) for name in chosen_names(names)]
-    check_targets([page], overwrite=overwrite, inputs=[])
+    check_targets([page], overwrite=write.overwrite, inputs=[])
     folder = None if output is None else output_folder(output)
     terminal = Terminal(quiet=quiet)
     try:
         outcomes = _run(
-            experiments, folder, terminal, quick=quick, trials=trials, seed=seed, jobs=jobs, overwrite=overwrite
+            experiments,
+            folder,
+            terminal,
+            quick=quick,
+            trials=trials,
+            seed=options.seed,
+            jobs=options.jobs,
+            overwrite=write.overwrite,
         )
     except KeyboardInterrupt:
         if folder is not None:
-            terminal.note(f"finished chunks are kept in {folder}: the same command goes on from there")
+            terminal.note(f"finished chunks are kept in {folder}; the same command continues from them")
         raise
     missing = next((outcome.without_pictures for outcome in outcomes if outcome.without_pictures), None)
     if missing:
-        terminal.note(f"no pictures: {missing}")
+        terminal.note(f"no figures: {missing}")
     if page is not None:
         from nlosctl.reproduce.page import write_page
 
         write_page(Path(page), outcomes)
-    _tell(outcomes, json)
+    _print(outcomes, json)
 
 
 def _run(
@@ -138,7 +158,7 @@ def _note(terminal: Terminal, outcome: Outcome) -> None:
     total = outcome.trials * len(outcome.experiment.conditions)
     there = ""
     if outcome.resumed:
-        there = ", all there already" if outcome.resumed == total else f", {outcome.resumed} of them there already"
+        there = ", all done before" if outcome.resumed == total else f", {outcome.resumed} of them done before"
     conditions = f"{outcome.trials} trials in each of {len(outcome.experiment.conditions)} conditions"
     files = "".join(f"\n  {path}" for path in outcome.files)
     terminal.note(f"{outcome.experiment.name}: {conditions}, seed {outcome.seed}{there}{files}")
@@ -165,7 +185,7 @@ def _list(json: bool) -> None:
         print_table(rows, ["name", "title", "paper", "conditions", "trials"])
 
 
-def _tell(outcomes: list[Outcome], json: bool) -> None:
+def _print(outcomes: list[Outcome], json: bool) -> None:
     rows = [row for outcome in outcomes for row in outcome.rows]
     if json:
         print_json([_as_json(row) for row in rows])

@@ -9,7 +9,7 @@ import typer
 
 from nlosctl.cli.options.completion import complete_table
 from nlosctl.cli.options.declarations import Debug, Json
-from nlosctl.cli.shared.terminal import print_json, print_table
+from nlosctl.cli.terminal import print_json, print_table
 from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = ["schema"]

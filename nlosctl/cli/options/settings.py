@@ -1,17 +1,23 @@
-"""Where the options of a command take their values from: flag > environment > config file > default."""
+"""The options of a command: derived from the option classes; values from flag > environment > config file > default."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 import os
+import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
+from nlosctl.cli.options import completion
 from nlosctl.contract.limits import parse_toml, read_limited
+from nlosctl.contract.run_options import PANELS, Flag, InputOptions, OutputOptions, SolveOptions, flags_of
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.paths.locations import location
 
@@ -20,14 +26,18 @@ __all__ = [
     "Setting",
     "SettingsCommand",
     "command_settings",
+    "key_values",
     "long_name",
     "options_of",
     "take_config",
+    "takes_options",
     "tell_source",
     "variable_name",
+    "with_flags",
 ]
 
 _CONFIG = "config"
+_SETTING = re.compile(r"`([a-z][a-z0-9_]*)`")
 CONFIG_VARIABLE = "NLOSCTL_CONFIG"
 """Names the config file of all commands."""
 
@@ -156,3 +166,123 @@ def _value(setting: Any, *, repeatable: bool) -> Any:
 
 def _text(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator for commands: a parameter of an options class becomes the flags that its fields declare.
+
+    The command receives the object. ``defaults`` replace defaults of options, by name. All flags are in the order of
+    their panels.
+    """
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        name = command.__name__.replace("_", "-")
+        hints = get_type_hints(command, include_extras=True)
+        classes: dict[str, Any] = {key: hint for key, hint in hints.items() if dataclasses.is_dataclass(hint)}
+        flags = {
+            key: [(option, flag) for option, flag in flags_of(options) if name in flag.commands.split()]
+            for key, options in classes.items()
+        }
+
+        @functools.wraps(command)
+        def call(**words: Any) -> Any:
+            made = {key: options(**_values(flags[key], words)) for key, options in classes.items()}
+            return command(**words, **made)
+
+        own = inspect.signature(command).parameters.values()
+        parameters = [
+            parameter.replace(annotation=hints[parameter.name], kind=inspect.Parameter.KEYWORD_ONLY)
+            for parameter in own
+            if parameter.name not in classes
+        ]
+        for key, options in classes.items():
+            types = get_type_hints(options)
+            parameters += [_parameter(option, flag, types[option.name], defaults) for option, flag in flags[key]]
+        parameters.sort(key=_panel_index)
+        call.__signature__ = inspect.Signature(parameters, return_annotation=hints["return"])  # type: ignore[attr-defined]
+        call.__annotations__ = {option.name: option.annotation for option in parameters} | {"return": hints["return"]}
+        return call
+
+    return decorate
+
+
+def _values(flags: Sequence[tuple[dataclasses.Field[Any], Flag]], words: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that the parsed words set, taking those words out of ``words``."""
+    values: dict[str, Any] = {}
+    for option, flag in flags:
+        word = words.pop(_parameter_name(option, flag))
+        if flag.key:
+            given = {} if word is None or flag.parse is None else {flag.key: flag.parse(word)}
+            values[option.name] = {**values.get(option.name, {}), **given}
+        elif flag.parse is not None:
+            values[option.name] = flag.parse(word)
+        elif isinstance(word, list):
+            is_mapping = option.default_factory is dict
+            values[option.name] = key_values(word, flag.name) if is_mapping else tuple(word)
+        else:
+            values[option.name] = word
+    return values
+
+
+def _parameter(option: dataclasses.Field[Any], flag: Flag, hint: Any, defaults: Mapping[str, Any]) -> inspect.Parameter:
+    """Return the parser's parameter for a flag."""
+    default = defaults.get(option.name, option.default)
+    word: Any
+    if flag.key:
+        word, default = float | None, None
+    elif flag.parse is not None:
+        word, default = str, flag.text
+    elif isinstance(default, tuple) or option.default_factory is dict:
+        word, default = list[str], [] if option.default_factory is dict else list(default)
+    else:
+        word = str | None if default is None and str in get_args(hint) else hint
+    declared = typer.Option(
+        flag.name,
+        *([flag.short] if flag.short else []),
+        help=flag.help,
+        metavar=flag.metavar,
+        min=flag.minimum,
+        max=flag.maximum,
+        autocompletion=getattr(completion, f"complete_{flag.complete}") if flag.complete else None,
+        rich_help_panel=flag.panel,
+    )
+    return inspect.Parameter(
+        _parameter_name(option, flag),
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[word, declared],
+    )
+
+
+def _parameter_name(option: dataclasses.Field[Any], flag: Flag) -> str:
+    return flag.name.removeprefix("--").replace("-", "_") if flag.key else option.name
+
+
+def _panel_index(parameter: inspect.Parameter) -> int:
+    """Return the position of a parameter's panel; arguments come first."""
+    panel = next((getattr(item, "rich_help_panel", None) for item in parameter.annotation.__metadata__), None)
+    return PANELS.index(panel) if panel in PANELS else -1
+
+
+def key_values(words: Sequence[str], flag: str) -> dict[str, str]:
+    """Return ``KEY=VALUE`` words as a dictionary; raises UsageError for a word of another form or a repeated key."""
+    pairs: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            raise UsageError(f"{flag} takes KEY=VALUE. Got {word!r} instead.")
+        if key in pairs:
+            raise UsageError(f"{flag} {key} is given twice")
+        pairs[key] = value
+    return pairs
+
+
+def with_flags(text: str) -> str:
+    """Return a message with the settings that it names in backquotes as flags: ```overwrite``` as ``--overwrite``."""
+    return _SETTING.sub(lambda match: _flag_names().get(match[1], f"--{match[1].replace('_', '-')}"), text)
+
+
+@functools.cache
+def _flag_names() -> dict[str, str]:
+    options = [pair for group in (InputOptions, SolveOptions, OutputOptions) for pair in flags_of(group)]
+    return {option.name: flag.name for option, flag in options if not flag.key}

@@ -60,7 +60,7 @@ _RANGE = (
         nullable=True,
         positive=True,
         constant_allowed=True,
-        constant_option="--range-std-m",
+        constant_option="range_std_m",
         meaning="standard deviation of the range error",
     ),
 )
@@ -106,7 +106,7 @@ BEARINGS = Table(
             required=True,
             positive=True,
             constant_allowed=True,
-            constant_option="--bearing-std-deg",
+            constant_option="bearing_std_deg",
             meaning="standard deviation of the bearing error",
             spellings=(Spelling(name="bearing_std_deg", scale=DEGREE),),
         ),

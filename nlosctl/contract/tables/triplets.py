@@ -46,7 +46,7 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
             required=True,
             positive=True,
             constant_allowed=True,
-            constant_option=f"--{name}-std-deg",
+            constant_option=f"{name}_std_deg",
             meaning=f"standard deviation of the {name.upper()} error",
             spellings=(Spelling(name=f"{name}_std_deg", scale=DEGREE),),
         ),
@@ -89,7 +89,7 @@ TRIPLETS = Table(
             required=True,
             positive=True,
             constant_allowed=True,
-            constant_option="--path-length-std-m",
+            constant_option="path_length_std_m",
             meaning="standard deviation of the path length error",
             spellings=(
                 Spelling(name="toa_std_s", scale=_SPEED_OF_LIGHT_M_S),

@@ -42,7 +42,7 @@ class TableCopy:
             if twice:
                 raise DataError(
                     f"{part.name}: column {twice[0]!r} is there twice; rename or drop one, or name the importer of "
-                    f"another program's file with --from ('nlosctl convert' lists them)"
+                    f"another program's file with `from` ('nlosctl convert' lists them)"
                 )
             self._schema = self._source.start(self._types(self._source), None)
             self.scene = self._scene()

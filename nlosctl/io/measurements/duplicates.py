@@ -121,9 +121,9 @@ def refuse_several_methods(table: Any, starts: IntArray, file: str) -> None:
     """
     swept = [name for name in table.column_names if name.startswith(SWEEP_PREFIX)]
     for column, what, cure in [
-        (METHOD, "methods", "run the earlier step with one --method, or keep the rows of one method"),
+        (METHOD, "methods", "run the earlier step with one `method`, or keep the rows of one method"),
         *(
-            (name, "values of a sweep", "run the earlier step without --sweep, or keep the rows of one")
+            (name, "values of a sweep", "run the earlier step without `sweep`, or keep the rows of one")
             for name in swept
         ),
     ]:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, IntArray
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import SNAPSHOT, NameCodes, are_flags_by_method
 from nlosctl.io.measurements.duplicates import drop_duplicates, refuse_several_methods
-from nlosctl.io.measurements.options import ReadOptions
 from nlosctl.io.measurements.part_boundaries import PartBoundaries
 from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
@@ -26,7 +26,7 @@ from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
 
-__all__ = ["Chunk", "MeasurementReader", "ReadOptions", "ReadReport"]
+__all__ = ["Chunk", "MeasurementReader", "ReadReport"]
 
 _READ_BY_DUCKDB = frozenset(set(FileFormat) - {FileFormat.ARROW, FileFormat.ARROW_STREAM})
 
@@ -69,13 +69,13 @@ class MeasurementReader:
     def __init__(
         self,
         inputs: Sequence[Input],
-        options: ReadOptions | None = None,
+        options: InputOptions | None = None,
         bad_rows: BadRowSink | None = None,
         *,
         found: InputSurvey | None = None,
         only: tuple[int, int] | None = None,
     ) -> None:
-        self.options = options or ReadOptions()
+        self.options = options or InputOptions()
         self._inputs = tuple(inputs)
         self._only = only
         self._survey = found or survey_inputs(self._inputs, self.options)
@@ -189,7 +189,7 @@ class MeasurementReader:
         """See PartBoundaries: None if bad rows are set aside, since the row at the end may be one of them."""
         if self.sets_bad_rows_aside or SNAPSHOT not in self.schema.names:
             return None
-        value = parquet_end_value(part, self.options.renames.get(SNAPSHOT, SNAPSHOT), index)
+        value = parquet_end_value(part, self.options.columns.get(SNAPSHOT, SNAPSHOT), index)
         if value is None:
             return None
         is_integer = pa.types.is_integer(self.schema.field(SNAPSHOT).type)
@@ -199,9 +199,9 @@ class MeasurementReader:
 class _Snapshots:
     """Joins the row batches of one input to chunks of whole snapshots."""
 
-    def __init__(self, given: Input, survey: InputSurvey, options: ReadOptions, tally: RowTally) -> None:
+    def __init__(self, given: Input, survey: InputSurvey, options: InputOptions, tally: RowTally) -> None:
         self._input, self._survey, self._tally = given, survey, tally
-        self._column = options.renames.get(SNAPSHOT, SNAPSHOT)
+        self._column = options.columns.get(SNAPSHOT, SNAPSHOT)
         self._most_rows = options.max_snapshot_rows
         self._index = SnapshotIndex()
         self._pending: list[RowBatch] = []
@@ -251,7 +251,7 @@ class _Snapshots:
             reason = "" if SNAPSHOT in self._survey.schema.names else " (there is no 'snapshot' column)"
             raise DataError(
                 f"{self._input.name}: a snapshot has more than {self._most_rows} rows{reason}, expected at most "
-                f"max_snapshot_rows; raise --max-snapshot-rows if that is meant"
+                f"max_snapshot_rows; raise `max_snapshot_rows` if that is meant"
             )
 
     def _returned(self, rows: RowBatch, index: int, earlier: SeenId) -> str:

@@ -111,7 +111,7 @@ class ProblemLog:
     def describe(self) -> str:
         """Return the first problems, one per line, and the total if it is larger."""
         lines = [printable(str(problem)) for problem in self.first]
-        hint = "--bad-rows FILE sets bad rows aside and continues"
+        hint = "`bad_rows` FILE sets bad rows aside and continues"
         if len(lines) == self.total == 1:
             return f"{lines[0]} ({hint})"
         hidden = self.total - len(lines)

@@ -79,7 +79,7 @@ class SceneColumns:
             def describe(index: int) -> str:
                 name = text_at(cells, index) or ""
                 if not known:
-                    return f"got {name!r}, but there is no scene with reflectors; give one with --scene FILE"
+                    return f"got {name!r}, but there is no scene with reflectors; give one with `scene` FILE"
                 return f"the scene has no reflector {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
 
             faults.append(Fault(mask=unknown, column=mapped.name, describe=describe))

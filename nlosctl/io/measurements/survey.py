@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
@@ -23,7 +24,6 @@ from nlosctl.io.measurements.column_mapping import (
     rename,
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
-from nlosctl.io.measurements.options import ReadOptions
 from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.base import closed_on_failure
@@ -87,7 +87,7 @@ class InputSurvey:
         self.open_tables.clear()
 
 
-def survey_inputs(inputs: Sequence[Input], options: ReadOptions) -> InputSurvey:
+def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey:
     """Open every file and check its columns and its scene; raise DataError or UsageError for a file that is wrong."""
     parts = [(given, part) for given in inputs for part in given.parts]
     first = parts[0][1]
@@ -106,7 +106,7 @@ def survey_inputs(inputs: Sequence[Input], options: ReadOptions) -> InputSurvey:
     return survey
 
 
-def _survey_first(given: Input, part: Part, options: ReadOptions) -> tuple[InputSurvey, OpenTable]:
+def _survey_first(given: Input, part: Part, options: InputOptions) -> tuple[InputSurvey, OpenTable]:
     """Open the first file, which determines the kind, the scene, and the plane on earth: the scene's, else its own."""
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
@@ -121,27 +121,28 @@ def _survey_first(given: Input, part: Part, options: ReadOptions) -> tuple[Input
         return InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata), opened
 
 
-def _open_next(given: Input, part: Part, options: ReadOptions, survey: InputSurvey, first: Part) -> OpenTable:
+def _open_next(given: Input, part: Part, options: InputOptions, survey: InputSurvey, first: Part) -> OpenTable:
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
-        if options.scene_file is None:
+        if not isinstance(options.scene, str):
             _check_scene(survey.scene, _scene_of(given, part, file, options), first, part)
         opened, _ = _planned(part, file, survey.table, options, survey.scene)
         kind = kind_of_columns(opened.all_names)
         if options.kind is None and kind != survey.table.name:
             raise DataError(
                 f"{part.name}: contains {kind}, but {first.name} contains {survey.table.name}; "
-                f"give files of one kind, or choose it by --kind"
+                f"give files of one kind, or choose it by `kind`"
             )
         return opened
 
 
-def _scene_of(given: Input, part: Part, file: TableFile, options: ReadOptions) -> Scene:
+def _scene_of(given: Input, part: Part, file: TableFile, options: InputOptions) -> Scene:
     """Return the scene of one file: a part of a folder without a scene may have one of its own."""
-    scene = options.scene
-    if scene is None:
-        scene = find_scene(options.scene_file, file.metadata, given.path)
-        if scene == Scene() and options.scene_file is None and part.path is not None:
+    if isinstance(options.scene, Scene):
+        scene = options.scene
+    else:
+        scene = find_scene(options.scene, file.metadata, given.path)
+        if scene == Scene() and options.scene is None and part.path is not None:
             scene = find_scene(None, file.metadata, part.path)
     return scene if options.frame is None else replace(scene, frame=options.frame)
 
@@ -151,7 +152,7 @@ def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part) -> No
         other = replace(other, frame=first.frame)
     if other != first:
         raise DataError(
-            f"{part.name}: its scene is not that of {first_part.name}; give one for all with --scene FILE, "
+            f"{part.name}: its scene is not that of {first_part.name}; give one for all with `scene` FILE, "
             f"or run once for each file"
         )
 
@@ -164,7 +165,7 @@ def _check_snapshots(survey: InputSurvey, name: str, schemas: Sequence[Any]) -> 
         raise DataError(f"{name}: some of the files have a 'snapshot' column and some don't; add it to the others")
 
 
-def open_table(part: Part, table: Table, options: ReadOptions, scene: Scene) -> OpenTable:
+def open_table(part: Part, table: Table, options: InputOptions, scene: Scene) -> OpenTable:
     """Open a file of measurements; raise DataError if it is unreadable or lacks columns."""
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
@@ -172,10 +173,10 @@ def open_table(part: Part, table: Table, options: ReadOptions, scene: Scene) -> 
 
 
 def _planned(
-    part: Part, file: TableFile, table: Table | None, options: ReadOptions, scene: Scene
+    part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
     """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
-    pairs = coordinate_columns(file.names, options.renames)
+    pairs = coordinate_columns(file.names, options.columns)
     coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
     if coordinates is not None:
         file.add_step(coordinates)
@@ -184,8 +185,8 @@ def _planned(
     twice = sorted(name for name, count in Counter(file.names).items() if count > 1)
     if twice:
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
-    table = table or kind_table(kind_of_columns([*file.names, *options.renames]))
-    names = rename(file.names, options.renames, table, part.name)
+    table = table or kind_table(kind_of_columns([*file.names, *options.columns]))
+    names = rename(file.names, options.columns, table, part.name)
     plan = plan_columns(names, table, options.constants, scene, part.name)
     to_read = columns_to_read(names, plan, options.extra_columns)
     original = dict(zip(names, file.names, strict=True))

@@ -121,8 +121,8 @@ class RunFolder:
         difference = _difference(begun, plan) or self._changed_input(modified)
         if difference is not None:
             raise DataError(
-                f"{self.main}: --resume: {difference}; run it with the same options on the same inputs, or start "
-                f"again with --overwrite"
+                f"{self.main}: `resume`: {difference}; run it with the same options on the same inputs, or start "
+                f"again with `overwrite`"
             )
         records = {number: record for number, record in self._records().items() if self._is_whole(record)}
         if not (self.main / MANIFEST).exists() or len(records) < len(plan["parts"]):
@@ -205,8 +205,8 @@ class RunFolder:
 
     def _is_there(self) -> str:
         if (self.main / MANIFEST).exists():
-            return f"{self.main}: contains results already; --overwrite replaces them"
-        return f"{self.main}: contains an unfinished run; --resume continues it, --overwrite starts again"
+            return f"{self.main}: contains results already; `overwrite` replaces them"
+        return f"{self.main}: contains an unfinished run; `resume` continues it, `overwrite` starts again"
 
 
 def _check_root(root: Location) -> None:

@@ -186,7 +186,7 @@ def format_of_path(path: str) -> FileFormat:
     if format is None:
         raise UsageError(
             f"{path}: unknown file extension; known: {' '.join(_EXTENSIONS)} "
-            f"(or name the format: --input-format for an input, --format for the output)"
+            f"(or name the format: `input_format` for an input, `format` for the output)"
         )
     return format
 

@@ -121,7 +121,7 @@ class JsonLinesReader:
                 f"convert it: jq -c '.[]' FILE"
             )
         if not first.objects:
-            hint = "; if this is CSV, give --input-format csv" if "," in start and start[:1] not in "{[" else ""
+            hint = "; if this is CSV, give `input_format` csv" if "," in start and start[:1] not in "{[" else ""
             raise DataError(f"{self._part.name}, line {fault.line}: {fault.fault}{hint}")
 
     def _survey(self) -> dict[str, NameSurvey]:
@@ -160,7 +160,7 @@ class JsonLinesReader:
         if len(values) >= _FEWEST_WRONG and len(faults) == len(values):
             raise DataError(
                 f"{self._part.name}, column {name!r}: wrong type: in all of the first {len(values)} rows "
-                f"{faults[0].fault}; convert the column, or read another under this name with --column"
+                f"{faults[0].fault}; convert the column, or read another under this name with `columns`"
             )
 
     def batches(self) -> Iterator[RecordBatch]:

@@ -164,7 +164,7 @@ def _checked(part: Part, head: bytes) -> Part:
     what = "text, perhaps CSV" if detected is FileFormat.CSV else detected.title
     raise DataError(
         f"{part.name}: expected {part.format.title}, but its bytes are {what}; correct the extension, or give "
-        f"--input-format {detected.value}"
+        f"`input_format` {detected.value}"
     )
 
 

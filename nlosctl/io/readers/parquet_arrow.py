@@ -51,7 +51,7 @@ def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> Non
         if wanted is not None and not fits_type(column.type, wanted):
             raise DataError(
                 f"{name}, column {column.name!r}: wrong type: contains {column.type}, expected {_EXPECTED[wanted]}; "
-                f"convert the column, or read another under this name with --column"
+                f"convert the column, or read another under this name with `columns`"
             )
 
 

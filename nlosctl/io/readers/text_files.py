@@ -159,7 +159,7 @@ def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) 
     example = cells.drop_null()[0].as_py()
     raise DataError(
         f"{file}, column {column!r}: wrong type: contains text such as {shown(example)}, "
-        f"expected {_EXPECTED_ALL[wanted]}; convert the column, or read another under this name with --column"
+        f"expected {_EXPECTED_ALL[wanted]}; convert the column, or read another under this name with `columns`"
     )
 
 

@@ -86,9 +86,9 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
     """
     for name in wanted:
         if name in _OWN - {"snapshot"}:
-            raise UsageError(f"--carry {name}: estimates have a column {name!r} of their own")
+            raise UsageError(f"`carry` {name}: estimates have a column {name!r} of their own")
         if name not in input_names:
-            raise DataError(f"--carry {name}: the input has no such column{did_you_mean(name, input_names)}")
+            raise DataError(f"`carry` {name}: the input has no such column{did_you_mean(name, input_names)}")
     truth = () if "truth_target" in input_names else _TRUTH
     chosen = {"scene", *truth, *wanted}
     return tuple(name for name in input_names if (name in chosen or name.startswith(SWEEP_PREFIX)) and name not in _OWN)

@@ -18,11 +18,12 @@ import pyarrow.compute as pc
 
 from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.random_streams import GOLDEN_RATIO
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.readers.open_file import open_part
 from nlosctl.io.results.evaluation_arrays import boolean_codes, numbers
@@ -153,7 +154,7 @@ def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> S
     return SampledRows(columns=columns, total=total, step=step)
 
 
-def read_snapshot(file: DrawnFile, options: ReadOptions, snapshot: str | None) -> DrawnSnapshot:
+def read_snapshot(file: DrawnFile, options: InputOptions, snapshot: str | None) -> DrawnSnapshot:
     """Return the measurements of one snapshot (default: the first); raises DataError if it does not exist."""
     reader = MeasurementReader([file.input()], options)
     try:

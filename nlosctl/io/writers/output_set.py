@@ -84,7 +84,7 @@ def _check_target(target: str, overwrite: bool, inputs: Sequence[Location]) -> N
         if source.is_dir() and source.resolve() in path.parents:
             raise DataError(f"{target}: is inside the input folder {str(source)!r}; write to another folder")
     if path.exists() and not overwrite:
-        raise DataError(f"{target}: exists already; --overwrite replaces it")
+        raise DataError(f"{target}: exists already; `overwrite` replaces it")
     if not os.access(path.parent, os.W_OK):
         raise DataError(f"{target}: can't be written: no permission in the folder")
 
@@ -99,7 +99,7 @@ def _check_remote(target: str, path: RemotePath, overwrite: bool, inputs: Sequen
         if path.is_dir():
             raise DataError(f"{target}: is a folder, expected the name of a file")
         if path.is_file() and not overwrite:
-            raise DataError(f"{target}: exists already; --overwrite replaces it")
+            raise DataError(f"{target}: exists already; `overwrite` replaces it")
         if not path.has_bucket():
             raise DataError(f"{target}: there is no {str(path.top)!r}; make it first")
     except OSError as error:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
+from nlosctl.contract.run_options import SolveOptions
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
-from nlosctl.pipeline.bound.bounds import BoundSettings, MapGrid, bounds_at_truth, bounds_on_map, result_schema
-from nlosctl.pipeline.engine.provenance import describe_inputs, file_metadata
-from nlosctl.pipeline.engine.writing import ChunkTables
+from nlosctl.pipeline.bound.bounds import MapGrid, bounds_at_truth, bounds_on_map, result_schema
+from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata
 
 __all__ = ["BoundReport", "BoundRun"]
 
@@ -56,11 +55,11 @@ class BoundRun:
     def __init__(
         self,
         reader: MeasurementReader,
-        settings: BoundSettings,
+        options: SolveOptions,
         grid: MapGrid | None = None,
         map: str | None = None,
     ) -> None:
-        self.reader, self._settings, self._grid, self._map = reader, settings, grid, map
+        self.reader, self._options, self._grid, self._map = reader, options, grid, map
         what = "snapshots" if grid is None else "positions"
         self.report = BoundReport(kind=reader.kind, map=map, what=what)
 
@@ -69,13 +68,9 @@ class BoundRun:
         """The Arrow schema of the only table there is."""
         return {"bound": result_schema(self.reader, self._grid)}
 
-    def again(self) -> Callable[[MeasurementReader], BoundRun]:
-        """Return what starts an equal run over another reader; it can be sent to another process."""
-        return partial(BoundRun, settings=self._settings, grid=self._grid, map=self._map)
-
     def provenance(self) -> dict[str, Any]:
         """Return what makes the results, as plain values."""
-        return {"map": self._map, "noise": self._settings.noise, "use_ranges": self._settings.use_ranges}
+        return {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
 
     def choices(self) -> dict[str, Any]:
         """Return what else must be the same for two runs to write the same tables: nothing."""
@@ -86,12 +81,12 @@ class BoundRun:
         described = describe_inputs(inputs, {}, with_hash=with_hash)
         return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
 
-    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
+    def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
         """Yield the bounds, in input order; raises what reading raises."""
         if self._grid is None:
-            tables = bounds_at_truth(self.reader, self._settings)
+            tables = bounds_at_truth(self.reader, self._options)
         else:
-            tables = bounds_on_map(self.reader, self._grid, self._settings)
+            tables = bounds_on_map(self.reader, self._grid, self._options)
         for table in tables:
             self.report.positions += table.num_rows
             self.report.bounded += table.num_rows - table.column("rms_m").null_count

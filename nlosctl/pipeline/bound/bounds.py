@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.run_options import SolveOptions
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -22,7 +23,7 @@ from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 
-__all__ = ["BoundSettings", "MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
+__all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
 
 
 _POSITIONS_AT_ONCE = 4096
@@ -59,33 +60,9 @@ class MapGrid:
         return int(np.floor((high - low) / self.step_m + 1e-9)) + 1
 
 
-@dataclass(frozen=True, kw_only=True)
-class BoundSettings:
-    """What the bound is of: the errors' distribution of the stated stds, and whether ranges beside bearings count."""
-
-    noise: str = "gaussian"
-    use_ranges: bool = True
-
-    def __post_init__(self) -> None:
-        if self.noise not in _INFORMATION_PER_VARIANCE:
-            known = ", ".join(_INFORMATION_PER_VARIANCE)
-            raise UsageError(f"--noise must be one of {known}. Got {self.noise!r} instead.")
-
-    def apply(self, batch: Any) -> Any:
-        """Return the batch without the ranges of bearings where they don't count."""
-        if self.use_ranges or not isinstance(batch, BearingBatch):
-            return batch
-        return dataclasses.replace(batch, range_m=None, range_std_m=None)
-
-    def scaled(self, matrix: Symmetric2x2) -> Symmetric2x2:
-        """Return the information of the errors' distribution from that of Gaussian errors."""
-        scale = _INFORMATION_PER_VARIANCE[self.noise]
-        return Symmetric2x2(scale * matrix.xx, scale * matrix.xy, scale * matrix.yy)
-
-
 def parse_map(text: str) -> MapGrid:
     """Return the grid of ``xmin,xmax,ymin,ymax,step`` in metres; raises UsageError."""
-    wanted = f"--map takes xmin,xmax,ymin,ymax,step in metres, rising and step above 0. Got {text!r} instead."
+    wanted = f"`map` takes xmin,xmax,ymin,ymax,step in metres, rising and step above 0. Got {text!r} instead."
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -97,7 +74,7 @@ def parse_map(text: str) -> MapGrid:
         raise UsageError(wanted)
     grid = MapGrid(x_min_m=x_min, x_max_m=x_max, y_min_m=y_min, y_max_m=y_max, step_m=step)
     if grid.shape[0] * grid.shape[1] > _MOST_VERTICES:
-        raise UsageError(f"--map {text} has {grid.shape[0] * grid.shape[1]} vertices, more than {_MOST_VERTICES}")
+        raise UsageError(f"`map` {text} has {grid.shape[0] * grid.shape[1]} vertices, more than {_MOST_VERTICES}")
     return grid
 
 
@@ -106,7 +83,7 @@ def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
     return bound_schema(reader.schema if grid is None else None)
 
 
-def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Iterator[Any]:
+def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterator[Any]:
     """Yield tables with the bound of each snapshot at its truth, in input order.
 
     Null where the truth is, or where too few rows can see it. Rows that do not follow their stated path (``truth_los``
@@ -120,8 +97,8 @@ def bounds_at_truth(reader: MeasurementReader, settings: BoundSettings) -> Itera
         kept = ~chunk.left_out & _may_be_direct(chunk)
         for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
             if row.shape[1]:
-                batch = settings.apply(dense_batch(reader.kind, chunk.columns, row, scene=reader.scene))
-                _write_bounds(arrays, snapshot, model.at(batch, x[snapshot], y[snapshot]), settings)
+                batch = _without_ranges(dense_batch(reader.kind, chunk.columns, row, scene=reader.scene), options)
+                _write_bounds(arrays, snapshot, model.at(batch, x[snapshot], y[snapshot]), options)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 
@@ -129,7 +106,7 @@ def _truth(chunk: Chunk) -> FloatArray:
     for name in TRUTH_NAMES:
         if name not in chunk.table.column_names:
             raise DataError(
-                f"{chunk.source}: no column {name!r}; a bound needs the truth, or --map for a grid of positions"
+                f"{chunk.source}: no column {name!r}; a bound needs the truth, or `map` for a grid of positions"
             )
     return truth_positions(chunk.table, chunk.offsets[:-1])
 
@@ -140,7 +117,7 @@ def _may_be_direct(chunk: Chunk) -> BoolArray:
     return np.asarray(boolean_codes(chunk.table.column("truth_los")) != 0)
 
 
-def bounds_on_map(reader: MeasurementReader, grid: MapGrid, settings: BoundSettings) -> Iterator[Any]:
+def bounds_on_map(reader: MeasurementReader, grid: MapGrid, options: SolveOptions) -> Iterator[Any]:
     """Yield tables with the bound at each vertex, of the sensors, paths and stds of the first snapshot.
 
     Raises DataError where the input has no row.
@@ -150,10 +127,10 @@ def bounds_on_map(reader: MeasurementReader, grid: MapGrid, settings: BoundSetti
     chunk = next(iter(reader.chunks()), None)
     if chunk is None:
         raise DataError("no snapshot to take sensors and paths from")
-    single = settings.apply(_first_snapshot(reader, chunk))
+    single = _without_ranges(_first_snapshot(reader, chunk), options)
     for x, y in grid.pieces():
         arrays = _no_bounds(x, y)
-        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y), settings)
+        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y), options)
         yield bound_table(arrays, schema)
 
 
@@ -181,8 +158,21 @@ def _no_bounds(x: FloatArray, y: FloatArray) -> dict[str, npt.NDArray[Any]]:
 
 
 def _write_bounds(
-    arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information, settings: BoundSettings
+    arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information, options: SolveOptions
 ) -> None:
-    for name, values in vars(bounds_of(settings.scaled(information.matrix))).items():
+    for name, values in vars(bounds_of(_scaled(information.matrix, options))).items():
         arrays[name][places] = values
     arrays["n_used"][places] = information.n_used
+
+
+def _without_ranges(batch: Any, options: SolveOptions) -> Any:
+    """Return the batch without the ranges of bearings if they are not used."""
+    if options.use_ranges or not isinstance(batch, BearingBatch):
+        return batch
+    return dataclasses.replace(batch, range_m=None, range_std_m=None)
+
+
+def _scaled(matrix: Symmetric2x2, options: SolveOptions) -> Symmetric2x2:
+    """Return the information for the chosen error distribution from that of Gaussian errors."""
+    scale = _INFORMATION_PER_VARIANCE[options.noise]
+    return Symmetric2x2(scale * matrix.xx, scale * matrix.xy, scale * matrix.yy)

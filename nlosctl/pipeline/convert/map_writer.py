@@ -183,8 +183,8 @@ class MapWriter:
         for frame in dict.fromkeys(words):
             if frame is None:
                 raise DataError(
-                    "the estimates have no location on earth: define the plane with --origin LAT,LON or --crs "
-                    "EPSG:CODE or [frame] in the scene (geojson also writes plain metres: --param metres=true)"
+                    "the estimates have no location on earth: define the plane with `origin` LAT,LON or `crs` "
+                    "EPSG:CODE or [frame] in the scene (geojson also writes plain metres: `parameters` metres=true)"
                 )
             rows = np.array([row for row, word in enumerate(words) if word == frame])
             yield plane_of(parse_frame(str(frame), "column 'frame'")), rows

@@ -1,59 +1,42 @@
-"""A run into folders: a part file for each part of the input, what is done kept, the manifest at the end."""
+"""A run into folders: a part file for each part of the input, finished parts kept, the manifest at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
+from itertools import pairwise
 from typing import Any
 
-from nlosctl.errors import DataError, UsageError
+from nlosctl.contract.limits import size
+from nlosctl.errors import DataError, MethodError, UsageError
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.parts.part_names import part_names
+from nlosctl.io.parts.row_group_slices import sliced
 from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.scenes.scene_file import scene_to_toml
-from nlosctl.pipeline.engine.id_order import IdOrder
-from nlosctl.pipeline.engine.parts import PartWork
-from nlosctl.pipeline.engine.provenance import describe_inputs
+from nlosctl.pipeline.engine.parts import BAD_ROWS, PartWork
+from nlosctl.pipeline.engine.slices import Engine, IdOrder, SliceError, SliceWork, positions_of
 from nlosctl.pipeline.engine.workers import map_in_processes
-from nlosctl.pipeline.engine.writing import Run
+from nlosctl.pipeline.engine.writing import Run, describe_inputs
 from nlosctl.version import __version__
 
-__all__ = ["Engine", "FolderRun", "Records", "in_this_machine"]
+__all__ = ["FolderRun"]
 
 Records = Generator[tuple[int, dict[str, Any]], None, None]
-Engine = Callable[[PartWork, Sequence[int]], Records]
-"""Makes the parts of these numbers, and gives the record of each as it is done, in any order."""
-
-_KEPT_IN_PLAN = ("kind", "renames", "constants", "all_rows", "max_snapshot_rows")
-
-
-def in_this_machine(jobs: int) -> Engine:
-    """Return the engine of this machine: ``jobs`` processes, each at a part; at a single part they share its rows."""
-
-    def make(work: PartWork, numbers: Sequence[int]) -> Records:
-        if len(numbers) == 1 or work.is_remote:  # a store's connection does not bear being forked
-            yield from ((number, work.make(number, jobs)) for number in numbers)
-            return
-        try:
-            with closing(map_in_processes(work.make, numbers, jobs)) as records:
-                yield from zip(numbers, records, strict=True)
-        except BaseException:  # processes that are stopped leave what they are writing
-            RunFolder(work.roots).remove_temporary_files(work.names)
-            raise
-
-    return make
 
 
 class FolderRun:
     """``run`` (not begun) over ``inputs``, its tables into the folders ``roots`` (table name -> folder).
 
-    Raises UsageError where an input is a stream.
+    ``start`` makes an equal run over another reader. Raises UsageError if an input is a stream.
     """
 
     def __init__(
         self,
         run: Run,
+        start: Callable[[MeasurementReader], Run],
         command: str,
         inputs: Sequence[Input],
         roots: Mapping[str, str],
@@ -62,32 +45,39 @@ class FolderRun:
         with_hash: bool,
     ) -> None:
         if any(part.path is None for given in inputs for part in given.parts):
-            raise UsageError("standard input has no parts: give -o a file, or save the input as one")
-        self._run, self._command, self._inputs, self._with_hash = run, command, tuple(inputs), with_hash
+            raise UsageError("standard input has no parts: set `output` to a file, or save the input as one")
+        self._run, self._start, self._command = run, start, command
+        self._inputs, self._with_hash = tuple(inputs), with_hash
         self._folder = RunFolder(roots)
         self._format = format or FileFormat.PARQUET
         self._names = part_names(inputs, self._format)
+        self._positions = positions_of(inputs)
 
-    def write(self, engine: Engine, *, resume: bool, overwrite: bool, progress: Callable[[int], None]) -> None:
-        """Make every part that is missing, then the manifests; the run's report tells all parts.
+    def write(
+        self, engine: Engine | None, jobs: int, *, resume: bool, overwrite: bool, progress: Callable[[int], None]
+    ) -> None:
+        """Make every part that is missing, then the manifests; the run's report is of all parts.
 
-        ``progress`` is told how many rows have been done. Raises DataError as `RunFolder.open` and the parts do.
+        ``engine`` None: ``jobs`` processes of this machine. ``progress`` receives the number of rows done. Raises
+        DataError as `RunFolder.open` and the parts do.
         """
         described = describe_inputs(self._inputs, {}, with_hash=self._with_hash)
         plan = self._plan(described)
         records = self._folder.open(plan, self._modified(), resume=resume, overwrite=overwrite)
-        order, places = IdOrder(self._inputs, self._run.reader), self._places()
+        order = IdOrder(self._inputs, self._run.reader)
         for number in sorted(records):
-            order.add(places[number][0], records[number]["span"])
+            order.add(self._positions[number][0], records[number]["span"])
         missing = [number for number in range(len(self._names)) if number not in records]
         rows = _rows(records.values())
-        with closing(engine(self._work(), missing)) as made:
+        work = self._work()
+        made = _made_here(work, missing, jobs) if engine is None else _made_by(engine, work, missing)
+        with closing(made):
             for number, record in made if missing else ():
                 records[number] = record
-                order.add(places[number][0], record["span"])
+                order.add(self._positions[number][0], record["span"])
                 rows += _rows([record])
                 progress(rows)
-        self._tell(records)
+        self._count(records)
         self._folder.finish(plan, records, self._run.report.as_dict())
 
     def _work(self) -> PartWork:
@@ -97,28 +87,28 @@ class FolderRun:
             inputs=self._inputs,
             options=reader.options,
             found=reader.found(),
-            start=self._run.again(),
+            start=self._start,
             roots=self._folder.roots,
             names=tuple(self._names),
-            places=tuple(self._places()),
+            positions=self._positions,
             format=self._format,
             with_hash=self._with_hash,
         )
 
-    def _places(self) -> list[tuple[int, int]]:
-        return [(group, place) for group, given in enumerate(self._inputs) for place in range(len(given.parts))]
-
     def _plan(self, described: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """Return everything that the bytes of the part files depend on."""
         reader = self._run.reader
-        options = {name: getattr(reader.options, name) for name in _KEPT_IN_PLAN}
+        read = reader.options
         return {
             "version": __version__,
             "command": self._command,
             **self._run.provenance(),
             **self._run.choices(),
-            **options,
             "kind": reader.kind,
+            "renames": read.columns,
+            "constants": read.constants,
+            "all_rows": read.all_rows,
+            "max_snapshot_rows": read.max_snapshot_rows,
             "scene": scene_to_toml(reader.scene),
             "tables": list(self._folder.roots),
             "format": self._format.value,
@@ -130,7 +120,7 @@ class FolderRun:
         parts = [part for given in self._inputs for part in given.parts]
         return {part.name: part.path.stat().st_mtime_ns for part in parts if part.path is not None}
 
-    def _tell(self, records: Mapping[int, Mapping[str, Any]]) -> None:
+    def _count(self, records: Mapping[int, Mapping[str, Any]]) -> None:
         report, remarks = self._run.report, list(self._run.reader.report.remarks)
         for number in sorted(records):
             try:
@@ -138,10 +128,10 @@ class FolderRun:
             except (KeyError, TypeError, ValueError, AttributeError) as error:
                 name = self._names[number]
                 raise DataError(
-                    f"{name}: its record was changed after it was written; begin anew with --overwrite"
+                    f"{name}: its record was changed after it was written; start over with `overwrite`"
                 ) from error
         rows_by_group = [0] * len(self._inputs)
-        for number, (group, _) in enumerate(self._places()):
+        for number, (group, _) in enumerate(self._positions):
             rows_by_group[group] += _rows([records[number]])
         for given, rows in zip(self._inputs, rows_by_group, strict=True):
             if not rows:
@@ -155,3 +145,68 @@ class FolderRun:
 def _rows(records: Iterable[Mapping[str, Any]]) -> int:
     """Return how many rows the inputs of these parts have."""
     return sum(record["rows"] for record in records)
+
+
+def _made_here(work: PartWork, numbers: Sequence[int], jobs: int) -> Records:
+    """Make parts by processes of this machine, each a part at a time; a single part is made by all of them."""
+    if len(numbers) == 1 or work.is_remote:  # the connection to a store cannot be used in a forked process
+        yield from ((number, work.make(number, jobs)) for number in numbers)
+        return
+    try:
+        with closing(map_in_processes(work.make, numbers, jobs)) as records:
+            yield from zip(numbers, records, strict=True)
+    except BaseException:  # processes that are killed leave temporary files
+        RunFolder(work.roots).remove_temporary_files(work.names)
+        raise
+
+
+def _made_by(engine: Engine, work: PartWork, numbers: Sequence[int]) -> Records:
+    """Make parts by an engine: a part of more slices than there are parts is cut into slices, unless it has bad rows.
+
+    A fault in a slice is raised as that of the whole part.
+    """
+    slices = sliced(work.inputs, size("task_rows"))
+    of_part = _slices_of_parts(work, slices)
+    shared = [n for n in numbers if len(of_part[n]) > len(numbers) and BAD_ROWS not in work.roots]
+    single = [number for number in numbers if number not in shared]
+    if single:
+        with closing(engine(work, single)) as records:
+            yield from zip(single, records, strict=True)
+    for number in shared:
+        try:
+            record = _made_from_slices(engine, work, number, slices, of_part[number])
+        except (SliceError, DataError, MethodError):
+            record = work.make(number)
+        yield number, record
+
+
+def _slices_of_parts(work: PartWork, slices: Sequence[Input]) -> list[list[tuple[int, int]]]:
+    """Return the positions of the slices of each part."""
+    names = [[part.name for part in given.parts] for given in slices]
+    return [
+        [(group, index) for index, name in enumerate(names[group]) if name == work.inputs[group].parts[own].name]
+        for group, own in work.positions
+    ]
+
+
+def _made_from_slices(
+    engine: Engine, work: PartWork, number: int, slices: tuple[Input, ...], positions: Sequence[tuple[int, int]]
+) -> dict[str, Any]:
+    """Write the files of a part from the results of its slices, and return its record."""
+    reader = work.reader(number)
+    run = work.start(reader)
+    pieces = SliceWork(
+        inputs=slices, options=work.options, found=work.found, start=work.start, positions=tuple(positions)
+    )
+    spans: list[dict[str, Any]] = []
+    return work.write(number, reader, run, pieces.tables(run, engine, spans), lambda: _joined(spans))
+
+
+def _joined(spans: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the span of the ids of consecutive slices, as reading them at once gives it."""
+    ends = [end for span in spans if span["first"] is not None for end in {span["first"]: 0, span["last"]: 0}]
+    if not ends:
+        return {"first": None, "last": None, "ordered": True}
+    steps = list(pairwise(ends))
+    sorted_ends = all(a < b for a, b in steps) or all(a > b for a, b in steps)
+    return {"first": ends[0], "last": ends[-1], "ordered": sorted_ends and all(span["ordered"] for span in spans)}

@@ -1,4 +1,4 @@
-"""The work of a run cut into parts of its input: each gives part files and a record, alone and in any order."""
+"""The parts of a run into folders: each task writes the part files and a record, in any order."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from nlosctl.io.measurements.reader import MeasurementReader, ReadOptions
+from nlosctl.contract.run_options import InputOptions
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.run_folder import RunFolder, describe_file
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat, location
 from nlosctl.io.writers.output_set import OutputSet
 from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
+from nlosctl.pipeline.engine.slices import absolute
 from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
 
 __all__ = ["BAD_ROWS", "PartWork"]
@@ -23,35 +25,35 @@ BAD_ROWS = "bad_rows"
 
 @dataclass(frozen=True, kw_only=True)
 class PartWork:
-    """All that is needed to make any part of a run: words, options and names, no data; it can be sent anywhere.
+    """All that is needed to make any part of a run: names and options, no data.
 
-    ``roots`` are the folders of the tables by their names, ``names`` the part files in each; the part of that number
-    answers ``places`` (place of the input, place of the part within).
+    ``roots`` are the folders of the tables by name, ``names`` the part files in each, ``positions`` the parts of the
+    input (index of the input, index of the part within it) in the same order.
     """
 
     command: str
     inputs: tuple[Input, ...]
-    options: ReadOptions
+    options: InputOptions
     found: InputSurvey
     start: Callable[[MeasurementReader], Run]
     roots: Mapping[str, str]
     names: tuple[str, ...]
-    places: tuple[tuple[int, int], ...]
+    positions: tuple[tuple[int, int], ...]
     format: FileFormat
     with_hash: bool
 
     def make(self, number: int, jobs: int = 1) -> dict[str, Any]:
-        """Write the files of one part, remember that it is done, and return its record.
+        """Write the files of one part, keep its record, and return it.
 
-        The files are whole under their names before the record is; made twice they are the same to the byte.
+        The files are complete under their names before the record is; a repetition writes the same bytes.
         """
         reader = self.reader(number)
         run = self.start(reader)
         return self.write(number, reader, run, run.tables(jobs), lambda: asdict(reader.spans[0]))
 
     def reader(self, number: int) -> MeasurementReader:
-        """Return a reader of what one part answers."""
-        return MeasurementReader(self.inputs, self.options, found=self.found, only=self.places[number])
+        """Return a reader of the snapshots that begin in one part."""
+        return MeasurementReader(self.inputs, self.options, found=self.found, only=self.positions[number])
 
     def write(
         self,
@@ -61,14 +63,14 @@ class PartWork:
         tables: Iterable[ChunkTables],
         span: Callable[[], dict[str, Any]],
     ) -> dict[str, Any]:
-        """Write the files of one part from its tables; see `make`.
+        """Write the files of one part from its tables, as `make` does; ``reader`` passes on the bad rows.
 
-        Bad rows come from ``reader``. At the end ``reader`` and ``run`` have counted all
-        rows, and ``span`` gives that of the ids.
+        When the tables have ended, ``reader`` and ``run`` have counted all rows, and ``span`` returns the span of the
+        ids.
         """
-        group, place = self.places[number]
+        group, index = self.positions[number]
         given = self.inputs[group]
-        own = Input(name=given.name, parts=(given.parts[place],))
+        own = Input(name=given.name, parts=(given.parts[index],))
 
         def metadata() -> dict[str, str]:
             return run.metadata(self.command, [own], with_hash=self.with_hash)
@@ -96,21 +98,14 @@ class PartWork:
 
     @property
     def is_remote(self) -> bool:
-        """Whether an input or an output is not on this machine."""
+        """Whether an input or an output is in a store."""
         paths = [part.path for given in self.inputs for part in given.parts]
         return any(not isinstance(path, Path) for path in [*paths, *map(location, self.roots.values())])
 
     def with_absolute_paths(self) -> PartWork:
-        """Return the same work for a process with another current folder; the inputs keep the names they go by."""
-        inputs = tuple(
-            replace(
-                given,
-                parts=tuple(replace(part, path=part.path and part.path.absolute()) for part in given.parts),
-            )
-            for given in self.inputs
-        )
+        """Return the same work for a process with another current folder."""
         roots = {table: str(location(root).absolute()) for table, root in self.roots.items()}
-        return replace(self, inputs=inputs, roots=roots)
+        return replace(self, inputs=absolute(self.inputs), roots=roots)
 
     def _writer(self, table: str, number: int, run: Run, metadata: Mapping[str, str]) -> TableWriter:
         schema = BadRowWriter.schema(self.found.schema.names) if table == BAD_ROWS else run.schemas[table]

@@ -78,7 +78,7 @@ def _in_order(
         while pending:
             yield pending.popleft().result()
     except BrokenProcessPool as error:
-        raise MethodError("a worker process was killed, perhaps for want of memory; try fewer --jobs") from error
+        raise MethodError("a worker process was killed, perhaps for want of memory; try fewer `jobs`") from error
     finally:
         for future in pending:
             future.cancel()
@@ -110,7 +110,7 @@ def _start(pool: ProcessPoolExecutor) -> None:
             warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads, from Python 3.12 on
             pool.submit(os.getpid).result()
     except OSError as error:
-        raise MethodError(f"no processes can be made: {error.strerror or error}; try fewer --jobs") from error
+        raise MethodError(f"no processes can be made: {error.strerror or error}; try fewer `jobs`") from error
 
 
 @contextmanager

@@ -1,15 +1,25 @@
-"""From a run to what takes its tables, whatever the run is of and whatever takes them."""
+"""The tables of a run, what receives them, and the provenance in their metadata.
+
+Provenance contains no time, no path except for the names given, and nothing that differs between equal runs.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_to_toml
+from nlosctl.io.writers.table_writer import provenance_text
+from nlosctl.version import __version__
 
-__all__ = ["ChunkTables", "Report", "Run", "Sink", "write_tables"]
+__all__ = ["PROVENANCE_KEY", "ChunkTables", "Report", "Run", "Sink", "describe_inputs", "file_metadata", "write_tables"]
+
+PROVENANCE_KEY = "nlosctl"
 
 
 class Sink(Protocol):
@@ -59,9 +69,6 @@ class Run(Protocol):
     def schemas(self) -> Mapping[str, Any]:
         """The Arrow schema of every table that can be asked for, by its name."""
 
-    def again(self) -> Callable[[MeasurementReader], Run]:
-        """Return what starts an equal run, of one job, over another reader; it can be sent to another process."""
-
     def provenance(self) -> dict[str, Any]:
         """Return what makes the results, as plain values."""
 
@@ -71,8 +78,8 @@ class Run(Protocol):
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files."""
 
-    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
-        """Yield the results chunk by chunk, in input order, by this number of processes (None: as it was told)."""
+    def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
+        """Yield the results chunk by chunk, in input order, solved by ``jobs`` processes."""
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add to the report what its counts say, and the reader's remarks."""
@@ -115,3 +122,28 @@ class ChunkTables:
     def flags(self) -> Any | None:
         """The flags, None if not wanted."""
         return self.named.get("flags")
+
+
+def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dict[str, str]:
+    """Return the metadata of a result file: the provenance as JSON, and the scene as TOML where there is one."""
+    provenance = {"version": __version__, "command": command, **content}
+    metadata = {PROVENANCE_KEY: provenance_text(provenance)}
+    if scene != Scene():
+        metadata[SCENE_KEY.decode()] = scene_to_toml(scene)
+    return metadata
+
+
+def describe_inputs(inputs: Sequence[Input], rows: Mapping[str, int], *, with_hash: bool) -> list[dict[str, Any]]:
+    """Return name, size, number of rows (where it is known) and, if wanted, SHA-256 of every input file."""
+    described = []
+    for part in (part for given in inputs for part in given.parts):
+        entry: dict[str, Any] = {"name": part.name}
+        if part.path is not None:
+            entry["bytes"] = part.path.stat().st_size
+            if with_hash:
+                with part.path.open("rb") as file:
+                    entry["sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
+        if part.name in rows:
+            entry["rows"] = rows[part.name]
+        described.append(entry)
+    return described

@@ -48,7 +48,7 @@ class Condition:
             known = [key for key, value in metrics.items() if _is_metric(key, value)]
             if self.name not in known:
                 near, there = did_you_mean(self.name, known), ", ".join(known)
-                raise UsageError(f"--fail-if {self.words}: no metric {self.name!r}{near}; there are: {there}")
+                raise UsageError(f"`fail_if` {self.words}: no metric {self.name!r}{near}; there are: {there}")
             value = metrics[self.name]
             if math.isnan(value) or _OPERATORS[self.sign](value, self.limit):
                 whose = f" of {group_title(group)}" if group_title(group) else ""
@@ -63,7 +63,7 @@ class Condition:
         if not matching:
             known = list(dict.fromkeys(str(group["method"]) for group in groups if "method" in group))
             raise UsageError(
-                f"--fail-if {self.words}: no method {self.method!r} in the input{did_you_mean(self.method, known)}; "
+                f"`fail_if` {self.words}: no method {self.method!r} in the input{did_you_mean(self.method, known)}; "
                 f"there are: {', '.join(known) or 'none'}"
             )
         return matching
@@ -74,15 +74,15 @@ def parse_condition(words: str) -> Condition:
     match = _FORM.fullmatch(words)
     if match is None:
         raise UsageError(
-            f"--fail-if takes [METHOD:]FIGURE>NUMBER (or <, >=, <=, ==, !=), such as 'rmse_m>5'. Got {words!r} instead."
+            f"`fail_if` takes [METHOD:]FIGURE>NUMBER (or <, >=, <=, ==, !=), such as 'rmse_m>5'. Got {words!r} instead."
         )
     method, name, sign, text = match.groups()
     try:
         limit = float(text)
     except ValueError:
-        raise UsageError(f"--fail-if {words}: {text!r} is not a number") from None
+        raise UsageError(f"`fail_if` {words}: {text!r} is not a number") from None
     if math.isnan(limit):
-        raise UsageError(f"--fail-if {words}: nothing compares with {text!r}; give a number")
+        raise UsageError(f"`fail_if` {words}: nothing compares with {text!r}; give a number")
     return Condition(words=words, method=None if method is None else method.strip(), name=name, sign=sign, limit=limit)
 
 

@@ -14,7 +14,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.arrow_columns import SweepColumns
 from nlosctl.io.results.tables import measurement_table
-from nlosctl.pipeline.engine.provenance import file_metadata
+from nlosctl.pipeline.engine.writing import file_metadata
 from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
 from nlosctl.scenarios.catalogue import find_scenario
 from nlosctl.scenarios.spec import draw_block, draw_snapshots
@@ -81,8 +81,8 @@ class Simulation:
         first = scenes[0]
         if any(scene.reflectors != first.reflectors for scene in scenes):
             raise UsageError(
-                f"--sweep {', '.join(self._sweep)}: moves the reflectors, and a file has one scene; "
-                f"simulate the values one by one with --param"
+                f"`sweep` {', '.join(self._sweep)}: moves the reflectors, and a file has one scene; "
+                f"simulate the values one by one with `parameters`"
             )
         sensors = tuple(sensor for sensor in first.sensors if all(sensor in scene.sensors for scene in scenes))
         return dataclasses.replace(first, sensors=sensors)
@@ -93,7 +93,7 @@ class Simulation:
         tables = [measurement_table(self.kind, columns, self._sweeps) for columns in first]
         if any(table.schema != tables[0].schema for table in tables):
             raise UsageError(
-                f"--sweep {', '.join(self._sweep)}: its values give files of different columns; "
-                f"simulate them one by one with --param"
+                f"`sweep` {', '.join(self._sweep)}: its values give files of different columns; "
+                f"simulate them one by one with `parameters`"
             )
         return tables[0].schema

@@ -51,7 +51,7 @@ def optional_columns(ellipse: float | None, add: Sequence[str]) -> frozenset[str
     for word in add:
         if word not in ADDED_COLUMNS:
             near = did_you_mean(word, ADDED_COLUMNS)
-            raise UsageError(f"--add {word}: no such column{near}; there are: {', '.join(ADDED_COLUMNS)}")
+            raise UsageError(f"`add` {word}: no such column{near}; there are: {', '.join(ADDED_COLUMNS)}")
     names = {ADDED_COLUMNS[word].name for word in add}
     return frozenset(names if ellipse is None else names | {column.name for column in ELLIPSE})
 
@@ -61,7 +61,7 @@ def check_added(add: Sequence[str], reader: MeasurementReader, runs: Runs) -> No
     for word in add:
         fault = ADDED[word].fault(reader, runs)
         if fault:
-            raise UsageError(f"--add {word}: {fault}")
+            raise UsageError(f"`add` {word}: {fault}")
 
 
 def further_columns(

@@ -66,6 +66,6 @@ def flat_plane_remarks(worst: Mapping[str, Any]) -> list[str]:
                 size = f"turns lines by up to {np.degrees(error):.2g} deg"
             remarks.append(
                 f"the scene is large for a flat plane: it {size} ({share:.0%} of the stated std, on a line of "
-                f"{length / 1e3:.3g} km); choose an --origin amid it, a --crs made for it, or smaller snapshots"
+                f"{length / 1e3:.3g} km); choose an `origin` amid it, a `crs` made for it, or smaller snapshots"
             )
     return remarks

@@ -46,8 +46,8 @@ def method_runs(
     for name in own:
         if own.count(name) > 1:
             raise UsageError(f"method {name!r} is given twice")
-    given = _by_method(specs, parameters, "--param")
-    swept = _by_method(specs, sweep or {}, "--sweep")
+    given = _by_method(specs, parameters, "`parameters`")
+    swept = _by_method(specs, sweep or {}, "`sweep`")
     runs = []
     for spec in specs:
         parse = partial(parse_options, spec.options, owner=f"method {spec.name!r}")
@@ -63,7 +63,7 @@ def require_estimates(runs: Sequence[MethodRun]) -> None:
     """Raise UsageError if no method makes estimates."""
     if not any(run.spec.estimates for run in runs):
         names = ", ".join(run.spec.name for run in runs)
-        raise UsageError(f"--estimates-out: {names} makes no estimates; chi2 and joint do")
+        raise UsageError(f"`estimates_out`: {names} makes no estimates; chi2 and joint do")
 
 
 def _by_method(specs: Sequence[MethodSpec], parameters: Mapping[str, Any], option: str) -> dict[str, dict[str, Any]]:

@@ -183,7 +183,7 @@ def heights_remark(names: Sequence[str], target_z_m: float | None) -> list[str]:
     """Return a line if the input has sensor heights that are not used."""
     if "sensor_z_m" not in names or target_z_m is not None:
         return []
-    return ["the column 'sensor_z_m' is not used without --target-z-m: everything is taken as measured in one plane"]
+    return ["the column 'sensor_z_m' is not used without `target_z_m`: everything is taken as measured in one plane"]
 
 
 def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str], field: Field) -> list[str]:
@@ -221,7 +221,7 @@ def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     known = {entry.name for entry in registry.entries() if entry.kind == report.kind}
-    advice = "; try --method mixture-ml" if "mixture-ml" in known - {run.spec.name for run in runs} else ""
+    advice = "; try `method` mixture-ml" if "mixture-ml" in known - {run.spec.name for run in runs} else ""
     return [
         f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
         f"their standard deviations explain{advice}"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
+from nlosctl.contract.run_options import OutputOptions, SolveOptions
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import UsageError
 from nlosctl.io.arrow_columns import SweepColumns
@@ -18,14 +18,12 @@ from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
 from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
-from nlosctl.pipeline.engine.provenance import describe_inputs, file_metadata
 from nlosctl.pipeline.engine.workers import map_in_processes
-from nlosctl.pipeline.engine.writing import ChunkTables
+from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.report import MethodTally, RunReport, heights_remark, method_remarks
-from nlosctl.pipeline.solve.settings import RunSettings
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 
@@ -35,25 +33,33 @@ _ON_EARTH = ("lat_deg", "lon_deg", "frame")
 
 
 class MeasurementRun:
-    """Solves everything that a reader yields by one or several methods.
+    """Solves everything that a reader yields by one or several methods; ``wanted`` are the names of the tables to make.
 
     ``schemas`` are known before the first chunk; ``report`` is complete when ``tables`` has ended.
     """
 
-    def __init__(self, reader: MeasurementReader, runs: Sequence[MethodRun], settings: RunSettings) -> None:
-        self.reader, self._runs, self._settings = reader, tuple(runs), settings
+    def __init__(
+        self,
+        reader: MeasurementReader,
+        runs: Sequence[MethodRun],
+        options: SolveOptions,
+        write: OutputOptions,
+        wanted: Collection[str],
+    ) -> None:
+        self.reader, self._runs, self._options, self._write = reader, tuple(runs), options, write
+        self._wanted = tuple(wanted)
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
         self._solver = ChunkSolver(
             kind=reader.kind,
             scene=reader.scene,
             runs=self._runs,
-            field=settings.field,
-            block_size=settings.block_size,
-            alternatives=settings.alternatives,
-            want_flags=settings.want_flags or any(ADDED[word].needs_flags for word in settings.add),
-            want_details=settings.want_details,
-            want_trace=settings.want_trace,
+            field=options.field,
+            block_size=options.block_size,
+            alternatives=options.alternatives,
+            want_flags="flags" in wanted or any(ADDED[word].needs_flags for word in write.add),
+            want_details=write.details,
+            want_trace="trace" in wanted,
         )
         self.report = self._new_report()
 
@@ -62,20 +68,16 @@ class MeasurementRun:
         """The Arrow schema of each wanted table by its name."""
         return {name: layout.schema for name, layout in self._layouts.items()}
 
-    def again(self) -> Callable[[MeasurementReader], MeasurementRun]:
-        """Return a function that starts an equal run of one job over another reader; it can be pickled."""
-        return partial(MeasurementRun, runs=self._runs, settings=dataclasses.replace(self._settings, jobs=1))
-
     def plan(self) -> list[str]:
         """Return what the run will do: a line for the data and one for each method."""
-        scene, settings = self.reader.scene, self._settings
+        scene, options = self.reader.scene, self._options
         lines = [
-            f"scene: {len(scene.sensors)} sensors, {len(scene.reflectors)} reflectors; seed {settings.seed}, "
-            f"jobs {settings.jobs}, blocks of {settings.block_size} snapshots"
+            f"scene: {len(scene.sensors)} sensors, {len(scene.reflectors)} reflectors; seed {options.seed}, "
+            f"jobs {options.jobs}, blocks of {options.block_size} snapshots"
         ]
         for run in self._runs:
-            options = ", ".join(f"{name}={value}" for name, value in dataclasses.asdict(run.options).items())
-            lines.append(f"{run.spec.full_name}: {options or 'no parameters'}")
+            parameters = ", ".join(f"{name}={value}" for name, value in dataclasses.asdict(run.options).items())
+            lines.append(f"{run.spec.full_name}: {parameters or 'no parameters'}")
         return lines
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
@@ -84,32 +86,30 @@ class MeasurementRun:
         return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
 
     def provenance(self) -> dict[str, Any]:
-        """Return the methods, their parameters and the other settings that determine the results, as plain values."""
-        settings = self._settings
+        """Return the methods, their parameters and the other options that determine the results, as plain values."""
+        options = self._options
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
-        content = {"methods": methods, "seed": settings.seed, "field": str(settings.field)}
-        if settings.target_z_m is not None:
-            content["target_z_m"] = settings.target_z_m
+        content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
+        if options.target_z_m is not None:
+            content["target_z_m"] = options.target_z_m
         return content
 
     def choices(self) -> dict[str, Any]:
-        """Return the other settings that two runs must share to write equal tables, as plain values."""
-        settings = self._settings
+        """Return the other options that two runs must share to write equal tables, as plain values."""
+        write = self._write
         return {
-            "alternatives": settings.alternatives,
-            "carry": list(settings.carry),
-            "details": settings.want_details,
-            "ellipse": settings.ellipse,
-            "add": list(settings.add),
+            "alternatives": self._options.alternatives,
+            "carry": list(write.carry),
+            "details": write.details,
+            "ellipse": write.ellipse,
+            "add": list(write.add),
         }
 
-    def tables(self, jobs: int | None = None) -> Iterator[ChunkTables]:
-        """Yield the results of each chunk in input order, by ``jobs`` processes (default: those of the settings).
-
-        Raises what reading and solving raise.
-        """
+    def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
+        """Yield the results of each chunk in input order, by ``jobs`` processes."""
         chunks = map(self._without_unused_columns, self.reader.chunks())
-        for tables, counts in map_in_processes(self._solve, chunks, jobs or self._settings.jobs):
+        solved = map(self._solve, chunks) if jobs == 1 else map_in_processes(self._solve, chunks, jobs)
+        for tables, counts in solved:
             self.report.take(counts)
             yield tables
         self._finish()
@@ -118,18 +118,18 @@ class MeasurementRun:
         """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
         self.report.notes += [
             *remarks,
-            *heights_remark(self.reader.column_names, self._settings.target_z_m),
+            *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
-            *method_remarks(self._runs, self.report, self.reader.schema.names, self._settings.field),
+            *method_remarks(self._runs, self.report, self.reader.schema.names, self._options.field),
         ]
 
     def _optional_columns(self) -> frozenset[str]:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
-        settings = self._settings
+        write = self._write
         names: set[str] = set()
-        if settings.ellipse is not None or settings.add:
-            names |= optional_columns(settings.ellipse, settings.add)
-            check_added(settings.add, self.reader, self._runs)
+        if write.ellipse is not None or write.add:
+            names |= optional_columns(write.ellipse, write.add)
+            check_added(write.add, self.reader, self._runs)
         if self.reader.scene.frame is not None:
             names |= set(_ON_EARTH)
         if any(run.spec.covariance_kinds for run in self._runs):
@@ -137,7 +137,7 @@ class MeasurementRun:
         return frozenset(names)
 
     def _wanted_layouts(self) -> dict[str, Any]:
-        reader, settings, sweeps = self.reader, self._settings, None
+        reader, sweeps = self.reader, None
         methods = tuple(run.spec.name for run in self._runs)
         if any(run.sweep for run in self._runs):
             sweeps = SweepColumns([run.sweep for run in self._runs])
@@ -149,8 +149,8 @@ class MeasurementRun:
             "sweeps": sweeps,
         }
         layouts: dict[str, Any] = {}
-        carried = carried_columns(reader.column_names, settings.carry)
-        if settings.want_estimates:
+        carried = carried_columns(reader.column_names, self._write.carry)
+        if "estimates" in self._wanted:
             layouts["estimates"] = EstimatesLayout(
                 **shared,
                 carried=carried,
@@ -158,17 +158,17 @@ class MeasurementRun:
                 measurement_name=self._measurement_name(),
                 frame="" if reader.scene.frame is None else reader.scene.frame.words,
             )
-        if settings.want_flags:
+        if "flags" in self._wanted:
             layouts["flags"] = FlagsLayout(**shared, names=self._flag_names(), constants=reader.constants)
-        if settings.want_trace:
+        if "trace" in self._wanted:
             layouts["trace"] = TraceLayout(**shared)
             if not any(run.spec.traces for run in self._runs):
                 names = ", ".join(dict.fromkeys(methods))
-                raise UsageError(f"--trace-out: {names} has no steps to trace; sequential has")
+                raise UsageError(f"`trace_out`: {names} has no steps to trace; sequential has")
         return layouts
 
     def _flag_names(self) -> tuple[str, ...]:
-        details = self._settings.want_details
+        details = self._write.details
         columns = (
             run.spec.flag_columns(run.options, self.reader.scene, self.reader.schema.names, details=details)
             for run in self._runs
@@ -181,7 +181,7 @@ class MeasurementRun:
 
     def _without_unused_columns(self, chunk: Chunk) -> Chunk:
         """Return the chunk with only those columns of its table that results carry: it may be sent to a process."""
-        if self._settings.want_flags or self._settings.want_trace:
+        if "flags" in self._wanted or "trace" in self._wanted:
             return chunk
         layout = self._layouts["estimates"]
         names = {*layout.carried, layout.measurement_name} - {""}
@@ -189,18 +189,18 @@ class MeasurementRun:
 
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
         """Return the tables of a chunk, and its counts."""
-        settings = self._settings
-        if settings.target_z_m is not None:
-            chunk = with_sensor_heights(chunk, settings.target_z_m)
+        write, target_z_m = self._write, self._options.target_z_m
+        if target_z_m is not None:
+            chunk = with_sensor_heights(chunk, target_z_m)
         solution = self._solver.solve(chunk, self._seeds(chunk))
         named: dict[str, Any] = {}
-        if settings.want_estimates and solution.estimates is not None:
+        if "estimates" in self._layouts and solution.estimates is not None:
             estimates = solution.estimates
             if self._optional - {"covariance_kind"}:
-                columns = further_columns(self._solver, chunk, solution, settings.ellipse, settings.add)
+                columns = further_columns(self._solver, chunk, solution, write.ellipse, write.add)
                 estimates = dataclasses.replace(estimates, columns=columns)
             named["estimates"] = self._layouts["estimates"].table(estimates, chunk)
-        if settings.want_flags:
+        if "flags" in self._layouts:
             named["flags"] = self._layouts["flags"].table(solution.flags, chunk)
         if solution.trace is not None:
             named["trace"] = self._layouts["trace"].table(solution.trace, chunk)
@@ -209,7 +209,7 @@ class MeasurementRun:
     def _seeds(self, chunk: Chunk) -> SeedArray:
         if not any(run.spec.randomized for run in self._runs):
             return np.zeros(len(chunk.snapshot), dtype=np.uint64)
-        return snapshot_seeds(self._settings.seed, chunk.snapshot_ids())
+        return snapshot_seeds(self._options.seed, chunk.snapshot_ids())
 
     def _new_report(self) -> RunReport:
         return RunReport(kind=self.reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})

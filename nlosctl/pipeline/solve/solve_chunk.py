@@ -227,7 +227,7 @@ def with_sensor_heights(chunk: Chunk, target_z_m: float) -> Chunk:
     Raises UsageError without a column ``sensor_z_m``.
     """
     if "sensor_z_m" not in chunk.columns:
-        raise UsageError("--target-z-m needs the column 'sensor_z_m', the height of each sensor")
+        raise UsageError("`target_z_m` needs the column 'sensor_z_m', the height of each sensor")
     height = chunk.columns["sensor_z_m"] - target_z_m
     return dataclasses.replace(chunk, columns={**chunk.columns, "sensor_height_m": height})
 

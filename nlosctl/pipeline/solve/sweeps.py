@@ -39,17 +39,17 @@ def swept_options(
     """
     for key in sweep:
         if key in parameters:
-            raise UsageError(f"{key!r} is given by --param and by --sweep; leave out one")
+            raise UsageError(f"{key!r} is given by `parameters` and by `sweep`; leave out one")
     seen: list[dict[str, Any]] = []
     for point in sweep_points(sweep):
         options = parse({**parameters, **point})
         held = {key: getattr(options, key) for key in point}
         for key, value in held.items():
             if not isinstance(value, _PLAIN):
-                raise UsageError(f"--sweep {key}={point[key]}: only numbers, words, true and false can be swept")
+                raise UsageError(f"`sweep` {key}={point[key]}: only numbers, words, true and false can be swept")
         if held in seen:
             told = ", ".join(f"{key}={value}" for key, value in held.items())
-            raise UsageError(f"--sweep: {told} is there twice")
+            raise UsageError(f"`sweep`: {told} is there twice")
         seen.append(held)
         yield held, options
 
@@ -59,13 +59,13 @@ def refuse_swept_columns(points: Sequence[Mapping[str, Any]], columns: Sequence[
     for key in dict.fromkeys(key for point in points for key in point):
         name = f"{SWEEP_PREFIX}{key}"
         if name in columns:
-            raise UsageError(f"--sweep {key}: the input has a column {name!r} of an earlier sweep; rename that one")
+            raise UsageError(f"`sweep` {key}: the input has a column {name!r} of an earlier sweep; rename that one")
 
 
 def _values(key: str, given: str | Sequence[Any]) -> list[Any]:
     values = [word.strip() for word in given.split(",")] if isinstance(given, str) else list(given)
     if not values or "" in values:
-        raise UsageError(f"--sweep takes KEY=VALUE,VALUE,.... Got '{key}={given}' instead.")
+        raise UsageError(f"`sweep` takes KEY=VALUE,VALUE,.... Got '{key}={given}' instead.")
     return values
 
 
@@ -74,5 +74,5 @@ def _product(values: Mapping[str, list[Any]]) -> Iterator[tuple[Any, ...]]:
     for some in values.values():
         size *= len(some)
     if size > _MOST_POINTS:
-        raise UsageError(f"--sweep: a grid of {size} points, expected at most {_MOST_POINTS}")
+        raise UsageError(f"`sweep`: a grid of {size} points, expected at most {_MOST_POINTS}")
     return product(*values.values())

@@ -31,7 +31,7 @@ def draw_bound_map(request: PlotRequest) -> Picture:
     quantity = request.y or "rms_m"
     if quantity not in _QUANTITIES:
         near, known = did_you_mean(quantity, _QUANTITIES), ", ".join(_QUANTITIES)
-        raise UsageError(f"--y: a map shows one of {known}. Got {quantity!r} instead{near}.")
+        raise UsageError(f"`y`: a map shows one of {known}. Got {quantity!r} instead{near}.")
     file = request.of("bound")[0]
     columns = read_sampled(file, ("x_m", "y_m", quantity), None).columns
     x, column = np.unique(columns["x_m"], return_inverse=True)

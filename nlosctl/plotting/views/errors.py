@@ -132,10 +132,10 @@ def _swept_column(groups: Sequence[Group], wanted: str | None) -> str:
         known = [name.removeprefix("sweep_") for name in swept]
         if wanted.removeprefix("sweep_") not in known:
             near = did_you_mean(wanted, known)
-            raise UsageError(f"--x: got {wanted!r}{near}, expected a swept parameter: {', '.join(known)}")
+            raise UsageError(f"`x`: got {wanted!r}{near}, expected a swept parameter: {', '.join(known)}")
         return f"sweep_{wanted.removeprefix('sweep_')}"
     if not swept:
-        raise DataError("no column sweep_KEY for the x axis; simulate or solve with --sweep KEY=VALUE,VALUE")
+        raise DataError("no column sweep_KEY for the x axis; simulate or solve with `sweep` KEY=VALUE,VALUE")
     return max(swept, key=lambda name: len({group.get(name) for group in groups} - {None}))
 
 
@@ -148,7 +148,7 @@ def _figure_name(groups: Sequence[Group], wanted: str | None) -> str:
     if wanted is None:
         return next((name for name in _FIRST_CHOICES if name in known), known[0])
     if wanted not in known:
-        raise UsageError(f"--y: got {wanted!r}{did_you_mean(wanted, known)}, expected a figure: {', '.join(known)}")
+        raise UsageError(f"`y`: got {wanted!r}{did_you_mean(wanted, known)}, expected a figure: {', '.join(known)}")
     return wanted
 
 

@@ -64,7 +64,7 @@ def thinning_note(file: DrawnFile, rows: SampledRows) -> list[str]:
     """Return a note if only some snapshots are drawn."""
     if rows.step == 1:
         return []
-    return [f"{file.name}: 1 of {rows.step} snapshots is drawn, {rows.count} of {rows.total} rows (--max-rows)"]
+    return [f"{file.name}: 1 of {rows.step} snapshots is drawn, {rows.count} of {rows.total} rows (`max_rows`)"]
 
 
 def _groups(rows: SampledRows, prefix: str) -> dict[str, IntArray]:

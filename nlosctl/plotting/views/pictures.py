@@ -47,7 +47,7 @@ def choose_view(files: Sequence[DrawnFile], wanted: str | None, *, one_snapshot:
     if wanted not in suitable:
         contents = ", ".join(f"{file.name} has {file.content}" for file in files)
         cure = f"; suitable views: {', '.join(suitable)}" if suitable else ""
-        raise UsageError(f"--view {wanted} takes {VIEWS[wanted].takes}; {contents}{cure}")
+        raise UsageError(f"`view` {wanted} takes {VIEWS[wanted].takes}; {contents}{cure}")
     return wanted
 
 

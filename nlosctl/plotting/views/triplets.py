@@ -68,11 +68,11 @@ def _as_names(paths: npt.NDArray[Any]) -> list[str]:
 def _chosen(names: Sequence[str], wanted: Sequence[str]) -> tuple[list[int], list[str]]:
     unknown = [name for name in wanted if name not in names]
     if unknown:
-        raise DataError(f"--path {unknown[0]}: the snapshot has no such path; it has {', '.join(names)}")
+        raise DataError(f"`path` {unknown[0]}: the snapshot has no such path; it has {', '.join(names)}")
     rows = [row for row, name in enumerate(names) if not wanted or name in wanted]
     if wanted or len(rows) <= _MOST_PATHS:
         return rows, []
-    return rows[:_MOST_PATHS], [f"only the first {_MOST_PATHS} of {len(rows)} paths are shown; --path selects others"]
+    return rows[:_MOST_PATHS], [f"only the first {_MOST_PATHS} of {len(rows)} paths are shown; `path` selects others"]
 
 
 def _of_paths(estimates: Sequence[tuple[str, Columns]], names: Sequence[str]) -> list[tuple[str, Columns]]:

@@ -1,0 +1,147 @@
+"""Job: convert other programs' files to tables, tables to other formats, and estimates to maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from nlosctl.contract.run_options import InputOptions, OutputOptions
+from nlosctl.errors import UsageError
+from nlosctl.io.conversion.table_copy import TableCopy
+from nlosctl.io.measurements.row_checks import ProblemLog
+from nlosctl.io.paths.locations import FileFormat, Location, format_named, format_of_path, location
+from nlosctl.io.scenes.scene_file import plane_of
+from nlosctl.io.writers.output_set import OutputSet, check_targets
+from nlosctl.jobs.files import bad_row_writer, open_inputs, open_output
+from nlosctl.pipeline.convert.importer import Import
+from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
+from nlosctl.pipeline.engine.writing import file_metadata
+
+__all__ = ["ConversionReport", "convert"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConversionReport:
+    """Rows written, bad rows set aside, and whether the output format has no room for the scene."""
+
+    rows: int
+    bad_rows: int
+    loses_scene: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Source:
+    """An open input: the tables of its rows, their schema and metadata, and the log of its bad rows."""
+
+    tables: Iterator[Any]
+    schema: Any
+    metadata: dict[str, str]
+    log: ProblemLog
+
+    @property
+    def scene(self) -> str | None:
+        """The scene as TOML, None if there is none."""
+        return self.metadata.get("nlosctl.scene")
+
+
+def convert(
+    inputs: Sequence[str],
+    read: InputOptions,
+    write: OutputOptions,
+    *,
+    importer: str | None = None,
+    exporter: str | None = None,
+    parameters: dict[str, str],
+    protected: Sequence[str | None] = (),
+    preview: Any = None,
+) -> ConversionReport:
+    """Convert one input to one output, by an importer or as a table, and by an exporter or as a table.
+
+    ``parameters`` are those of the exporter, else of the importer. ``preview`` takes the rows of a table instead of
+    the output. Raises DataError for faults of the data, UsageError for options that do not fit.
+    """
+    if read.frame is not None:
+        plane_of(read.frame)  # report an unusable CRS before anything is read
+    names = [*(name for name in inputs if name != "-"), read.scene if isinstance(read.scene, str) else None, *protected]
+    paths = [location(name) for name in names if name is not None]
+    to_importer = {} if exporter is not None else parameters
+    to_exporter = {} if importer is not None and exporter is None else parameters
+    exporter = exporter or exporter_of(write.output, write.format)
+    with OutputSet() as outputs:
+        check_targets([write.output, write.scene_out, write.bad_rows], overwrite=write.overwrite, inputs=paths)
+        if importer is not None:
+            opened = _foreign(inputs[0], importer, to_importer, read, write, outputs, paths)
+        else:
+            opened = _table(inputs, read, write, outputs, paths)
+        with opened as source:
+            if write.scene_out is not None:
+                outputs.write_text(write.scene_out, source.scene or "")
+            common: dict[str, Any] = {"overwrite": write.overwrite, "inputs": paths, "metadata": source.metadata}
+            loses_scene = False
+            if exporter is not None:
+                sink: Any = outputs.take(MapWriter(write.output, exporter, to_exporter, frame=read.frame, **common))
+            elif to_exporter:
+                raise UsageError("`param` is for importers and exporters; a table has none")
+            elif preview is not None:
+                sink = preview
+            else:
+                chosen = None if write.format is None else format_named(write.format)
+                kind = chosen or (FileFormat.CSV if write.output == "-" else format_of_path(write.output))
+                loses_scene = source.scene is not None and not kind.carries_metadata
+                sink = outputs.take(
+                    open_output(write.output, source.schema, write, paths, source.metadata, of_measurements=True)
+                )
+            rows = 0
+            for table in source.tables:
+                sink.write(table)
+                rows += table.num_rows
+    return ConversionReport(rows=rows, bad_rows=source.log.total, loses_scene=loses_scene)
+
+
+@contextmanager
+def _foreign(
+    name: str,
+    importer: str,
+    parameters: dict[str, str],
+    read: InputOptions,
+    write: OutputOptions,
+    outputs: OutputSet,
+    paths: Sequence[Location],
+) -> Iterator[_Source]:
+    """Read another program's file."""
+    if read.input_format is not None:
+        raise UsageError("`input_format` is for tables; `from` names the importer")
+    job = Import(
+        importer,
+        parameters,
+        scene_file=read.scene if isinstance(read.scene, str) else None,
+        frame=read.frame,
+        bad_rows=bad_row_writer(write, (), outputs, paths),
+    )
+    imported = job.read(name)
+    content = {"importer": importer, "parameters": parameters, "inputs": [{"name": name}]}
+    metadata = file_metadata("convert", content, imported.scene)
+    yield _Source(tables=iter([imported.table]), schema=imported.table.schema, metadata=metadata, log=job.log)
+
+
+@contextmanager
+def _table(
+    inputs: Sequence[str], read: InputOptions, write: OutputOptions, outputs: OutputSet, paths: Sequence[Location]
+) -> Iterator[_Source]:
+    """Read a table as it is."""
+    try:
+        (given, *more) = open_inputs(inputs, read.input_format)
+    except UsageError as error:
+        raise UsageError(f"{error}; a file of another program: `from` NAME ('nlosctl convert' lists them)") from None
+    if more:
+        raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
+    copy = TableCopy(given, scene_file=read.scene if isinstance(read.scene, str) else None, frame=read.frame)
+    try:
+        bad_rows = bad_row_writer(write, copy.schema.names, outputs, paths)
+        if bad_rows is not None:
+            copy.set_bad_rows_aside(bad_rows)
+        yield _Source(tables=copy.tables(), schema=copy.schema, metadata=copy.metadata, log=copy.log)
+    finally:
+        copy.close()

@@ -1,0 +1,72 @@
+"""Job: compare estimates or flags with ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from nlosctl.contract.run_options import InputOptions, OutputOptions
+from nlosctl.errors import UsageError
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.evaluation_arrays import TruthTable
+from nlosctl.io.results.tables import score_table
+from nlosctl.io.writers.output_set import OutputSet, check_targets
+from nlosctl.jobs.files import open_inputs, open_output, write_report
+from nlosctl.pipeline.evaluate.evaluate import Evaluation, evaluate_inputs
+from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
+from nlosctl.pipeline.evaluate.fail_conditions import parse_condition
+
+__all__ = ["evaluate", "evaluation_report"]
+
+
+def evaluate(
+    inputs: Sequence[str] | Sequence[Input],
+    read: InputOptions,
+    write: OutputOptions,
+    *,
+    truth: str | None = None,
+    estimates: str | Input | None = None,
+    ospa_order: float = 2.0,
+    ospa_cutoff_m: float = 20.0,
+    best_alternative: bool = False,
+    fail_if: Sequence[str] = (),
+    wants_table: bool = False,
+) -> tuple[Evaluation, list[str]]:
+    """Evaluate estimates, or flags with their ``estimates``; return the figures and the ``fail_if`` conditions met.
+
+    With ``wants_table`` the figures are written to the output as a table, a row per method and swept values. Raises
+    DataError if the inputs are neither estimates nor flags, or have no ground truth.
+    """
+    conditions = [parse_condition(words) for words in fail_if]
+    given = open_inputs(inputs, read.input_format)
+    paths = [part.path for table in given for part in table.parts if part.path is not None]
+    check_targets(
+        [write.output, None if write.report == "-" else write.report], overwrite=write.overwrite, inputs=paths
+    )
+    if estimates is not None:
+        if len(given) > 1:
+            raise UsageError("`estimates` goes with one file of flags; evaluate several one by one")
+        if not ospa_cutoff_m > 0.0:
+            raise UsageError(f"`ospa_cutoff_m` must be larger than 0. Got {ospa_cutoff_m:g} instead.")
+        targets = estimates if isinstance(estimates, Input) else open_inputs([estimates], None)[0]
+        evaluation = evaluate_targets(given[0], targets, order=ospa_order, cutoff_m=ospa_cutoff_m)
+    else:
+        truth_table = None if truth is None else TruthTable(open_inputs([truth], None)[0])
+        evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=best_alternative)
+    reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
+    with OutputSet() as outputs:
+        if wants_table:
+            table = score_table(evaluation.of, evaluation.groups)
+            outputs.take(open_output(write.output, table.schema, write, paths)).write(table)
+        write_report(write, evaluation_report(evaluation, reasons), outputs)
+    return evaluation, reasons
+
+
+def evaluation_report(evaluation: Evaluation, failed: Sequence[str]) -> dict[str, Any]:
+    """Return the figures and the conditions met as plain values."""
+    return {
+        "of": evaluation.of,
+        "groups": evaluation.groups,
+        "overall": evaluation.overall,
+        "failed": list(failed),
+    }

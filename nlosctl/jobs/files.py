@@ -1,0 +1,127 @@
+"""Inputs and outputs of a job: opened and checked before anything is written."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from nlosctl.contract.limits import size
+from nlosctl.contract.run_options import InputOptions, OutputOptions
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.paths.inputs import Input, expand_inputs
+from nlosctl.io.paths.locations import Location, format_named, known_format_of_path, location
+from nlosctl.io.writers.output_set import OutputSet, check_targets
+from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
+from nlosctl.jobs.console import Console, Silent, json_text
+
+__all__ = ["Destination", "Opened", "bad_row_writer", "open_inputs", "open_measurements", "open_output", "write_report"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Destination:
+    """Where the tables of a job go: ``targets`` by table name (None: not wanted), the main table first.
+
+    A table of ``sinks`` goes to the sink that the function makes from the table's schema instead. The files of
+    ``protected`` must not be overwritten, as the inputs. ``console`` shows progress.
+    """
+
+    targets: Mapping[str, str | None] = field(default_factory=dict)
+    sinks: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
+    protected: Sequence[str | None] = ()
+    console: Console = field(default_factory=Silent)
+
+    @property
+    def wanted(self) -> dict[str, str]:
+        """The targets of the tables that are wanted, ``-`` for a table that goes to a sink only."""
+        targets = {name: target for name, target in self.targets.items() if target is not None}
+        return {**targets, **{name: "-" for name in self.sinks if name not in targets}}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opened:
+    """An open reader, its inputs, and the files and folders that must not be written to."""
+
+    reader: MeasurementReader
+    inputs: Sequence[Input]
+    protected: Sequence[Location]
+
+    def set_bad_rows_aside(self, write: OutputOptions, outputs: OutputSet) -> None:
+        """Write bad rows to a file, one of ``outputs``, if that is wanted; call it before the first chunk is read."""
+        sink = bad_row_writer(write, self.reader.schema.names, outputs, self.protected)
+        if sink is not None:
+            self.reader.set_bad_rows_aside(sink)
+
+
+def open_inputs(inputs: Sequence[str] | Sequence[Input], input_format: str | None) -> list[Input]:
+    """Return the inputs that names, folders and globs stand for; inputs that are open already stay as they are."""
+    opened = [given for given in inputs if isinstance(given, Input)]
+    if opened:
+        return opened
+    names = [given for given in inputs if isinstance(given, str)]
+    return expand_inputs(names, None if input_format is None else format_named(input_format))
+
+
+@contextmanager
+def open_measurements(
+    inputs: Sequence[str] | Sequence[Input], read: InputOptions, write: OutputOptions, destination: Destination
+) -> Iterator[Opened]:
+    """Open the inputs and check all targets before anything is written."""
+    given = open_inputs(inputs, read.input_format)
+    if write.bad_rows is not None:
+        read = dataclasses.replace(read, extra_columns=None)
+    names = [*destination.protected, read.scene if isinstance(read.scene, str) else None]
+    with closing(MeasurementReader(given, read)) as reader:
+        parts = [part.path for one in given for part in one.parts if part.path is not None]
+        folders = [one.path for one in given if one.path is not None]
+        protected = [*parts, *folders, *(location(name) for name in names if name is not None)]
+        check_targets(
+            [None if write.report == "-" else write.report],
+            tables=[*destination.targets.values(), write.bad_rows],
+            overwrite=write.overwrite,
+            inputs=protected,
+        )
+        yield Opened(reader=reader, inputs=given, protected=protected)
+
+
+def open_output(
+    target: str,
+    schema: Any,
+    write: OutputOptions,
+    inputs: Sequence[Location] = (),
+    metadata: Mapping[str, str] | None = None,
+    *,
+    of_measurements: bool = False,
+) -> Any:
+    """Return the context manager of an output table, ``-`` for standard output; a file appears only when complete.
+
+    If the extension or the format names an exporter of maps, it receives the table, which must be of estimates.
+    """
+    common: dict[str, Any] = {"overwrite": write.overwrite, "inputs": inputs, "metadata": metadata or {}}
+    if write.format is not None or known_format_of_path(target) is None:
+        from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
+
+        exporter = exporter_of(target, write.format)
+        if exporter is not None:
+            return MapWriter(target, exporter, {}, **common)
+    chosen = None if write.format is None else format_named(write.format)
+    rows = size("measurement_group_rows" if of_measurements else "group_rows")
+    return TableWriter(target, schema, format=chosen, group_rows=rows, **common)
+
+
+def bad_row_writer(
+    write: OutputOptions, names: Sequence[str], outputs: OutputSet, inputs: Sequence[Location]
+) -> BadRowWriter | None:
+    """Return a writer of bad rows, one of ``outputs``, for an input with the columns ``names``; None: not wanted."""
+    if write.bad_rows is None:
+        return None
+    schema = BadRowWriter.schema(names)
+    return BadRowWriter(outputs.take(TableWriter(write.bad_rows, schema, overwrite=write.overwrite, inputs=inputs)))
+
+
+def write_report(write: OutputOptions, report: Mapping[str, Any], outputs: OutputSet) -> None:
+    """Write a report as JSON to the file that is wanted, one of ``outputs``; ``-`` is left to the caller."""
+    if write.report is not None and write.report != "-":
+        outputs.write_text(write.report, json_text(report))

@@ -1,0 +1,143 @@
+"""Jobs over measurements: solve them (or bound them) and write the tables, all or nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from nlosctl.contract.methods import Job
+from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.errors import UsageError
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.paths.locations import format_named
+from nlosctl.io.results.layouts import carried_names
+from nlosctl.io.writers.output_set import OutputSet, is_folder_target
+from nlosctl.jobs.files import Destination, Opened, open_measurements, open_output, write_report
+from nlosctl.pipeline.engine.workers import usable_jobs
+from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
+from nlosctl.pipeline.solve.method_runs import method_runs, require_estimates
+from nlosctl.pipeline.solve.run import MeasurementRun
+
+__all__ = ["Execution", "solve"]
+
+
+def solve(
+    job: Job,
+    inputs: Sequence[str] | Sequence[Input],
+    read: InputOptions,
+    options: SolveOptions,
+    write: OutputOptions,
+    destination: Destination,
+) -> MeasurementRun:
+    """Solve measurements by the methods of ``options`` and write the tables; return the run with its report.
+
+    The tables are estimates, flags and trace. Raises DataError for faults of the data, UsageError for options that do
+    not fit the data or each other.
+    """
+    wanted = tuple(destination.wanted)
+    options = dataclasses.replace(options, jobs=options.jobs or usable_jobs(0))
+    read = dataclasses.replace(
+        read,
+        use_threads=options.jobs != 1,
+        extra_columns=read.extra_columns if "flags" in wanted else carried_names(write.carry),
+    )
+    with open_measurements(inputs, read, write, destination) as opened:
+        runs = method_runs(options.method, opened.reader.kind, job, options.parameters, options.sweep)
+        if "estimates" in wanted:
+            require_estimates(runs)
+        start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted)
+        run = start(opened.reader)
+        for line in run.plan():
+            destination.console.detail(line)
+        Execution(job, run, start, opened, options, write, destination).to_the_end()
+    return run
+
+
+@dataclass(frozen=True)
+class Execution:
+    """A run from its first chunk to its files; ``start`` makes an equal run over another reader."""
+
+    job: str
+    run: Run
+    start: Callable[[MeasurementReader], Run]
+    opened: Opened
+    options: SolveOptions
+    write: OutputOptions
+    destination: Destination
+
+    def to_the_end(self) -> None:
+        """Write all tables and the report file; nothing is left of a run that fails."""
+        if any(map(is_folder_target, self.destination.wanted.values())):
+            self._write_folders()
+        elif self.write.resume:
+            raise UsageError("`resume` continues a run into a folder: set `output` to FOLDER/, or leave `resume` out")
+        else:
+            self._write_files()
+
+    def _write_files(self) -> None:
+        def metadata() -> dict[str, str]:
+            return self.run.metadata(self.job, self.opened.inputs, with_hash=self.write.hash)
+
+        with OutputSet() as outputs:
+            first = metadata()
+
+            def sink(name: str, target: str) -> Any:
+                schema = self.run.schemas[name]
+                if name in self.destination.sinks:
+                    return self.destination.sinks[name](schema)
+                return outputs.take(open_output(target, schema, self.write, self.opened.protected, first))
+
+            sinks = {name: sink(name, target) for name, target in self.destination.wanted.items()}
+            self.opened.set_bad_rows_aside(self.write, outputs)
+            with self.destination.console.progress(self.job) as progress:
+                write_tables(self._tables(), sinks, metadata, lambda rows: progress(rows, None))
+                write_report(self.write, self.run.report.as_dict(), outputs)
+
+    def _tables(self) -> Iterator[ChunkTables]:
+        """Return the tables of the run, made by the chosen engine."""
+        if self.options.engine == "local" and self.options.jobs == 1:
+            return self.run.tables()
+        from nlosctl.pipeline.engine.slices import cluster_tables, local_tables
+
+        if self.options.engine == "local":
+            return local_tables(self.run, self.start, self.opened.inputs, self.options.jobs)
+        return cluster_tables(self.run, self.start, self.opened.inputs, self._cluster())
+
+    def _cluster(self) -> Any:
+        from nlosctl.pipeline.engine.dask_engine import dask_engine
+
+        return dask_engine(self.options.scheduler, self.options.jobs or usable_jobs(0))
+
+    def _write_folders(self) -> None:
+        from nlosctl.pipeline.engine.folder_run import FolderRun
+        from nlosctl.pipeline.engine.parts import BAD_ROWS
+
+        roots = self.destination.wanted
+        if self.write.bad_rows is not None:
+            roots[BAD_ROWS] = self.write.bad_rows
+        files = [target for target in roots.values() if not is_folder_target(target)]
+        if files:
+            raise UsageError(f"{files[0]}: the other tables are written to folders; give this one a folder too (NAME/)")
+        writer = FolderRun(
+            self.run,
+            self.start,
+            self.job,
+            self.opened.inputs,
+            roots,
+            format=None if self.write.format is None else format_named(self.write.format),
+            with_hash=self.write.hash,
+        )
+        with self.destination.console.progress(self.job) as progress:
+            writer.write(
+                None if self.options.engine == "local" else self._cluster(),
+                self.options.jobs,
+                resume=self.write.resume,
+                overwrite=self.write.overwrite,
+                progress=lambda rows: progress(rows, None),
+            )
+        with OutputSet() as outputs:
+            write_report(self.write, self.run.report.as_dict(), outputs)

@@ -1,0 +1,201 @@
+"""Slices of the input, solved independently of each other and put together in order."""
+
+from __future__ import annotations
+
+import dataclasses
+from bisect import bisect_left
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NoReturn, Protocol
+
+from nlosctl.contract.limits import size
+from nlosctl.contract.run_options import InputOptions
+from nlosctl.errors import MethodError, NlosctlError, UsageError
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.measurements.survey import InputSurvey
+from nlosctl.io.parts.row_group_slices import sliced
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.paths.locations import FileFormat
+from nlosctl.pipeline.engine.workers import CAN_FORK, map_in_processes
+from nlosctl.pipeline.engine.writing import ChunkTables, Run
+
+__all__ = ["Engine", "IdOrder", "SliceError", "SliceWork", "absolute", "cluster_tables", "local_tables", "positions_of"]
+
+_SLICES_PER_JOB = 2
+
+
+class Work(Protocol):
+    """Work that is cut into numbered tasks and can be sent to another process."""
+
+    def make(self, number: int) -> Any:
+        """Do a task and return its result."""
+
+    def with_absolute_paths(self) -> Any:
+        """Return the same work for a process with another current folder."""
+
+
+Engine = Callable[[Work, Sequence[int]], Generator[Any, None, None]]
+"""Does the tasks with these numbers and yields their results in order."""
+
+
+class SliceError(Exception):
+    """A slice has a fault: solve it as part of the whole, so that the error is the same for any cut of the input."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SliceWork:
+    """All that is needed to solve any slice of the input: names and options, no data.
+
+    ``inputs`` are cut into slices; the task of a number solves the slice at ``positions`` (index of the input, index of
+    the slice within it).
+    """
+
+    inputs: tuple[Input, ...]
+    options: InputOptions
+    found: InputSurvey
+    start: Callable[[MeasurementReader], Run]
+    positions: tuple[tuple[int, int], ...]
+
+    def make(self, number: int) -> tuple[list[ChunkTables], dict[str, Any], dict[str, int], dict[str, Any]] | None:
+        """Return the tables of a slice, its counts, the rows of its file and the span of its ids; None: a fault."""
+        reader = MeasurementReader(self.inputs, self.options, found=self.found, only=self.positions[number])
+        run = self.start(reader)
+        try:
+            tables = list(run.tables())
+        except NlosctlError:
+            return None
+        return tables, run.report.counts(), reader.report.rows_by_file, dataclasses.asdict(reader.spans[0])
+
+    def with_absolute_paths(self) -> SliceWork:
+        """Return the same work for a process with another current folder."""
+        return replace(self, inputs=absolute(self.inputs))
+
+    def tables(self, run: Run, engine: Engine, spans: list[dict[str, Any]] | None = None) -> Iterator[ChunkTables]:
+        """Yield the tables of all slices in order; the counts go to ``run`` and its reader, the spans to ``spans``.
+
+        Raises SliceError for a fault.
+        """
+        order = IdOrder(self.inputs, run.reader)
+        rows = run.reader.report.rows_by_file
+        with closing(engine(self, range(len(self.positions)))) as results:
+            for (group, _), result in zip(self.positions, results, strict=True):
+                if result is None:
+                    raise SliceError
+                tables, counts, rows_by_file, span = result
+                order.add(group, span)
+                if spans is not None:
+                    spans.append(span)
+                run.report.take(counts)
+                for name, count in rows_by_file.items():
+                    rows[name] = rows.get(name, 0) + count
+                yield from tables
+
+
+def local_tables(
+    run: Run, start: Callable[[MeasurementReader], Run], inputs: Sequence[Input], jobs: int
+) -> Iterator[ChunkTables]:
+    """Yield the tables of a run by ``jobs`` processes, which read the input themselves if it is long Parquet files.
+
+    Otherwise this process reads and the others solve; so it does if bad rows are set aside.
+    """
+    if jobs > 1 and CAN_FORK and not run.reader.sets_bad_rows_aside and _is_local_parquet(inputs):
+        pieces = sliced(inputs, size("slice_rows"))
+        if sum(len(given.parts) for given in pieces) >= _SLICES_PER_JOB * jobs:
+            yield from _tables(
+                run, start, inputs, pieces, lambda work, numbers: map_in_processes(work.make, numbers, jobs)
+            )
+            return
+    yield from run.tables(jobs)
+
+
+def cluster_tables(
+    run: Run, start: Callable[[MeasurementReader], Run], inputs: Sequence[Input], engine: Engine
+) -> Iterator[ChunkTables]:
+    """Yield the tables of a run whose slices ``engine`` solves; raises UsageError if the input cannot be cut."""
+    if any(part.path is None for given in inputs for part in given.parts):
+        raise UsageError("standard input cannot be distributed; save it as a file, or leave `engine` out")
+    if run.reader.sets_bad_rows_aside:
+        raise UsageError("`engine` dask with `bad_rows` FILE: set `output` and `bad_rows` to a folder each")
+    yield from _tables(run, start, inputs, sliced(inputs, size("task_rows")), engine)
+
+
+def _tables(
+    run: Run,
+    start: Callable[[MeasurementReader], Run],
+    inputs: Sequence[Input],
+    pieces: tuple[Input, ...],
+    engine: Engine,
+) -> Iterator[ChunkTables]:
+    reader = run.reader
+    options = replace(reader.options, use_threads=False)
+    found = reader.found()
+    work = SliceWork(inputs=pieces, options=options, found=found, start=start, positions=positions_of(pieces))
+    try:
+        yield from work.tables(run, engine)
+    except SliceError:
+        _solve_at_once(work, inputs)
+    rows = reader.report.rows_by_file
+    if any(not sum(rows[part.name] for part in given.parts) for given in inputs):
+        _solve_at_once(work, inputs)
+    run.add_notes(reader.report.remarks)
+
+
+def _solve_at_once(work: SliceWork, inputs: Sequence[Input]) -> NoReturn:
+    """Raise the error of the run over the whole input."""
+    for _ in work.start(MeasurementReader(inputs, work.options, found=work.found)).tables():
+        pass
+    raise MethodError("the results depend on how the input is cut: the method is not deterministic")
+
+
+def _is_local_parquet(inputs: Sequence[Input]) -> bool:
+    # the connection to a store cannot be used in a forked process
+    return all(
+        part.format is FileFormat.PARQUET and isinstance(part.path, Path) for given in inputs for part in given.parts
+    )
+
+
+def positions_of(inputs: Sequence[Input]) -> tuple[tuple[int, int], ...]:
+    """Return the position of every part: index of the input, index of the part within it."""
+    return tuple((group, index) for group, given in enumerate(inputs) for index in range(len(given.parts)))
+
+
+def absolute(inputs: Sequence[Input]) -> tuple[Input, ...]:
+    """Return the inputs with absolute paths; they keep their names."""
+    return tuple(
+        replace(given, parts=tuple(replace(part, path=part.path and part.path.absolute()) for part in given.parts))
+        for given in inputs
+    )
+
+
+@dataclass
+class IdOrder:
+    """Checks that no snapshot is in two parts, from the span of the ids of each part.
+
+    Parts whose spans do not overlap share no snapshot. Otherwise all ids are read once, which raises the same DataError
+    as reading the whole input does.
+    """
+
+    inputs: Sequence[Input]
+    reader: MeasurementReader
+    _ends: dict[int, list[tuple[Any, Any]]] = field(default_factory=dict)
+    _sure: bool = False
+
+    def add(self, group: int, span: Mapping[str, Any]) -> None:
+        """Add a part of the input with index ``group``; ``span`` has the fields of `IdSpan`."""
+        if self._sure or span["first"] is None or len(self.inputs[group].parts) == 1:
+            return
+        low, high = sorted((span["first"], span["last"]))
+        ends = self._ends.setdefault(group, [])
+        index = bisect_left(ends, (low, high))
+        apart = (index == 0 or ends[index - 1][1] < low) and (index == len(ends) or high < ends[index][0])
+        if not (apart and span["ordered"]):
+            self._read_all()
+        ends.insert(index, (low, high))
+
+    def _read_all(self) -> None:
+        reader = MeasurementReader(self.inputs, self.reader.options, lambda rows: None, found=self.reader.found())
+        for _ in reader.chunks():
+            pass
+        self._sure = True
