@@ -96,7 +96,7 @@ def test_the_function_gives_the_same() -> None:
         (("--map", "0,1,0,1,nan"), 2, "--map takes"),
         (("--map", "0,1e9,0,1e9,1"), 2, "vertices"),
         (("--map", "0,one,0,1,1"), 2, "--map takes"),
-        (("--map", "0,1,0,1,1", "-o", "maps/"), 2, "give -o a file"),
+        (("--map", "0,1,0,1,1", "-o", "maps/"), 2, "set --output to a file"),
         (("--scene", "absent.toml"), 1, "absent.toml: the scene can't be read"),
     ],
 )

@@ -55,7 +55,7 @@ def test_tables_go_there_and_back(cli: Any, tmp_path: Path, extension: str) -> N
 
 def test_a_format_without_room_for_the_scene_is_told(cli: Any) -> None:
     """A scene is not lost silently."""
-    assert "has no room for the scene: --scene-out FILE" in cli("convert", GOOD, "-o", "a.csv").err
+    assert "cannot store the scene; --scene-out FILE" in cli("convert", GOOD, "-o", "a.csv").err
     assert "no room" not in cli("convert", GOOD, "-o", "a.arrow").err
 
 

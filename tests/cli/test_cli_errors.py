@@ -187,7 +187,7 @@ FAULTS: list[tuple[list[Any], int, list[str]]] = [
     (["convert", "empty_folder", "--from", "uwb", "-o", "a.csv"], 1, ["empty_folder", "is a folder"]),
     (["convert", "good_bearing.csv", "--from", "uwb", "-o", "a.csv"], 1, ["no such file", "did you mean"]),
     (["convert", "good_bearings.csv", "--from", "sionna", "-o", "a.csv"], 1, ["good_bearings.csv"]),
-    (["reproduce", "song-fig5", "--page", "p.md"], 2, ["--page goes with -o FOLDER"]),
+    (["reproduce", "song-fig5", "--page", "p.md"], 2, ["--page needs -o FOLDER"]),
     (["reproduce", "song-fig5", "--quick", "-o", "good_bearings.csv"], 1, ["good_bearings.csv", "folder"]),
     (["simulate", "ring", "--sweep", "sensors=[3]"], 2, ["'sensors'", "an int"]),
     (["localize", "good_bearings.csv", "--add", "gdop,speed"], 2, ["--add", "speed"]),

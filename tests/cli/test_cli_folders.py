@@ -369,10 +369,10 @@ def test_overwrite_begins_anew(cli: Cli, good: Path, tmp_path: Path) -> None:
     [
         (("-o", "out/", "--flags-out", "f.parquet"), 2, "f.parquet"),
         (("-o", "e.parquet", "--flags-out", "f/"), 2, "e.parquet"),
-        (("--flags-out", "f/"), 2, "-: other tables"),
+        (("--flags-out", "f/"), 2, "-: the other tables"),
         (("-o", "e.parquet", "--resume"), 2, "--resume"),
         (("-o", "no/such/out/"), 1, "no folder"),
-        (("-o", "same/", "--flags-out", "same/"), 2, "one output"),
+        (("-o", "same/", "--flags-out", "same/"), 2, "the same output"),
     ],
 )
 def test_words_that_do_not_fit(cli: Cli, tmp_path: Path, words: tuple[str, ...], code: int, told: str) -> None:
@@ -472,8 +472,8 @@ def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: 
         told[name] = cli("localize", "in", "--scene", SCENE, "-m", "ls", *outputs, *more)
     assert (told["there"].code, told["there"].err) == (told["here"].code, told["here"].err)
     assert told["here"].code == (1 if ids == "coming back" else 0)
-    assert made.count("slice") == 29
     if ids != "coming back":
+        assert made.count("slice") == 29
         for end in ("", "_flags"):
             assert content(tmp_path / f"there{end}") == content(tmp_path / f"here{end}")
         assert made[0] == "p1.parquet"

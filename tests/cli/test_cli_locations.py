@@ -196,7 +196,7 @@ def test_a_run_into_a_store_is_gone_on_with(
         told = cli(*words, more)
         assert (told.code, made) == (0, expected), told.err
         assert content(f"{place}/out") == on_disk(tmp_path / "local")
-    assert "holds results already" in cli(*words).err
+    assert "contains results already" in cli(*words).err
     assert "method" in cli(*words, "-m", "ls", "--resume").err
 
 
@@ -214,11 +214,11 @@ def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
 
     monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
     before = sorted(tmp_path.iterdir())
-    told = cli("localize", "in", "-o", f"{place}/out/fixes.parquet", "--engine", "dask")
+    told = cli("localize", "in", "-o", f"{place}/fixes.parquet", "--engine", "dask")
     assert told.code == 0, told.err
     assert made == [0, 1, 2]
-    assert content(f"{place}/out") == {"fixes.parquet": (tmp_path / "local.parquet").read_bytes()}
-    assert [path.name for path in location(f"{place}/out").iterdir()] == ["fixes.parquet"]
+    assert content(place) == {"fixes.parquet": (tmp_path / "local.parquet").read_bytes()}
+    assert [path.name for path in location(place).iterdir()] == ["fixes.parquet"]
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -229,7 +229,7 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
     (tmp_path / "mine").write_bytes(b"mine")
     (location(f"{place}/out") / "deep").mkdir()
     (location(f"{place}/out") / "deep" / "mine").take(tmp_path / "mine")
-    assert "holds other files already ('deep')" in cli(*words).err
+    assert "contains other files ('deep')" in cli(*words).err
     assert content(f"{place}/out") == {"deep/mine": b"mine"}
     assert cli("localize", "in", "-o", f"{place}/free/").code == 0
     (location(f"{place}/free") / "key=1" / "mine").take(tmp_path / "mine")
@@ -254,7 +254,7 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
             1,
             "the scene can't be read: No such file",
         ),
-        (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "the extension tells no format"),
+        (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "unknown file extension"),
     ],
 )
 def test_what_a_url_can_be_wrong_about_is_one_line(

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nlosctl.cli.main import run
-from nlosctl.pipeline.engine import sliced, workers
+from nlosctl.pipeline.engine import slices, workers
 
 pytestmark = pytest.mark.extensive
 
@@ -67,7 +67,7 @@ def test_processes_that_read_slices_change_no_byte(
     monkeypatch.setenv("NLOSCTL_SLICE_ROWS", "1")
     used = []
     monkeypatch.setattr(
-        sliced, "map_in_processes", lambda *given: used.append(given) or workers.map_in_processes(*given)
+        slices, "map_in_processes", lambda *given: used.append(given) or workers.map_in_processes(*given)
     )
     words = [
         "localize",

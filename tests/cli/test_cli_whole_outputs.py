@@ -63,7 +63,7 @@ def test_an_interrupted_run_says_so_in_one_line(cli: Cli, acting_method: ActInCa
     acting_method(0, raising(KeyboardInterrupt()))
     outcome = cli("localize", GOOD, "-m", "acting", "-o", "e.csv")
     assert outcome.code == 130
-    assert outcome.err.strip() == "nlosctl: interrupted; no partial output is left"
+    assert outcome.err.strip() == "nlosctl: interrupted; no partial output remains"
 
 
 @pytest.mark.usefixtures("small_chunks")

@@ -51,7 +51,7 @@ simulation.measurement_table = once
 def test_interrupts_in_callbacks_end_the_run(number: int, code: int, folder: Path) -> None:
     """An interrupt in a ``__del__`` or callback, where Python drops exceptions, ends the run too."""
     done = run_script(folder, DROPS.format(number=int(number)), "simulate", "ring", "-n", "100000000", "-o", "m.csv")
-    assert (done.returncode, done.stderr) == (code, "nlosctl: interrupted; no partial output is left\n")
+    assert (done.returncode, done.stderr) == (code, "nlosctl: interrupted; no partial output remains\n")
     assert names(folder) == []
 
 
@@ -103,7 +103,7 @@ process.ProcessPoolExecutor._spawn_process = spawn_then_interrupt
     )
     assert done.returncode == 130
     assert [line for line in done.stderr.splitlines() if "finished chunks are kept" not in line] == [
-        "nlosctl: interrupted; no partial output is left"
+        "nlosctl: interrupted; no partial output remains"
     ]
 
 
@@ -132,7 +132,7 @@ AtomicFile.keep = keep_late
     finally:
         running.kill()
     assert running.returncode == 128 + number
-    assert err == b"nlosctl: interrupted; no partial output is left\n"
+    assert err == b"nlosctl: interrupted; no partial output remains\n"
     assert [name for name in names(job_folder) if name.endswith(".part")] == []
     done = subprocess.run([PROGRAM, *words, "--resume"], cwd=job_folder, check=False)
     assert done.returncode == 0
@@ -151,7 +151,7 @@ def test_cpu_time_limits(folder: Path) -> None:
     """A limit on processor time ends a run like SIGTERM: one line, and nothing left."""
     script = f"ulimit -St 2; exec {PROGRAM} simulate ring -n 100000000 -o m.csv"
     done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=folder, check=False, timeout=120)
-    assert (done.returncode, done.stderr) == (152, b"nlosctl: interrupted; no partial output is left\n")
+    assert (done.returncode, done.stderr) == (152, b"nlosctl: interrupted; no partial output remains\n")
     assert names(folder) == []
 
 
