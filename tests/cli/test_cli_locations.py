@@ -233,7 +233,7 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
     assert content(f"{place}/out") == {"deep/mine": b"mine"}
     assert cli("localize", "in", "-o", f"{place}/free/").code == 0
     (location(f"{place}/free") / "key=1" / "mine").take(tmp_path / "mine")
-    assert "holds other files already" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
+    assert "contains other files" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
     assert content(f"{place}/free") == {"key=1/mine": b"mine"}
 
 
