@@ -59,6 +59,7 @@ CASES: list[tuple[dict[str, Any], list[str]]] = [
 ]
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(("keywords", "words"), CASES, ids=lambda value: str(value))
 def test_tables_equal_those_of_the_command_line(tmp_path: Path, keywords: dict[str, Any], words: list[str]) -> None:
     """Estimates, flags and report are those of ``nlosctl localize``."""

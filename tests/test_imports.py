@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -34,15 +35,23 @@ def test_light_modules_import_no_arrays(module: str) -> None:
     assert set(done.stdout.split()) & {"numpy", "scipy", "pyarrow", "msgspec"} == set()
 
 
-def imported(path: Path) -> set[str]:
-    """Return the top-level modules that a file imports anywhere."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def is_for_types_only(node: ast.AST) -> bool:
+    """Whether a node is an ``if TYPE_CHECKING``, whose imports never run."""
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+@cache
+def imported(path: Path) -> frozenset[str]:
+    """Return the top-level modules that a file imports anywhere, except for types only."""
+    found: set[str] = set()
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree.body = [node for node in tree.body if not is_for_types_only(node)]
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module.partition(".")[0])
-    return found
+    return frozenset(found)
 
 
 def importers(name: str) -> set[str]:

@@ -100,6 +100,7 @@ def test_what_the_source_says_is_what_holds(entry: registry.MethodEntry) -> None
     assert list(told.options) == [(item["name"], item["meaning"]) for item in describe_options(spec.options)]
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("name", scenarios())
 def test_what_the_source_of_a_scenario_says_is_what_holds(name: str) -> None:
     """The parameters of a scenario as read from its source are those that it has."""

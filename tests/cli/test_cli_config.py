@@ -19,6 +19,7 @@ def shown(outcome: Outcome) -> dict[str, tuple[Any, str]]:
     return {row["setting"]: (row["value"], row["source"]) for row in outcome.json}
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(("flag", "environment", "config"), list(product([False, True], repeat=3)))
 def test_what_is_shown_is_what_holds(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flag: bool, environment: bool, config: bool

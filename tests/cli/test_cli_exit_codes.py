@@ -90,6 +90,7 @@ def test_help_tells_the_exit_codes(cli: Cli) -> None:
     assert re.findall(r"\b(0|1|2|3|4|130) ", codes) == ["0", "1", "2", "3", "4", "130"]
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("command", ["localize", "evaluate", "simulate", "validate", "methods", "schema"])
 def test_every_command_has_help(cli: Cli, command: str) -> None:
     """``COMMAND --help`` and ``-h`` print usage and exit 0."""

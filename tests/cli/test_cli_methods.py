@@ -101,12 +101,14 @@ def test_check_tells_the_broken_one(with_broken: Cli, tmp_path: Path) -> None:
     assert listing(tmp_path) == []
 
 
+@pytest.mark.process
 def test_a_broken_plugin_harms_nothing(with_broken: Cli) -> None:
     """With a broken plugin the list works, and so does every other method."""
     assert "broken" in [row["name"] for row in with_broken("methods", "--json").json]
     assert with_broken("localize", GOOD, "-m", "ml", "-q").code == 0
 
 
+@pytest.mark.process
 def test_a_broken_method_that_is_used_is_told(with_broken: Cli) -> None:
     """Using or showing the broken method is exit 1 and one line with its fault."""
     for words in (["localize", GOOD, "-m", "broken"], ["methods", "show", "broken"]):

@@ -36,6 +36,7 @@ def test_all_tables_are_listed(cli: Cli) -> None:
     assert all(name in cli("schema").text for name in TABLES)
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_is_shown_with_every_column(cli: Cli, name: str) -> None:
     """``schema TABLE`` tells every column with unit and meaning; ``--json`` is the file in schemas/."""

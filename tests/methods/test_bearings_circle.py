@@ -163,6 +163,7 @@ def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
     return batch, center + source[:, 0]
 
 
+@pytest.mark.extensive
 def test_feasible_constrains_fixes_in_an_open_circle() -> None:
     """Fixes beyond a wall by which a row came are infeasible; with ``feasible`` they are in front of it or on it."""
     batch, source = ring_world(2, 0.0)

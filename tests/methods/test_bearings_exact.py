@@ -32,6 +32,7 @@ def test_noise_free_bearings_return_the_source(method: MethodSpec, measurements:
     assert (estimates.n_used[fixed] == measurements).all()
 
 
+@pytest.mark.extensive
 @settings(max_examples=50, deadline=None, derandomize=True)
 @given(st.floats(-3.0, 7.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.integers(3, 12), st.integers(0, 10**6))
 def test_exact_at_any_scale_and_offset(

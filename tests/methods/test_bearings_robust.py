@@ -35,12 +35,14 @@ def _bearings(sensor_xy: list[tuple[float, float]], bearing_deg: list[float], **
     return bearing_batch([sensor_xy], np.radians([bearing_deg]), np.radians(1.0), **columns)
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("method", _ALL, ids=lambda module: module.METHOD.name)
 def test_robust_methods_obey_the_laws(method: object) -> None:
     """Each method obeys the laws of all methods, with random mirrors and several paths per sensor."""
     check_method(method.METHOD, seed=3)  # type: ignore[attr-defined]
 
 
+@pytest.mark.extensive
 def test_laws_hold_for_the_posterior_covariance() -> None:
     """The covariance from posterior grids obeys the laws too."""
     check_method(bearings_mixture_ml.METHOD, options=MixtureOptions(covariance="posterior"))
@@ -80,6 +82,7 @@ def test_flags_separate_direct_rows_from_outliers(module: object) -> None:
     assert np.nanmedian(probability[~direct]) < 0.05
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(("outliers", "low", "high"), [(0, 0.92, 0.98), (2, 0.92, 0.98)])
 def test_posterior_covariance_is_calibrated(outliers: int, low: float, high: float) -> None:
     """The 95 % posterior ellipse covers 92 to 98 %; with outliers that of the inliers does not."""

@@ -73,7 +73,7 @@ def test_slant_ranges_of_high_sensors_give_the_same_targets(module, options) -> 
             ranges_r_ls.METHOD,
             range_batch(
                 *(array[:, sorted(rows)] for array in (batch.sensor_xy_m, batch.range_m)),
-                std=batch.range_std_m[:, sorted(rows)],
+                std_m=batch.range_std_m[:, sorted(rows)],
                 height=60.0,
             ),
         ).estimates

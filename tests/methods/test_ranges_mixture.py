@@ -177,6 +177,7 @@ def test_coincident_sensors_are_too_few() -> None:
     assert words(solve(ranges_mixture_ml.METHOD, batch)) == ["too_few"]
 
 
+@pytest.mark.extensive
 def test_the_posterior_covariance_is_calibrated() -> None:
     """With outliers, 90 to 99 % of the errors are within the 95 % posterior ellipse."""
     batch, sources, _ = polluted(1500, 0.2, seed=4)

@@ -45,6 +45,7 @@ def worlds() -> list[EchoWorld]:
     return [paper_world(generator, n, s, scatterers) for n, s in ((4, 0.1), (4, 3.0), (5, 1.0))]
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("unique", ["points", "circles"])
 @pytest.mark.parametrize("number", range(3))
 def test_sets_agree_with_the_reference(number: int, unique: str) -> None:

@@ -189,6 +189,7 @@ def test_chi2_supports_only_gaussian_errors():
         triplets_tdaj.METHOD.options(noise="cauchy")
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(
     ("rule", "noise"),
     [

@@ -58,6 +58,7 @@ def test_three_equal_errors_in_closed_form():
     np.testing.assert_allclose(laplace, [value for value, _ in gamma], atol=1e-7)
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("name", SCIPY)
 @pytest.mark.parametrize("weights", WEIGHTS)
 def test_thresholds_have_the_nominal_probability(name, weights):
@@ -84,6 +85,7 @@ def test_thresholds_of_the_paper_scene():
     assert found["student-t:5"] == pytest.approx([1.986, 2.970], abs=6e-4)
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("name", SCIPY)
 def test_tails_do_not_depend_on_the_block(name):
     """Tail and threshold of a row do not depend on the other rows; NaN stays NaN."""

@@ -16,6 +16,8 @@ from nlosctl.methods import ranges_assignment, ranges_extended_tca
 from nlosctl.scenarios import echo_field, liang
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
+pytestmark = pytest.mark.extensive
+
 PAPER_FIELD = BoxField(xmin_m=-200.0, xmax_m=200.0, ymin_m=-200.0, ymax_m=200.0)
 
 REPRODUCED = {

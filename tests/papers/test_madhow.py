@@ -10,6 +10,8 @@ from nlosctl.contract.results import Estimates
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 from nlosctl.models.bearings import sight_lines
 
+pytestmark = pytest.mark.extensive
+
 
 def _best(estimates: Estimates) -> tuple[np.ndarray, np.ndarray]:
     first = estimates.alternative == 0

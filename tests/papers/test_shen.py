@@ -12,6 +12,8 @@ from triplet_worlds import batch_of
 
 from nlosctl.methods import triplets_chi2, triplets_tdaj
 
+pytestmark = pytest.mark.extensive
+
 PAPER_TABLE_IV = {  # expected P_f: P_d of lambda 5, fusion K = 0, fusion K = 5
     0.03: (0.9002, 0.9237, 0.5657),
     0.05: (0.9095, 0.9302, 0.5933),

@@ -17,6 +17,8 @@ from nlosctl.solvers.bearings.grid_search import search_grid
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
+pytestmark = pytest.mark.extensive
+
 RUNS = 1000
 TABLE = {  # set, sigma in degrees: LS, Stansfield, focused, ML without constraint, CRLB, in km
     ("a", 0.1): (3.61, 3.72, 3.61, 3.61, 3.62),

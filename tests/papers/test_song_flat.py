@@ -18,6 +18,8 @@ from nlosctl.models.bearings import predict_bearings, sight_lines
 from nlosctl.scenarios.catalogue import find_scenario
 from nlosctl.scenarios.spec import draw_snapshots
 
+pytestmark = pytest.mark.extensive
+
 SIGMAS_DEG = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0)
 PATHS = tuple(zip(paper.SENSORS, paper.MIRRORS, strict=True))
 RUNS = 1000

@@ -98,6 +98,7 @@ def test_nees_needs_one_true_position() -> None:
         nlosctl.localize(targets, method="ls", add=["nees"])
 
 
+@pytest.mark.process
 def test_the_command_line_gives_the_same_column(tmp_path: Path) -> None:
     """``localize --add nees`` writes what ``import nlosctl`` returns, and ``schema`` documents the column."""
     given = simulated(20)

@@ -34,6 +34,7 @@ def offsets_of(counts: list[int]) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
+@pytest.mark.extensive
 @given(ragged(), st.integers(1, 7))
 def test_blocks_hold_each_snapshot_once_with_its_kept_rows(case: tuple[list[int], list[bool]], size: int) -> None:
     """Every snapshot is in one block with the indices of its kept rows in order; blocks are bounded and uniform."""

@@ -43,6 +43,7 @@ def gallery() -> Figure:
     return figure
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(
     ("name", "start"), [("a.png", b"\x89PNG\r\n"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF-")], ids=PICTURE_FORMATS
 )
@@ -53,6 +54,7 @@ def test_the_extension_selects_the_format(tmp_path: Path, name: str, start: byte
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("format", PICTURE_FORMATS)
 def test_figures_are_reproducible(format: str) -> None:
     """Equal content gives equal bytes, without a date, whatever was saved before."""
@@ -66,6 +68,7 @@ def test_figures_are_reproducible(format: str) -> None:
     assert not re.search(rb"CreationDate|<dc:date>|tIME", content)
 
 
+@pytest.mark.extensive
 def test_styles_do_not_interfere() -> None:
     """The user's settings change no byte of a figure, and ours do not change the user's."""
     import matplotlib as mpl

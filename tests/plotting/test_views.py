@@ -24,6 +24,8 @@ from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.suitable_views import suitable_views
 from nlosctl.plotting.views.pictures import choose_view, draw_picture
 
+pytestmark = pytest.mark.extensive
+
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SWEEP = {"bearing_std_deg": [0.2, 1.0, 5.0]}
 

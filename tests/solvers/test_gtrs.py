@@ -32,6 +32,7 @@ def cost(sensors: FloatArray, squared: FloatArray, weight: FloatArray, x: FloatA
     return (weight * (squared - distance) ** 2).sum(axis=1) / (weight * squared**2).sum(axis=1)
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("layout", ["plane", "line", "nearly a line"])
 @pytest.mark.parametrize("measurements", [2, 3, 6])
 def test_no_random_start_finds_a_lower_cost(layout: str, measurements: int) -> None:

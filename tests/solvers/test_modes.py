@@ -131,6 +131,7 @@ def best_and_five(batch: BearingBatch, source: FloatArray, **options: object) ->
     return error[first] > 5.0, held, estimates.status[first] == Status.AMBIGUOUS
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize("seen", [0.7, 0.9])
 def test_images_of_the_source_make_a_snapshot_ambiguous(seen: float) -> None:
     """Images seen as often as the source are best in two of three snapshots; the status is ambiguous."""

@@ -92,6 +92,7 @@ def ends_of(batch):
     return find_ends(lines, start.x, start.y, 60)
 
 
+@pytest.mark.extensive
 @pytest.mark.parametrize(("measurements", "std_deg", "snapshots"), [(2, 0.5, 6), (3, 1.0, 4), (4, 0.3, 2)])
 def test_no_combination_of_paths_is_better(measurements, std_deg, snapshots):
     """No combination of paths has a lower cost than our best, unless the likelihood ends at a caustic."""

@@ -63,6 +63,7 @@ def test_elliptic_coordinates_round_trip():
         np.testing.assert_allclose(back, [x, y], atol=1e-8)
 
 
+@pytest.mark.extensive
 def test_no_start_finds_a_lower_chi_square():
     """No path has a lower chi-square from a grid of starts by scipy."""
     rows, problem = _problem(40, seed=3)

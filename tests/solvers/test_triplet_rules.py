@@ -83,6 +83,7 @@ def test_angle_between_rays_that_do_not_meet(dod, doa, expected):
     assert rays_miss_by(rows)[0] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.extensive
 def test_angle_between_rays_agrees_with_brute_force():
     """It is the smallest scaled distance to a pair of angles whose rays meet, over a fine grid."""
     std = (0.2, 0.3)

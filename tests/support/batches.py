@@ -21,21 +21,24 @@ def bearing_batch(
     want_flags: bool = True,
     **columns: Any,
 ) -> BearingBatch:
-    """Return a batch of bearings (B, K), each by a sensor of its own; the other arguments are broadcast."""
+    """Return a batch of bearings (B, K), each by a sensor of its own; the other arguments are broadcast.
+
+    ``columns`` replace the fields of the batch.
+    """
     bearing = np.asfortranarray(bearing_rad, dtype=float)
     shape = bearing.shape
-    return BearingBatch(
-        scene=scene or Scene(),
-        seed=np.zeros(shape[0], dtype=np.uint64),
-        want_flags=want_flags,
-        sensor=np.asfortranarray(np.tile(np.arange(shape[1]), (shape[0], 1))),
-        sensor_xy_m=np.asfortranarray(np.broadcast_to(np.asarray(sensor_xy, dtype=float), (*shape, 2))),
-        bearing_rad=bearing,
-        bearing_std_rad=np.asfortranarray(np.broadcast_to(np.asarray(std_rad, dtype=float), shape)),
-        path=np.zeros(shape, dtype=np.int64, order="F"),
-        reflector=np.asfortranarray(np.broadcast_to(np.asarray(reflector, dtype=np.int64), shape)),
-        **columns,
-    )
+    fields: dict[str, Any] = {
+        "scene": scene or Scene(),
+        "seed": np.zeros(shape[0], dtype=np.uint64),
+        "want_flags": want_flags,
+        "sensor": np.asfortranarray(np.tile(np.arange(shape[1]), (shape[0], 1))),
+        "sensor_xy_m": np.asfortranarray(np.broadcast_to(np.asarray(sensor_xy, dtype=float), (*shape, 2))),
+        "bearing_rad": bearing,
+        "bearing_std_rad": np.asfortranarray(np.broadcast_to(np.asarray(std_rad, dtype=float), shape)),
+        "path": np.zeros(shape, dtype=np.int64, order="F"),
+        "reflector": np.asfortranarray(np.broadcast_to(np.asarray(reflector, dtype=np.int64), shape)),
+    }
+    return BearingBatch(**{**fields, **columns})
 
 
 def range_batch(
