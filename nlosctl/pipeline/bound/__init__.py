@@ -1,1 +1,1 @@
-"""The Cramér-Rao bound of the snapshots of a file."""
+"""The Cramér-Rao bound of measurements."""

@@ -1,4 +1,4 @@
-"""A run of the bound over measurements: the same face as a run of methods, so that both are written the same way."""
+"""A run of the bound over measurements, with the interface of a run of methods."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["BoundReport", "BoundRun"]
 
 @dataclass
 class BoundReport:
-    """How many positions there were, called ``what``, and how many of them have a bound."""
+    """The number of positions, called ``what``, and how many of them have a bound."""
 
     kind: str
     map: str | None
@@ -28,7 +28,7 @@ class BoundReport:
 
     @property
     def snapshots(self) -> int:
-        """The positions, as the reports of other runs call them."""
+        """The number of positions, under the name in other reports."""
         return self.positions
 
     def counts(self) -> dict[str, Any]:
@@ -50,7 +50,7 @@ class BoundReport:
 
 
 class BoundRun:
-    """Bounds everything that a reader gives at its truth, or with ``grid`` over a map; ``map`` is the grid in words."""
+    """Computes the bound of every snapshot at its truth, or over a map: ``grid``, whose text is ``map``."""
 
     def __init__(
         self,
@@ -65,15 +65,15 @@ class BoundRun:
 
     @property
     def schemas(self) -> dict[str, Any]:
-        """The Arrow schema of the only table there is."""
+        """The Arrow schema of the only table, ``bound``."""
         return {"bound": result_schema(self.reader, self._grid)}
 
     def provenance(self) -> dict[str, Any]:
-        """Return what makes the results, as plain values."""
+        """Return the options that determine the results, as plain values."""
         return {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
 
     def choices(self) -> dict[str, Any]:
-        """Return what else must be the same for two runs to write the same tables: nothing."""
+        """Return the other options that two runs must share to write equal tables: none."""
         return {}
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
@@ -82,7 +82,7 @@ class BoundRun:
         return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
 
     def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
-        """Yield the bounds, in input order; raises what reading raises."""
+        """Yield the bounds in input order; raises what reading raises."""
         if self._grid is None:
             tables = bounds_at_truth(self.reader, self._options)
         else:
@@ -93,5 +93,5 @@ class BoundRun:
             yield ChunkTables(named={"bound": table}, rows=table.num_rows)
 
     def add_notes(self, remarks: Sequence[str]) -> None:
-        """Add the reader's remarks to the report; nothing else is to be said."""
+        """Add the remarks of the reader to the report."""
         self.report.notes += remarks

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound of each snapshot at its truth, or of one set of measurements over a map of positions."""
+"""The Cramér-Rao bound of each snapshot at its truth, or of one set of measurements over a map of positions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_VERTICES = 100_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class MapGrid:
-    """Positions (V,) on a grid, row by row from the least y; both ends included where the step meets them."""
+    """Positions (V,) on a grid, row by row from the smallest y; an end is included if the step reaches it."""
 
     x_min_m: float
     x_max_m: float
@@ -44,11 +44,11 @@ class MapGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The numbers of vertices along x and along y."""
+        """The number of vertices along x and along y."""
         return self._count(self.x_min_m, self.x_max_m), self._count(self.y_min_m, self.y_max_m)
 
-    def pieces(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield x and y of the vertices, in pieces."""
+    def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield x and y of the vertices, a block at a time."""
         along_x, along_y = self.shape
         for start in range(0, along_x * along_y, _POSITIONS_AT_ONCE):
             number = np.arange(start, min(start + _POSITIONS_AT_ONCE, along_x * along_y))
@@ -86,8 +86,8 @@ def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
 def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterator[Any]:
     """Yield tables with the bound of each snapshot at its truth, in input order.
 
-    Null where the truth is, or where too few rows can see it. Rows that do not follow their stated path (``truth_los``
-    false) tell nothing of the position and are left out. Raises DataError where the input has no truth.
+    The bound is null without a truth, or if too few rows have a free path to it. Rows that do not follow their stated
+    path (``truth_los`` false) have no information and are not used. Raises DataError for an input without truth.
     """
     schema = result_schema(reader, None)
     model = INFORMATION[_supported(reader)]
@@ -118,9 +118,9 @@ def _may_be_direct(chunk: Chunk) -> BoolArray:
 
 
 def bounds_on_map(reader: MeasurementReader, grid: MapGrid, options: SolveOptions) -> Iterator[Any]:
-    """Yield tables with the bound at each vertex, of the sensors, paths and stds of the first snapshot.
+    """Yield tables with the bound at each vertex, for the sensors, paths and stds of the first snapshot.
 
-    Raises DataError where the input has no row.
+    Raises DataError for an input without rows.
     """
     schema = result_schema(reader, grid)
     model = INFORMATION[_supported(reader)]
@@ -128,7 +128,7 @@ def bounds_on_map(reader: MeasurementReader, grid: MapGrid, options: SolveOption
     if chunk is None:
         raise DataError("no snapshot to take sensors and paths from")
     single = _without_ranges(_first_snapshot(reader, chunk), options)
-    for x, y in grid.pieces():
+    for x, y in grid.blocks():
         arrays = _no_bounds(x, y)
         _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y), options)
         yield bound_table(arrays, schema)
@@ -138,7 +138,7 @@ def _supported(reader: MeasurementReader) -> str:
     if "truth_target" in reader.schema.names:
         raise DataError("the rows are of several targets (truth_target); a bound is of one source")
     if reader.kind not in INFORMATION:
-        raise UsageError(f"bound is there for {', '.join(INFORMATION)}, not for {reader.kind}")
+        raise UsageError(f"a bound exists for {', '.join(INFORMATION)}, not for {reader.kind}")
     return reader.kind
 
 
@@ -152,17 +152,17 @@ def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> Any:
 
 
 def _no_bounds(x: FloatArray, y: FloatArray) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns of positions (B,) of which no bound is known yet."""
+    """Return the columns of positions (B,) without a bound: NaN."""
     arrays: dict[str, npt.NDArray[Any]] = {"x_m": x, "y_m": y, "n_used": np.zeros(x.shape, dtype=np.int64)}
     return arrays | {field.name: np.full(x.shape, np.nan) for field in dataclasses.fields(Bounds)}
 
 
 def _write_bounds(
-    arrays: dict[str, npt.NDArray[Any]], places: Any, information: Information, options: SolveOptions
+    arrays: dict[str, npt.NDArray[Any]], index: Any, information: Information, options: SolveOptions
 ) -> None:
     for name, values in vars(bounds_of(_scaled(information.matrix, options))).items():
-        arrays[name][places] = values
-    arrays["n_used"][places] = information.n_used
+        arrays[name][index] = values
+    arrays["n_used"][index] = information.n_used
 
 
 def _without_ranges(batch: Any, options: SolveOptions) -> Any:

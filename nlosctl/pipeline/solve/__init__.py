@@ -1,1 +1,1 @@
-"""From chunks to dense blocks, to a method, and back."""
+"""Solving: chunks to dense batches, methods, and estimates as tables."""

@@ -1,4 +1,4 @@
-"""Sweeps: a parameter goes through several values, and the results tell theirs in a column ``sweep_KEY``."""
+"""Sweeps: several values of a parameter in one run, recorded in columns ``sweep_KEY`` of the results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlosctl.errors import UsageError
 __all__ = ["SweepWords", "refuse_swept_columns", "sweep_points", "swept_options"]
 
 SweepWords = Mapping[str, str | Sequence[Any]]
-"""The values of each swept parameter: in words with commas between them, or a sequence of Python values."""
+"""The values of each swept parameter: text separated by commas, or a sequence of Python values."""
 
 OptionsT = TypeVar("OptionsT")
 
@@ -21,21 +21,21 @@ _PLAIN = (bool, int, float, str)
 
 
 def sweep_points(sweep: SweepWords) -> list[dict[str, Any]]:
-    """Return every point of the grid of all values, the last parameter changing fastest; one point without any.
+    """Return every point of the grid of all values, the last parameter changing fastest; one empty point for no sweep.
 
-    Raises UsageError where a parameter has no value or an empty one, or the grid is larger than any sweep.
+    Raises UsageError for a parameter without values or with an empty one, and for a grid that is too large.
     """
-    values = {key: _values(key, given) for key, given in sweep.items()}
+    values = {key: _values(key, words) for key, words in sweep.items()}
     return [dict(zip(values, point, strict=True)) for point in _product(values)]
 
 
 def swept_options(
     sweep: SweepWords, parameters: Mapping[str, Any], parse: Callable[[Mapping[str, Any]], OptionsT]
 ) -> Iterator[tuple[dict[str, Any], OptionsT]]:
-    """Yield the swept values, as their options hold them, and the options of each point of the grid.
+    """Yield the parsed swept values and the options of each point of the grid.
 
-    ``parse`` makes options from parameters. Raises UsageError for a value that does not fit, one that is there twice,
-    or a parameter that is swept and given.
+    ``parse`` makes options from parameters. Raises UsageError for an invalid or duplicate value, or a parameter that is
+    also set without a sweep.
     """
     for key in sweep:
         if key in parameters:
@@ -43,29 +43,29 @@ def swept_options(
     seen: list[dict[str, Any]] = []
     for point in sweep_points(sweep):
         options = parse({**parameters, **point})
-        held = {key: getattr(options, key) for key in point}
-        for key, value in held.items():
+        values = {key: getattr(options, key) for key in point}
+        for key, value in values.items():
             if not isinstance(value, _PLAIN):
                 raise UsageError(f"`sweep` {key}={point[key]}: only numbers, words, true and false can be swept")
-        if held in seen:
-            told = ", ".join(f"{key}={value}" for key, value in held.items())
-            raise UsageError(f"`sweep`: {told} is there twice")
-        seen.append(held)
-        yield held, options
+        if values in seen:
+            shown = ", ".join(f"{key}={value}" for key, value in values.items())
+            raise UsageError(f"`sweep`: {shown} is there twice")
+        seen.append(values)
+        yield values, options
 
 
 def refuse_swept_columns(points: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
-    """Raise UsageError where an input with ``columns`` has the column of a swept parameter already."""
+    """Raise UsageError if an input with ``columns`` already has the column of a swept parameter."""
     for key in dict.fromkeys(key for point in points for key in point):
         name = f"{SWEEP_PREFIX}{key}"
         if name in columns:
             raise UsageError(f"`sweep` {key}: the input has a column {name!r} of an earlier sweep; rename that one")
 
 
-def _values(key: str, given: str | Sequence[Any]) -> list[Any]:
-    values = [word.strip() for word in given.split(",")] if isinstance(given, str) else list(given)
+def _values(key: str, words: str | Sequence[Any]) -> list[Any]:
+    values = [word.strip() for word in words.split(",")] if isinstance(words, str) else list(words)
     if not values or "" in values:
-        raise UsageError(f"`sweep` takes KEY=VALUE,VALUE,.... Got '{key}={given}' instead.")
+        raise UsageError(f"`sweep` takes KEY=VALUE,VALUE,.... Got '{key}={words}' instead.")
     return values
 
 
