@@ -229,7 +229,7 @@ class OutputOptions:
     ellipse: float | None = _option(
         None, "--ellipse", "Output", "Add the error ellipse of probability P, such as 0.95.", _SOLVE, metavar="P")
     add: Sequence[str] = _option(
-        (), "--add", "Output", "Further columns of the estimates: cep50, gdop or cep50,gdop.", _SOLVE,
+        (), "--add", "Output", "Further columns of the estimates, see 'nlosctl schema estimates'.", _SOLVE,
         metavar="NAMES", parse=_parse_names, text="")
     carry: Sequence[str] = _option(
         (), "--carry", "Output", "Copy an input column to the estimates. Repeatable.", _SOLVE, metavar="COLUMN")

@@ -109,4 +109,4 @@ def test_the_command_line_gives_the_same_column(tmp_path: Path) -> None:
     written = pq.read_table(tmp_path / "out.parquet").column("nees")
     assert written.equals(nlosctl.localize(given, method="ls", add=["nees"]).estimates.column("nees"))
     shown = subprocess.run([program, "schema", "estimates"], check=True, capture_output=True, text=True).stdout
-    assert re.search(r"\bnees\b.*normalized estimation error squared", shown)
+    assert re.search(r"\bnees\b.*normalized estimation error squared.*\(--add nees\)", shown)

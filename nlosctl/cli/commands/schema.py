@@ -59,7 +59,7 @@ def _show(name: str) -> None:
             "unit": column.unit,
             "required": "required" if column.required else "",
             "also": ", ".join(spelling.name for spelling in column.spellings),
-            "meaning": column.meaning,
+            "meaning": f"{column.meaning} (--add {column.add})" if column.add else column.meaning,
         }
         for column in TABLES[name].columns
     ]

@@ -113,16 +113,6 @@ class ChunkTables:
     named: Mapping[str, Any]
     rows: int
 
-    @property
-    def estimates(self) -> Any | None:
-        """The estimates, None if not wanted."""
-        return self.named.get("estimates")
-
-    @property
-    def flags(self) -> Any | None:
-        """The flags, None if not wanted."""
-        return self.named.get("flags")
-
 
 def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dict[str, str]:
     """Return the metadata of a result file: the provenance as JSON, and the scene as TOML where there is one."""
