@@ -74,7 +74,7 @@ def localize(
     ``constants`` missing standard deviations to their values, in radians or metres. ``field`` is the search region:
     ``xmin,xmax,ymin,ymax``, ``circle:x,y,r``, ``polygon:FILE`` or ``sensors:FACTOR``. ``target_z_m`` is the height of
     the targets if ranges are slant. ``crs`` or ``origin`` (latitude and longitude in degrees) define the local plane
-    on earth. ``ellipse`` (a probability) and ``add`` (such as cep50 or nees) add columns. ``sweep`` runs parameters through
+    on earth. ``ellipse`` (a probability) and ``add`` (such as nees) add columns. ``sweep`` runs parameters through
     several values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.

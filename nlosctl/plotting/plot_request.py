@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from nlosctl.contract.run_options import InputOptions
-from nlosctl.io.results.plot_inputs import DrawnFile
+from nlosctl.io.results.plot_inputs import PlotInput
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Axes, Figure
 
@@ -21,7 +21,7 @@ class PlotRequest:
     are drawn. ``size_in`` is width and height in inches.
     """
 
-    files: Sequence[DrawnFile]
+    files: Sequence[PlotInput]
     read: InputOptions = field(default_factory=InputOptions)
     snapshot: str | None = None
     paths: Sequence[str] = ()
@@ -32,7 +32,7 @@ class PlotRequest:
     size_in: tuple[float, float] | None = None
     max_rows: int = 1_000_000
 
-    def of(self, *contents: str) -> list[DrawnFile]:
+    def of(self, *contents: str) -> list[PlotInput]:
         """Return the files with one of these ``contents``."""
         return [file for file in self.files if file.content in contents]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from nlosctl.io.results.plot_inputs import DrawnFile
+from nlosctl.io.results.plot_inputs import PlotInput
 
 __all__ = ["suitable_views"]
 
 _TRUTH = {"truth_x_m", "truth_y_m"}
 
 
-def suitable_views(files: Sequence[DrawnFile], *, one_snapshot: bool = False) -> list[str]:
+def suitable_views(files: Sequence[PlotInput], *, one_snapshot: bool = False) -> list[str]:
     """Return the views that suit the files, the default first; with ``one_snapshot``, those of one snapshot first."""
     contents = {file.content for file in files}
     views = _views(files, contents)
@@ -20,7 +20,7 @@ def suitable_views(files: Sequence[DrawnFile], *, one_snapshot: bool = False) ->
     return views
 
 
-def _views(files: Sequence[DrawnFile], contents: set[str]) -> list[str]:
+def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
     names = [set(file.names) for file in files]
     swept = any(name.startswith("sweep_") for columns in names for name in columns)
     if contents <= {"scores", "bound"} and "scores" in contents:
@@ -42,7 +42,7 @@ def _views(files: Sequence[DrawnFile], contents: set[str]) -> list[str]:
     return []
 
 
-def _views_of_flags(files: Sequence[DrawnFile], names: Sequence[set[str]], swept: bool) -> list[str]:
+def _views_of_flags(files: Sequence[PlotInput], names: Sequence[set[str]], swept: bool) -> list[str]:
     """Return the views of flags alone: against their truth, if present, and as measurements."""
     has_truth = any(all(columns >= {flag, f"truth_{flag}"} for columns in names) for flag in ("ip", "los"))
     scored = (["sweep"] if swept else []) + ["roc"] if has_truth else []
@@ -51,7 +51,7 @@ def _views_of_flags(files: Sequence[DrawnFile], names: Sequence[set[str]], swept
     return [*scored, *measured] if scores_first else [*measured, *scored]
 
 
-def _views_of_measurements(files: Sequence[DrawnFile]) -> list[str]:
+def _views_of_measurements(files: Sequence[PlotInput]) -> list[str]:
     measured = [file for file in files if file.content in ("measurements", "flags")]
     if len(measured) != 1:
         return []

@@ -16,7 +16,7 @@ import pytest
 import nlosctl
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.paths.inputs import expand_inputs
-from nlosctl.io.results.plot_inputs import DrawnFile, open_drawn, read_sampled
+from nlosctl.io.results.plot_inputs import PlotInput, open_plot_input, read_sampled
 from nlosctl.plotting.catalogue import VIEWS
 from nlosctl.plotting.figures import figure_bytes
 from nlosctl.plotting.library import Axes, Circle, Ellipse, Figure
@@ -75,16 +75,16 @@ def made(name: str) -> pa.Table:
 def files(tmp_path: Path) -> Any:
     """Write tables by name and open them."""
 
-    def write(*names: str) -> list[DrawnFile]:
+    def write(*names: str) -> list[PlotInput]:
         paths = [tmp_path / f"{name}.parquet" for name in names]
         for name, path in zip(names, paths, strict=True):
             pyarrow.parquet.write_table(made(name), path)
-        return [open_drawn(given, None) for given in expand_inputs([str(path) for path in paths])]
+        return [open_plot_input(given, None) for given in expand_inputs([str(path) for path in paths])]
 
     return write
 
 
-def picture(files: Sequence[DrawnFile], view: str | None = None, **wanted: Any) -> Picture:
+def picture(files: Sequence[PlotInput], view: str | None = None, **wanted: Any) -> Picture:
     """Return the figure of a view."""
     return draw_picture(PlotRequest(files=files, **wanted), choose_view(files, view))
 
@@ -253,7 +253,7 @@ def test_scores_draw_the_same_line_as_their_estimates(files: Any, tmp_path: Path
     opened = files("fixes of swept")
     scores = tmp_path / "scores.csv"
     assert run(["evaluate", opened[0].name, "-o", str(scores)]) == 0
-    by_scores = picture([open_drawn(expand_inputs([str(scores)])[0], None)])
+    by_scores = picture([open_plot_input(expand_inputs([str(scores)])[0], None)])
     assert figure_bytes(by_scores.figure, "png") == figure_bytes(picture(opened).figure, "png")
 
 
@@ -263,7 +263,7 @@ def test_methods_without_a_sweep_are_horizontal_lines(tmp_path: Path) -> None:
         made("bearings"), method=["ls", "ml"], sweep={"ml:min_range_m": [0.0, 10.0, 50.0]}
     ).estimates
     pyarrow.parquet.write_table(fixes, tmp_path / "e.parquet")
-    axes = shown(picture([open_drawn(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure)[0]
+    axes = shown(picture([open_plot_input(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure)[0]
     assert "ls" in [text.get_text() for text in axes.texts]
     assert axes.get_xlabel() == "min range [m]"
 
@@ -274,7 +274,7 @@ def test_detection_rates_against_a_sweep(tmp_path: Path) -> None:
         made("paths"), method="tdaj", sweep={"eta_m": [0.0, 2.0], "false_alarm": [0.01, 0.1, 0.3]}
     ).flags
     pyarrow.parquet.write_table(flags, tmp_path / "f.parquet")
-    opened = [open_drawn(expand_inputs([str(tmp_path / "f.parquet")])[0], None)]
+    opened = [open_plot_input(expand_inputs([str(tmp_path / "f.parquet")])[0], None)]
     axes = shown(picture(opened).figure)[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("false alarm [-]", "$P_d$ [-]")
     group = nlosctl.evaluate(flags).groups[0]
@@ -335,7 +335,7 @@ def test_many_estimates_become_a_density(tmp_path: Path) -> None:
     """Above some thousand estimates a panel shows counts per cell, and all points are counted."""
     fixes = nlosctl.localize(nlosctl.simulate("ring", trials=4000), method="ls").estimates
     pyarrow.parquet.write_table(fixes, tmp_path / "e.parquet")
-    axes = picture([open_drawn(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure.axes[0]
+    axes = picture([open_plot_input(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure.axes[0]
     counts = np.ma.MaskedArray(axes.collections[0].get_array()).filled(0.0)
     assert 3900 < counts.sum() <= 4000
 
@@ -380,7 +380,7 @@ def test_unknown_snapshots_are_refused(files: Any) -> None:
 @pytest.mark.parametrize("name", ["bearings.csv", "ranges.csv", "triplets.csv", "over_the_horizon.csv", "echoes.csv"])
 def test_every_good_fixture_can_be_plotted(name: str) -> None:
     """Fixtures of every kind are plotted in their columns and units."""
-    figure = picture([open_drawn(expand_inputs([str(FIXTURES / f"good_{name}")])[0], None)]).figure
+    figure = picture([open_plot_input(expand_inputs([str(FIXTURES / f"good_{name}")])[0], None)]).figure
     assert figure_bytes(figure, "pdf").startswith(b"%PDF")
 
 
@@ -389,7 +389,7 @@ def test_snapshots_without_a_fix_are_noted(tmp_path: Path) -> None:
     row = {"snapshot": 1, "method": "ml", "target": 0, "alternative": 0, "x_m": None, "y_m": None, "cov_xx_m2": None}
     row |= {"cov_xy_m2": None, "cov_yy_m2": None, "n_measurements": 1, "n_used": 0, "cost": None, "status": "too_few"}
     pyarrow.csv.write_csv(pa.Table.from_pylist([row]), tmp_path / "e.csv")
-    opened = [open_drawn(expand_inputs([str(tmp_path / "e.csv")])[0], None)]
+    opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], None)]
     told = picture(opened, "scene")
     assert told.notes == ["ml: no position (too_few)"]
     assert figure_bytes(told.figure, "png")

@@ -18,7 +18,7 @@ from nlosctl.errors import UsageError
 from nlosctl.plotting.catalogue import VIEWS
 
 if TYPE_CHECKING:
-    from nlosctl.io.results.plot_inputs import DrawnFile
+    from nlosctl.io.results.plot_inputs import PlotInput
 
 __all__ = ["PLOT_EPILOG", "plot"]
 
@@ -137,7 +137,7 @@ def plot(
 
     chosen = picture_format(output, format)
     with _opened(inputs, read) as files:
-        paths = [part.path for file in files for part in file.given.parts if part.path is not None]
+        paths = [part.path for file in files for part in file.source.parts if part.path is not None]
         check_targets([output], overwrite=write.overwrite, inputs=paths)
         name = choose_view(files, view, one_snapshot=snapshot is not None)
         request = PlotRequest(
@@ -166,12 +166,12 @@ def plot(
 
 
 @contextmanager
-def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[DrawnFile]]:
+def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[PlotInput]]:
     """Open the inputs; nothing heavy is imported if there are none."""
     if not inputs:
         yield []
         return
-    from nlosctl.io.results.plot_inputs import open_drawn
+    from nlosctl.io.results.plot_inputs import open_plot_input
     from nlosctl.jobs.files import open_inputs
 
     given = open_inputs(inputs, read.input_format)
@@ -179,12 +179,12 @@ def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[DrawnFil
     with ExitStack() as stack:
         files = []
         for one in given:
-            files.append(open_drawn(one, scene, read.kind))
+            files.append(open_plot_input(one, scene, read.kind))
             stack.callback(files[-1].close)
         yield files
 
 
-def _list_views(files: Sequence[DrawnFile], json: bool) -> None:
+def _list_views(files: Sequence[PlotInput], json: bool) -> None:
     names = list(VIEWS)
     if files:
         from nlosctl.plotting.suitable_views import suitable_views

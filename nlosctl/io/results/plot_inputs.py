@@ -31,10 +31,10 @@ from nlosctl.io.results.reader import PlainReader
 from nlosctl.io.scenes.scene_file import find_scene
 
 __all__ = [
-    "DrawnFile",
-    "DrawnSnapshot",
+    "PlotInput",
+    "PlotSnapshot",
     "SampledRows",
-    "open_drawn",
+    "open_plot_input",
     "read_rows_of_snapshot",
     "read_sampled",
     "read_snapshot",
@@ -46,26 +46,26 @@ _TABLES = {table.name: table for table in (SCORES, BOUND, ESTIMATES, FLAGS)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnFile:
+class PlotInput:
     """An input: its ``content`` (scores, bound, estimates, flags, measurements), kind of measurement and columns."""
 
     content: str
     kind: str
     names: tuple[str, ...]
     scene: Scene
-    given: Input
+    source: Input
     spool: IO[bytes] | None = None
 
     @property
     def name(self) -> str:
         """The name as the user specified it."""
-        return self.given.name
+        return self.source.name
 
     def input(self) -> Input:
         """Return the input, to be read from its beginning; it can be read again, standard input too."""
         if self.spool is None:
-            return self.given
-        return _rewound(self.given, self.spool)
+            return self.source
+        return _rewound(self.source, self.spool)
 
     def close(self) -> None:
         """Discard the copy of standard input."""
@@ -91,7 +91,7 @@ class SampledRows:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnSnapshot:
+class PlotSnapshot:
     """One snapshot of measurements: the contract's columns (K,), ``sensor`` as names, and all columns of the file.
 
     ``left_out`` (K,) marks rows that an earlier step flagged.
@@ -106,28 +106,28 @@ class DrawnSnapshot:
     file_columns: Columns = field(default_factory=dict)
 
 
-def open_drawn(given: Input, scene_file: str | None, kind: str | None = None) -> DrawnFile:
+def open_plot_input(source: Input, scene_file: str | None, kind: str | None = None) -> PlotInput:
     """Return the content of an input, detected from its columns; raises DataError if it can't be read."""
     spool = None
-    if given.parts[0].stream is not None:
-        spool = _spooled(given)
-        given_again = _rewound(given, spool)
+    if source.parts[0].stream is not None:
+        spool = _spooled(source)
+        opened = _rewound(source, spool)
     else:
-        given_again = given
-    source = open_part(given_again.parts[0], 1024, False)
-    names, metadata = tuple(source.names), source.metadata
-    source.close()
-    return DrawnFile(
+        opened = source
+    file = open_part(opened.parts[0], 1024, False)
+    names, metadata = tuple(file.names), file.metadata
+    file.close()
+    return PlotInput(
         content=_content(names),
         kind=kind or kind_of_columns(names),
         names=names,
-        scene=find_scene(scene_file, metadata, given_again.path),
-        given=given,
+        scene=find_scene(scene_file, metadata, opened.path),
+        source=source,
         spool=spool,
     )
 
 
-def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> SampledRows:
+def read_sampled(file: PlotInput, wanted: Sequence[str], limit: int | None) -> SampledRows:
     """Return those ``wanted`` columns that the file has, of at most ``limit`` rows: whole snapshots, evenly sampled.
 
     A name in ``wanted`` may end in ``*``. A snapshot ends where the id changes, so that the rows of several methods or
@@ -154,7 +154,7 @@ def read_sampled(file: DrawnFile, wanted: Sequence[str], limit: int | None) -> S
     return SampledRows(columns=columns, total=total, step=step)
 
 
-def read_snapshot(file: DrawnFile, options: InputOptions, snapshot: str | None) -> DrawnSnapshot:
+def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) -> PlotSnapshot:
     """Return the measurements of one snapshot (default: the first); raises DataError if it does not exist."""
     reader = MeasurementReader([file.input()], options)
     try:
@@ -166,7 +166,7 @@ def read_snapshot(file: DrawnFile, options: InputOptions, snapshot: str | None) 
             rows = slice(int(chunk.offsets[index]), int(chunk.offsets[index + 1]))
             table = chunk.table.slice(rows.start, rows.stop - rows.start)
             columns = {name: values[rows] for name, values in chunk.columns.items()}
-            return DrawnSnapshot(
+            return PlotSnapshot(
                 id=ids[index],
                 kind=reader.kind,
                 scene=reader.scene,
@@ -180,7 +180,7 @@ def read_snapshot(file: DrawnFile, options: InputOptions, snapshot: str | None) 
     raise DataError(f"{file.name}: no snapshot {snapshot!r}")
 
 
-def read_rows_of_snapshot(file: DrawnFile, snapshot: str | None) -> tuple[str, Columns]:
+def read_rows_of_snapshot(file: PlotInput, snapshot: str | None) -> tuple[str, Columns]:
     """Return the id and the columns (N,) of one snapshot of results (default: the first)."""
     reader = PlainReader(file.input(), _TABLES[file.content])
     tables: list[Any] = []
@@ -256,9 +256,9 @@ def _only(part: Columns, chosen: BoolArray) -> Columns:
     return {name: values[chosen] for name, values in part.items()}
 
 
-def _spooled(given: Input) -> IO[bytes]:
-    stream = given.parts[0].stream
-    spool = tempfile.TemporaryFile()  # noqa: SIM115 - DrawnFile.close closes it
+def _spooled(source: Input) -> IO[bytes]:
+    stream = source.parts[0].stream
+    spool = tempfile.TemporaryFile()  # noqa: SIM115 - PlotInput.close closes it
     assert stream is not None  # noqa: S101 - asked before
     shutil.copyfileobj(stream, spool)
     stream.close()
@@ -266,7 +266,7 @@ def _spooled(given: Input) -> IO[bytes]:
     return spool
 
 
-def _rewound(given: Input, spool: IO[bytes]) -> Input:
+def _rewound(source: Input, spool: IO[bytes]) -> Input:
     spool.seek(0)
     stream = io.BufferedReader(io.FileIO(os.dup(spool.fileno())))
-    return dataclasses.replace(given, parts=(dataclasses.replace(given.parts[0], stream=stream),))
+    return dataclasses.replace(source, parts=(dataclasses.replace(source.parts[0], stream=stream),))

@@ -10,7 +10,7 @@ from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
 from nlosctl.errors import DataError
 from nlosctl.evaluation.calibration import reliability
 from nlosctl.evaluation.detection import RocCurve, kolmogorov_smirnov, roc_curve
-from nlosctl.io.results.plot_inputs import DrawnFile, read_sampled
+from nlosctl.io.results.plot_inputs import PlotInput, read_sampled
 from nlosctl.plotting.figures import axis_label, figure_style, series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.panels import Series
@@ -71,7 +71,7 @@ def draw_detection_view(request: PlotRequest) -> Picture:
     return Picture(figure=figure, notes=notes)
 
 
-def _detectors(file: DrawnFile, of_paths: bool, prefix: str, limit: int) -> tuple[list[_Detector], list[str]]:
+def _detectors(file: PlotInput, of_paths: bool, prefix: str, limit: int) -> tuple[list[_Detector], list[str]]:
     flag, truth, score = ("ip", "truth_ip", "p_value") if of_paths else ("los", "truth_los", "los_probability")
     rows = read_sampled(file, (flag, truth, score, "method", "source", "sweep_*"), limit)
     columns = rows.columns

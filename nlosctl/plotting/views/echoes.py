@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlosctl.io.results.plot_inputs import DrawnSnapshot
+from nlosctl.io.results.plot_inputs import PlotSnapshot
 from nlosctl.plotting.figures import figure_style, series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
@@ -39,7 +39,7 @@ def draw_echo_view(request: PlotRequest) -> Picture:
     return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
 
 
-def _draw_circles(axes: Axes, measured: DrawnSnapshot, extent: Extent, *, whole: bool) -> list[str]:
+def _draw_circles(axes: Axes, measured: PlotSnapshot, extent: Extent, *, whole: bool) -> list[str]:
     """Draw each echo, direct ones in the style of their target; ``whole`` includes direct circles in the extent."""
     columns = measured.columns
     sensor = np.stack([columns["sensor_x_m"], columns["sensor_y_m"]], axis=1)

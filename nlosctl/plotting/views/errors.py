@@ -12,7 +12,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.evaluation.estimates import EstimateRows
-from nlosctl.io.results.plot_inputs import DrawnFile, read_sampled
+from nlosctl.io.results.plot_inputs import PlotInput, read_sampled
 from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs, group_title, is_label
 from nlosctl.plotting.axis_labels import figure_label, parameter_label, std_error_of
 from nlosctl.plotting.figures import axis_label, figure_style
@@ -171,7 +171,7 @@ def _lines(groups: Sequence[Group], x_name: str, y_name: str, ticks: Mapping[Any
     return lines
 
 
-def _bound_at(file: DrawnFile, x_name: str, ticks: Mapping[Any, float]) -> FloatArray:
+def _bound_at(file: PlotInput, x_name: str, ticks: Mapping[Any, float]) -> FloatArray:
     """Return the root mean square of the bounds at each swept value in ascending order; without the column, of all."""
     columns = read_sampled(file, ("rms_m", x_name), None).columns
     square = columns["rms_m"] ** 2

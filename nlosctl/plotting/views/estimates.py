@@ -6,7 +6,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.errors import DataError
-from nlosctl.io.results.plot_inputs import DrawnFile, SampledRows, read_sampled
+from nlosctl.io.results.plot_inputs import PlotInput, SampledRows, read_sampled
 from nlosctl.plotting.figures import SeriesStyle, axis_label, figure_style, series_style
 from nlosctl.plotting.library import Axes, LogNorm
 from nlosctl.plotting.plane import Extent, draw_ellipses, draw_reflectors, draw_sensors, finish_map, scene_sensors
@@ -60,7 +60,7 @@ def draw_estimates_view(request: PlotRequest) -> Picture:
     return Picture(figure=figure, notes=notes)
 
 
-def thinning_note(file: DrawnFile, rows: SampledRows) -> list[str]:
+def thinning_note(file: PlotInput, rows: SampledRows) -> list[str]:
     """Return a note if only some snapshots are drawn."""
     if rows.step == 1:
         return []
@@ -76,7 +76,7 @@ def _groups(rows: SampledRows, prefix: str) -> dict[str, IntArray]:
     return {str(label): index[labels == label] for label in dict.fromkeys(labels.tolist())}
 
 
-def _extent(file: DrawnFile, clouds: list[FloatArray], truth: FloatArray) -> tuple[Extent, int]:
+def _extent(file: PlotInput, clouds: list[FloatArray], truth: FloatArray) -> tuple[Extent, int]:
     """Return the extent, without the farthest points of large clouds, and the number of points outside it."""
     extent = Extent()
     extent.include(scene_sensors(file.scene)[1])
@@ -92,7 +92,7 @@ def _extent(file: DrawnFile, clouds: list[FloatArray], truth: FloatArray) -> tup
 
 def _draw_cloud(
     axes: Axes,
-    file: DrawnFile,
+    file: PlotInput,
     look: SeriesStyle,
     label: str,
     position: FloatArray,

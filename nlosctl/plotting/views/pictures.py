@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from textwrap import fill
 
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.io.results.plot_inputs import DrawnFile
+from nlosctl.io.results.plot_inputs import PlotInput
 from nlosctl.plotting.catalogue import VIEWS
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.suitable_views import suitable_views
@@ -34,7 +34,7 @@ _DRAW: dict[str, Callable[[PlotRequest], Picture]] = {
 }
 
 
-def choose_view(files: Sequence[DrawnFile], wanted: str | None, *, one_snapshot: bool = False) -> str:
+def choose_view(files: Sequence[PlotInput], wanted: str | None, *, one_snapshot: bool = False) -> str:
     """Return the ``wanted`` view, or the first that suits the files; raise UsageError if it does not suit them."""
     suitable = suitable_views(files, one_snapshot=one_snapshot)
     if wanted is None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Reflector, Scene
 from nlosctl.errors import UsageError
-from nlosctl.io.results.plot_inputs import DrawnSnapshot, read_snapshot
+from nlosctl.io.results.plot_inputs import PlotSnapshot, read_snapshot
 from nlosctl.models.traced_rays import trace_back
 from nlosctl.plotting.figures import figure_style
 from nlosctl.plotting.library import Axes, Circle, Polygon
@@ -69,7 +69,7 @@ def draw_scene_view(request: PlotRequest) -> Picture:
     return draw_with_close_up(request, draw, f"Snapshot {snapshot}")
 
 
-def first_measurements(request: PlotRequest) -> DrawnSnapshot | None:
+def first_measurements(request: PlotRequest) -> PlotSnapshot | None:
     """Return the requested snapshot of the file of measurements or flags; None without such a file."""
     files = request.of("measurements", "flags")
     if len(files) > 1:
@@ -81,7 +81,7 @@ def first_measurements(request: PlotRequest) -> DrawnSnapshot | None:
     return read_snapshot(files[0], request.read, request.snapshot)
 
 
-def sensor_positions(measured: DrawnSnapshot) -> tuple[list[str], FloatArray]:
+def sensor_positions(measured: PlotSnapshot) -> tuple[list[str], FloatArray]:
     """Return the names of a snapshot's sensors and their positions (N, 2), each once."""
     xy = np.stack([measured.columns["sensor_x_m"], measured.columns["sensor_y_m"]], axis=1)
     sensors = dict.fromkeys((str(name), *point) for name, point in zip(measured.sensor, xy.tolist(), strict=True))
@@ -95,7 +95,7 @@ def draw_range_circle(axes: Axes, center: FloatArray, radius: float, **look: Any
     axes.plot([], [], color=look["edgecolor"], linestyle=look["linestyle"], label=label)
 
 
-def _draw_measurements(axes: Axes, measured: DrawnSnapshot, extent: Extent, focus: Extent) -> None:
+def _draw_measurements(axes: Axes, measured: PlotSnapshot, extent: Extent, focus: Extent) -> None:
     columns = measured.columns
     sensor = np.stack([columns["sensor_x_m"], columns["sensor_y_m"]], axis=1)
     kinds = _row_kinds(measured)
@@ -118,7 +118,7 @@ def _draw_measurements(axes: Axes, measured: DrawnSnapshot, extent: Extent, focu
             )
 
 
-def _row_kinds(measured: DrawnSnapshot) -> list[str]:
+def _row_kinds(measured: PlotSnapshot) -> list[str]:
     columns, file = measured.columns, measured.file_columns
     size = len(measured.sensor)
     reflector = columns.get("reflector", np.full(size, -1))
@@ -135,7 +135,7 @@ def _row_kinds(measured: DrawnSnapshot) -> list[str]:
 
 
 def _draw_ray(
-    axes: Axes, measured: DrawnSnapshot, row: int, look: _RayLook, label: str, views: tuple[Extent, Extent]
+    axes: Axes, measured: PlotSnapshot, row: int, look: _RayLook, label: str, views: tuple[Extent, Extent]
 ) -> None:
     """Draw a bearing as the path of its wave, to a little beyond the estimates, and its wedge of +-1 std."""
     columns = measured.columns

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray
 from nlosctl.errors import DataError
-from nlosctl.io.results.plot_inputs import DrawnFile, read_rows_of_snapshot
+from nlosctl.io.results.plot_inputs import PlotInput, read_rows_of_snapshot
 from nlosctl.plotting.figures import series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_ellipses
@@ -19,7 +19,7 @@ __all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "labe
 Columns = Mapping[str, npt.NDArray[np.generic]]
 
 
-def estimate_rows_of(files: Sequence[DrawnFile], snapshot: str | None) -> tuple[str | None, list[tuple[str, Columns]]]:
+def estimate_rows_of(files: Sequence[PlotInput], snapshot: str | None) -> tuple[str | None, list[tuple[str, Columns]]]:
     """Return the snapshot's id, and for each file of estimates its name (if there are several) and its rows."""
     estimates: list[tuple[str, Columns]] = []
     for file in files:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray
 from nlosctl.errors import DataError
 from nlosctl.geometry.triplets import AXES, baseline_frames
-from nlosctl.io.results.plot_inputs import DrawnSnapshot
+from nlosctl.io.results.plot_inputs import PlotSnapshot
 from nlosctl.plotting.figures import SeriesStyle, figure_style, series_style
 from nlosctl.plotting.library import Axes, Ellipse
 from nlosctl.plotting.plane import Extent
@@ -57,7 +57,7 @@ def draw_triplet_view(request: PlotRequest) -> Picture:
     return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
 
 
-def _path_names(measured: DrawnSnapshot) -> list[str]:
+def _path_names(measured: PlotSnapshot) -> list[str]:
     return _as_names(measured.file_columns.get("path", np.arange(measured.left_out.size, dtype=np.float64)))
 
 
@@ -88,7 +88,7 @@ def _of_paths(estimates: Sequence[tuple[str, Columns]], names: Sequence[str]) ->
 
 
 def _draw_node(
-    axes: Axes, measured: DrawnSnapshot, rows: Sequence[int], node: str, label: str, marker: str, extent: Extent
+    axes: Axes, measured: PlotSnapshot, rows: Sequence[int], node: str, label: str, marker: str, extent: Extent
 ) -> None:
     xy = np.unique(np.stack([measured.columns[f"{node}_{axis}_m"][rows] for axis in AXES], axis=1), axis=0)
     axes.plot(*xy.T, linestyle="none", marker=marker, markersize=7, color="black", label=label, zorder=4.0)
@@ -96,7 +96,7 @@ def _draw_node(
 
 
 def _draw_path(
-    axes: Axes, measured: DrawnSnapshot, row: int, name: str, look: SeriesStyle, views: tuple[Extent, Extent]
+    axes: Axes, measured: PlotSnapshot, row: int, name: str, look: SeriesStyle, views: tuple[Extent, Extent]
 ) -> list[str]:
     extent, focus = views
     columns = {key: values[[row]] for key, values in measured.columns.items()}
@@ -140,7 +140,7 @@ def _draw_path(
     return notes if has_ellipse else [*notes, f"path {name}: no ellipse, because it is not longer than the baseline"]
 
 
-def _verdict(measured: DrawnSnapshot, row: int) -> str:
+def _verdict(measured: PlotSnapshot, row: int) -> str:
     if "ip" not in measured.file_columns:
         return ""
     return {1: ", called indirect", 0: ", called direct"}.get(int(measured.file_columns["ip"][row]), ", not judged")
