@@ -1,1 +1,1 @@
-"""The built-in methods, one a file; found through entry points like any plugin's."""
+"""The built-in methods, one per file, registered as entry points like any plugin's."""

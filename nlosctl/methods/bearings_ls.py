@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, sandwich_covariance, widened_sandwich
+from nlosctl.solvers.bearings.line_fits import fit_least_squares, inflated_sandwich, sandwich_covariance
 
 __all__ = ["METHOD", "LeastSquaresOptions", "solve"]
 
@@ -28,7 +28,7 @@ def solve(batch: BearingBatch, options: LeastSquaresOptions) -> Solution:
     """Solve a batch by least squares; equations (18), (19) of Song, Willett, Zhou 2013.
 
     The covariance is the sandwich (U^T U)^-1 U^T S U (U^T U)^-1 with S = diag(std^2 spread^2), since the
-    distances to the lines are not equally sure. On a circle the lines are those of (41)-(45).
+    distances to the lines are not equally precise. On a circle the lines are those of (41)-(45).
     """
     lines = sight_lines(batch)
     fit = fit_least_squares(lines)
@@ -39,7 +39,7 @@ def solve(batch: BearingBatch, options: LeastSquaresOptions) -> Solution:
         fit.y,
         sandwich_covariance(lines, fit),
         fit.normal,
-        widened=widened_sandwich(lines, fit),
+        inflated=inflated_sandwich(lines, fit),
         min_range_m=options.min_range_m,
     )
 
@@ -48,7 +48,7 @@ METHOD = MethodSpec(
     name="ls",
     kind="bearings",
     job="localize",
-    summary="least squares: the point nearest to all lines, whatever their distance and std",
+    summary="least squares: the point nearest to all lines, regardless of their distance and std",
     reference="Song, Willett, Zhou 2013, equations (18)-(19)",
     options=LeastSquaresOptions,
     solve=solve,

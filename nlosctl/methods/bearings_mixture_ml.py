@@ -44,10 +44,10 @@ class MixtureOptions(BearingOutlierOptions, MixtureModeOptions):
 def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     """Solve a batch by the maximum of (23) of Ananthasubramaniam and Madhow, by all crossings and Newton steps.
 
-    Every crossing of two rays in the search field (and every ray's end at its range) is scored, the best few that
+    Every crossing of two rays in the search region (and every ray's end at its range) is scored, and the best few that
     are apart are followed to their modes. Of a sensor's paths at most one is direct, (5). The cost is the negative
-    log-likelihood in nats. no_candidate: no crossing in the field; degenerate: parallel lines, or sensors all at one
-    place without ranges.
+    log-likelihood in nats. no_candidate: no crossing in the field; degenerate: parallel lines, or all sensors at
+    one point without ranges.
     """
     return solve_parts(batch, has_several_paths(batch), lambda part: _solve(part, options))
 
@@ -72,7 +72,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         modes.candidates,
         model.uninformative(),
         options.ambiguous_within,
-        modes.held,
+        modes.at_boundary,
         unordered=groups.unordered(options.path_prior),
         ambiguous_rows=options.ambiguous_rows,
     )
@@ -94,7 +94,7 @@ METHOD = MethodSpec(
     name="mixture-ml",
     kind="bearings",
     job="localize",
-    summary="maximum of the mixture likelihood of direct rows and outliers: the robust method to start with",
+    summary="maximum of the mixture likelihood of direct rows and outliers: the recommended robust method",
     reference="Ananthasubramaniam, Madhow, equations (4), (5), (23)",
     options=MixtureOptions,
     solve=solve,

@@ -10,11 +10,11 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.bearings.constrained import hold_within_scene
+from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.bearings.multistart import find_ends
+from nlosctl.solvers.bearings.multistart import find_optima
 from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
@@ -32,9 +32,9 @@ class MaximumLikelihoodOptions:
         False, meaning="constrain the estimate to what the scene allows (sides of mirrors, annulus, visibility)"
     )
     ambiguous_within: float = option(
-        2.0, unit="nats", minimum=0.0, meaning="an estimate is ambiguous when another optimum is not worse by more"
+        2.0, unit="nats", minimum=0.0, meaning="an estimate is ambiguous if another optimum is at most this much worse"
     )
-    use_ranges: bool = option(True, meaning="whether ranges join the likelihood where rows have them")
+    use_ranges: bool = option(True, meaning="whether ranges enter the likelihood, where present")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
 
 
@@ -44,8 +44,8 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     Levenberg-Marquardt from Stansfield's fix (with the focus of circles in its weights), residuals wrapped. The
     covariance is the inverse Fisher information at the estimate, equations (27)-(29), with the closed-form gradient of
     reflected bearings on circles. On a circle without a blocker each row takes the path that fits best, the search
-    starts from the crossings of all pairs of rays too, and up to 10 distinct optima are given, best first. Where rows
-    have ranges they join the likelihood; a mirrored row's range is the unfolded length.
+    starts from the crossings of all pairs of rays too, and up to 10 distinct optima are returned, best first. Ranges,
+    where present, enter the likelihood; a mirrored row's range is the unfolded length.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
@@ -62,30 +62,30 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             min_range_m=options.min_range_m,
             max_iterations=options.max_iterations,
         )
-    ends = find_ends(lines, start.x, start.y, options.max_iterations)
-    held = None
+    optima = find_optima(lines, start.x, start.y, options.max_iterations)
+    constrained_status = None
     if options.feasible:
-        ends, held = hold_within_scene(ends, options.max_iterations)
-    if ends.snapshot is None:
+        optima, constrained_status = constrain_to_scene(optima, options.max_iterations)
+    if optima.snapshot is None:
         return finish_bearings_fix(
             batch,
             lines,
-            ends.x,
-            ends.y,
+            optima.x,
+            optima.y,
             None,
             first.normal,
             min_range_m=options.min_range_m,
-            converged=ends.converged,
-            held=held,
+            converged=optima.converged,
+            constrained_status=constrained_status,
         )
     return finish_alternatives(
         batch,
-        ends,
-        ends.snapshot,
+        optima,
+        optima.snapshot,
         first.normal,
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,
-        held=held,
+        constrained_status=constrained_status,
     )
 
 

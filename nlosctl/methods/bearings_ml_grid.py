@@ -53,10 +53,17 @@ def solve(batch: BearingBatch, options: GridOptions) -> Solution:
     best = search_grid(
         lines, first.x, first.y, width_m=options.width_m, height_m=options.height_m, step_m=options.step_m
     )
-    held: npt.NDArray[np.uint8] = np.where(best.on_edge, Status.BOUNDARY, Status.OK).astype(np.uint8)
-    held[~best.found] = Status.NO_CANDIDATE
+    constrained_status: npt.NDArray[np.uint8] = np.where(best.at_boundary, Status.BOUNDARY, Status.OK).astype(np.uint8)
+    constrained_status[~best.exists] = Status.NO_CANDIDATE
     return finish_bearings_fix(
-        batch, lines, best.x, best.y, None, first.normal, min_range_m=options.min_range_m, held=held
+        batch,
+        lines,
+        best.x,
+        best.y,
+        None,
+        first.normal,
+        min_range_m=options.min_range_m,
+        constrained_status=constrained_status,
     )
 
 

@@ -1,4 +1,4 @@
-"""Sequential estimation: what one receiver would hand to the next."""
+"""Sequential estimation: the state that one receiver would pass to the next."""
 
 from __future__ import annotations
 
@@ -30,22 +30,18 @@ __all__ = ["METHOD", "SequentialOptions", "solve"]
 class SequentialOptions:
     """Parameters of ``sequential``."""
 
-    bootstraps: int = option(
-        1, minimum=1, maximum=1000, meaning="runs from different pairs, of which the likeliest is kept"
-    )
+    bootstraps: int = option(1, minimum=1, maximum=1000, meaning="runs from different pairs; the likeliest is kept")
     use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
-    prior_x_m: float | None = option(
-        None, unit="m", meaning="where the source is expected, instead of a pair to start from"
-    )
-    prior_y_m: float | None = option(None, unit="m", meaning="where the source is expected")
+    prior_x_m: float | None = option(None, unit="m", meaning="prior x of the source, in place of a pair of rows")
+    prior_y_m: float | None = option(None, unit="m", meaning="prior y of the source")
     prior_std_m: float | None = option(
         None, unit="m", minimum=0.0, exclusive=True, meaning="standard deviation of the prior in x and in y"
     )
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
-    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
+    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to choose from; a random subset if there are more")
 
 
 def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
@@ -143,7 +139,7 @@ METHOD = MethodSpec(
     name="sequential",
     kind="bearings",
     job="localize",
-    summary="sequential updates, one sensor after the other, as receivers would hand them on; all rows trusted",
+    summary="sequential updates, one sensor after the other, as receivers would pass them on; all rows trusted",
     reference="Ananthasubramaniam, Madhow, Section III, equations (6)-(17)",
     options=SequentialOptions,
     solve=solve,

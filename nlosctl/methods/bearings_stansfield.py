@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield, sandwich_covariance, widened_sandwich
+from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield, inflated_sandwich, sandwich_covariance
 
 __all__ = ["METHOD", "StansfieldOptions", "solve"]
 
@@ -41,7 +41,7 @@ def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
         fit.y,
         sandwich_covariance(lines, fit, weighed_m),
         first.normal,
-        widened=widened_sandwich(lines, fit, weighed_m),
+        inflated=inflated_sandwich(lines, fit, weighed_m),
         min_range_m=options.min_range_m,
     )
 

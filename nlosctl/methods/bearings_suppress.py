@@ -28,24 +28,24 @@ class SuppressOptions(BearingOutlierOptions):
         minimum=0.0,
         maximum=1.0,
         exclusive=True,
-        meaning="largest probability, by (27), that every pair started from holds an outlier",
+        meaning="largest probability, by (27), that every initial pair contains an outlier",
     )
     bootstraps: int | None = option(
-        None, minimum=1, meaning="pairs started from; none: as many as failure_probability needs"
+        None, minimum=1, meaning="initial pairs; default: as many as failure_probability needs"
     )
     acceptance: Literal["threshold", "likelihood"] = option(
         "threshold",
         meaning="a row joins a set if all residuals stay below their thresholds (as published), or if the likelihood"
         " does not get worse (repairs masking)",
     )
-    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to draw from; of more, so many are drawn")
+    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to choose from; a random subset if there are more")
 
 
 def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     """Solve a batch by steps 0 to 5 of Section IV-B of Ananthasubramaniam and Madhow.
 
-    Starts from random pairs, each a different one; estimates outside the search field are pruned, and where none is
-    left further pairs are drawn until one is inside. The estimate is the one with the greatest likelihood (23), the
+    The initial pairs are random and all different. Estimates outside the search region are pruned; if none is left,
+    further random pairs are tried until one is inside. The estimate is the one with the greatest likelihood (23), the
     cost its negative logarithm in nats, the covariance the sequential one of the rows in the set.
     """
     grouped, groups = grouped_batch(batch)

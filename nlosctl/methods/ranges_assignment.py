@@ -14,7 +14,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.solvers.echoes.assignment import choose_disjoint
 from nlosctl.solvers.echoes.candidates import Candidates, Gates, clutter_density, find_candidates, target_weights
 from nlosctl.solvers.echoes.echoes import Echoes
-from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, Found, IdentificationOptions, identify
+from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, IdentificationOptions, IdentifiedEchoes, identify
 from nlosctl.solvers.echoes.type_sets import Gate, cross_all, find_seeds
 
 __all__ = ["METHOD", "AssignmentOptions", "solve"]
@@ -27,38 +27,46 @@ class AssignmentOptions(IdentificationOptions):
     """Parameters of ``assignment``."""
 
     min_sensors: int | None = option(
-        None, minimum=3, meaning="least number of sensors that see a target; none: all that have an echo"
+        None, minimum=3, meaning="least number of sensors that see a target; default: all that have an echo"
     )
     gate_std: float = option(
-        5.0, minimum=0.0, exclusive=True, meaning="how far an echo may lie from its target, in standard deviations"
+        5.0, minimum=0.0, exclusive=True, meaning="largest distance of an echo from its target, in standard deviations"
     )
     false_alarm: float = option(
-        1e-5, minimum=0.0, maximum=1.0, exclusive=True, meaning="chance that the chi-square gate refuses a true target"
+        1e-5,
+        minimum=0.0,
+        maximum=1.0,
+        exclusive=True,
+        meaning="probability that the chi-square gate rejects a true target",
     )
     detection_probability: float = option(
-        0.95, minimum=0.0, maximum=1.0, exclusive=True, meaning="chance that a sensor has the direct echo of a target"
+        0.95,
+        minimum=0.0,
+        maximum=1.0,
+        exclusive=True,
+        meaning="probability that a sensor receives the direct echo of a target",
     )
     clutter_bandwidth_m: float | None = option(
         None,
         unit="m",
         minimum=0.0,
         exclusive=True,
-        meaning="width of the kernel that measures how dense echoes are; none: a tenth of the field's size",
+        meaning="kernel width of the echo density; default: a tenth of the search region's size",
     )
     target_reward: float = option(
-        8.0, unit="nats", meaning="what speaks for a target beforehand: more finds more of them, and more false ones"
+        8.0, unit="nats", meaning="prior evidence for a target: larger values give more targets, and more false ones"
     )
-    max_nodes: int = option(100_000, minimum=1, meaning="choices looked at before the search for the best gives up")
+    max_nodes: int = option(100_000, minimum=1, meaning="nodes of the search after which it gives up")
 
 
 def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
     """Find targets among unlabelled echoes: the choice of targets of largest likelihood that share no echo.
 
     Candidates are range least-squares fits to the echoes nearest to them that pass a chi-square gate. No target is
-    a possible answer; not_converged says that ``max_nodes`` did not suffice for a proof.
+    a possible answer; not_converged: ``max_nodes`` did not suffice for a proof.
     """
 
-    def find(echoes: Echoes, gate: Gate) -> Found:
+    def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
         candidates = _candidates(echoes, gate, options)
         area_m2 = float(gate.region.area_m2[0])
         weights = target_weights(

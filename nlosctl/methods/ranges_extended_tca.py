@@ -10,7 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.echoes.structured_sets import ClusteringOptions, cluster_echoes, cut_at_elbow, echoes_of_sets
-from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, Found, identify
+from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, IdentifiedEchoes, identify
 from nlosctl.solvers.echoes.type_sets import Gate
 
 __all__ = ["METHOD", "ExtendedTypeClusteringOptions", "solve"]
@@ -28,10 +28,10 @@ class ExtendedTypeClusteringOptions(ClusteringOptions):
 def solve(batch: RangeBatch, options: ExtendedTypeClusteringOptions) -> Solution:
     """Find targets among unlabelled echoes: the unique structured sets before the elbow of the spread; (2)-(7).
 
-    Every target needs an echo at every sensor. At least one target is found where there is a structured set.
+    Every target needs an echo at every sensor. At least one target is identified if there is a structured set.
     """
 
-    def find(echoes: Echoes, gate: Gate) -> Found:
+    def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
         sets, kept = cluster_echoes(echoes, gate, options)
         return echoes_of_sets(echoes, sets, cut_at_elbow(sets, kept, options.eta))
 
@@ -42,7 +42,7 @@ METHOD = MethodSpec(
     name="extended-tca",
     kind="ranges",
     job="identify-los",
-    summary="type-based clustering, the number of targets told by the elbow of the spread",
+    summary="type-based clustering, the number of targets from the elbow of the spread",
     reference="Liang, Zeng, Li, equations (2)-(9)",
     options=ExtendedTypeClusteringOptions,
     solve=solve,

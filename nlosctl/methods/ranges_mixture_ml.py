@@ -33,7 +33,7 @@ class RangeMixtureOptions(OutlierOptions, MixtureModeOptions):
         unit="1/m",
         minimum=0.0,
         exclusive=True,
-        meaning="probability density of the range of an outlier; none: one over the diagonal of the search field",
+        meaning="density of an outlier's range; default: one over the diagonal of the search region",
     )
     mode_gap: float = option(
         3.0,
@@ -47,8 +47,8 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     """Solve a batch by the maximum of (23) of Ananthasubramaniam and Madhow, with ranges in place of bearings.
 
     Every crossing of two circles in the search field is scored, the best few that are apart are followed to their
-    modes. The default field, that of the sensors, also holds the longest range around them. The cost is the negative
-    log-likelihood in nats. no_candidate: no crossing in the field; too_few: all sensors at one place.
+    modes. The default search region, that of the sensors, is enlarged by the longest range. The cost is the negative
+    log-likelihood in nats. no_candidate: no crossing in the field; too_few: all sensors at one point.
     """
     grouped, groups = grouped_ranges(batch)
     model = range_outlier_model(
@@ -76,7 +76,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         modes.candidates,
         candidates.degenerate,
         options.ambiguous_within,
-        modes.held,
+        modes.at_boundary,
         unordered=groups.unordered(options.path_prior),
         ambiguous_rows=options.ambiguous_rows,
     )
@@ -93,7 +93,7 @@ METHOD = MethodSpec(
     name="mixture-ml",
     kind="ranges",
     job="localize",
-    summary="maximum of the mixture likelihood of direct rows and outliers: the robust method to start with",
+    summary="maximum of the mixture likelihood of direct rows and outliers: the recommended robust method",
     reference="Ananthasubramaniam, Madhow, equation (23), on ranges",
     options=RangeMixtureOptions,
     solve=solve,

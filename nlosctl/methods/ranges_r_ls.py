@@ -53,4 +53,4 @@ METHOD = MethodSpec(
     flags=("residual_m",),
 )
 
-ML = replace(METHOD, name="ml", summary="r-ls by another name: what localize does unless told")
+ML = replace(METHOD, name="ml", summary="another name of r-ls: the default of localize")

@@ -11,7 +11,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.echoes.structured_sets import ClusteringOptions, cluster_echoes, echoes_of_sets
-from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, Found, identify
+from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, IdentifiedEchoes, identify
 from nlosctl.solvers.echoes.type_sets import Gate
 
 __all__ = ["METHOD", "TypeClusteringOptions", "solve"]
@@ -30,7 +30,7 @@ def solve(batch: RangeBatch, options: TypeClusteringOptions) -> Solution:
     Every target needs an echo at every sensor. Fewer targets where there are fewer unique sets.
     """
 
-    def find(echoes: Echoes, gate: Gate) -> Found:
+    def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
         sets, kept = cluster_echoes(echoes, gate, options)
         return echoes_of_sets(echoes, sets, list(islice(kept, options.targets)))
 

@@ -30,18 +30,18 @@ class ConsistencyOptions:
     )
     rays_miss: bool = option(
         False,
-        meaning="let rays that miss each other decide too (told in reason anyway; the chi-square, which contains that"
-        " angle, is significant whenever they are, so that no flag changes)",
+        meaning="also flag rays that miss each other (reported in reason anyway; the chi-square contains that angle, so "
+        "that no flag changes)",
     )
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="another optimum this near makes an estimate ambiguous"
     )
-    noise: str = option("gaussian", meaning="law of the errors: gaussian alone (tdaj knows others)")
+    noise: str = option("gaussian", meaning="distribution of the errors: only gaussian (tdaj supports others)")
 
     def __post_init__(self) -> None:
         if self.noise != "gaussian":
             raise UsageError(
-                f"The 'noise' parameter of chi2 must be 'gaussian': its chi-square law holds for no other. "
+                f"The 'noise' parameter of chi2 must be 'gaussian': its chi-square distribution requires it. "
                 f"Got {self.noise!r} instead; use `method` tdaj."
             )
 

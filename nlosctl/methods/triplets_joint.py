@@ -33,9 +33,9 @@ class JointOptions:
     false_alarm: float = option(
         0.05, minimum=0.0, maximum=1.0, exclusive=True, meaning="probability of flagging a direct path"
     )
-    targets: int = option(1, minimum=1, maximum=3, meaning="how many targets a snapshot may have")
+    targets: int = option(1, minimum=1, maximum=3, meaning="largest number of targets in a snapshot")
     prior_indirect: float = option(
-        0.5, minimum=0.0, maximum=1.0, exclusive=True, meaning="share of indirect paths expected before the data"
+        0.5, minimum=0.0, maximum=1.0, exclusive=True, meaning="prior share of indirect paths"
     )
     clutter: float = option(
         0.002,
@@ -64,7 +64,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
     common = weigh_targets(problem, *proposed, model)
     own_p_value = rows.dense(erfc(np.sqrt(fits.cost)))
-    # Where no hypothesis of a target could be weighed (a lone path along its baseline) a path speaks for itself.
+    # Without any valid hypothesis of a target (a lone path along its baseline) a path is judged by itself.
     weighed = sum_measurements(common.direct)[:, None] > 0.0
     direct_probability = np.where(weighed, common.direct, np.nan)
     p_value = own_p_value * np.where(weighed, common.direct, 1.0)
@@ -95,9 +95,9 @@ def _estimates(
     information = common.information
     covariance = information.inverse()
     status = np.empty((targets, size), dtype=np.uint8)
-    for place in range(targets):
-        x, y = common.x[place], common.y[place]
-        status[place] = judge_targets(problem, x, y, covariance.at(place), np.isfinite(x + y))
+    for index in range(targets):
+        x, y = common.x[index], common.y[index]
+        status[index] = judge_targets(problem, x, y, covariance.at(index), np.isfinite(x + y))
     status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
     status[~common.supported.any(axis=2)] = Status.NO_TARGET
     answered = has_position(status)

@@ -34,11 +34,11 @@ class TdajOptions:
         "lambda5",
         meaning="which difference decides; fusion: more than k of the six; ellipse: the crossing's distance from it",
     )
-    k: int = option(0, minimum=0, maximum=5, meaning="with rule=fusion: indirect if MORE than k differences say so")
-    noise: str = option("gaussian", meaning="law of the errors: gaussian, uniform, laplace or student-t:NU")
-    behind_is_ip: bool = option(
-        False, meaning="lines that meet behind transmitter or receiver are indirect whatever the rule says"
+    k: int = option(
+        0, minimum=0, maximum=5, meaning="with rule=fusion: indirect if more than k differences are significant"
     )
+    noise: str = option("gaussian", meaning="distribution of the errors: gaussian, uniform, laplace or student-t:NU")
+    behind_is_ip: bool = option(False, meaning="lines that meet behind transmitter or receiver are always indirect")
     eta_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="safe region: flag differences significantly larger than this"
     )
@@ -51,7 +51,7 @@ def solve(batch: TripletBatch, options: TdajOptions) -> Solution:
     """Flag the paths of a batch, each by itself; Algorithm 1 of Shen, Molisch 2012.
 
     W is taken at the measured triplet, each coefficient at its own intersection. ``ip`` is false, with a ``reason``,
-    where the rule cannot judge: no ellipse, parallel rays, transmitter and receiver in one place (no baseline frame).
+    where the rule cannot judge: no ellipse, parallel rays, transmitter and receiver at one point (no baseline frame).
     """
     rows, law = path_rows(batch), parse_error_law(options.noise)
     p_value, blind = _judge(rows, law, options)
@@ -90,7 +90,7 @@ def _judge(rows: PathRows, law: ErrorLaw, options: TdajOptions) -> tuple[FloatAr
     """Return the p-value of the chosen rule and where it is blind."""
     if options.rule == "fusion":
         blind = np.stack([blind_rows(rows, rule) for rule in RULES])
-        # Fewer than k + 1 rules that see can't outvote k; nearly parallel rays spoil the p-values of four of them.
+        # At least k + 1 usable rules are needed; nearly parallel rays invalidate the p-values of four of them.
         too_few = np.count_nonzero(~blind, axis=0) <= options.k
         p_values = [_decide(rows, rule, law, options).p_value for rule in RULES]
         return decide_fusion(p_values, options.k), too_few | blind_rows(rows, "ellipse")

@@ -13,7 +13,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.methods import bearings_ml
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.bearings.fix_status import widen_near_sensors
+from nlosctl.solvers.bearings.fix_status import inflate_near_sensors
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,15 +58,15 @@ def test_only_fixes_near_a_sensor_are_widened() -> None:
     covariance = Symmetric2x2(np.full(2, 4.0), np.zeros(2), np.full(2, 1.0))
     asked: list[list[int]] = []
 
-    def widened(rows: np.ndarray, extra_m2: FloatArray) -> Symmetric2x2:
+    def inflated(rows: np.ndarray, extra_m2: FloatArray) -> Symmetric2x2:
         asked.append([*rows.tolist(), *extra_m2.tolist()])
         return Symmetric2x2(4.0 + extra_m2, np.zeros(1), 1.0 + extra_m2)
 
-    wider = widen_near_sensors(covariance, np.array([6.1, 5.9]), widened)
+    wider = inflate_near_sensors(covariance, np.array([6.1, 5.9]), inflated)
     assert asked == [[1, 4.0], [1, 8.0]]
     assert wider.xx.tolist() == [4.0, 12.0]
     assert wider.yy.tolist() == [1.0, 9.0]
-    assert widen_near_sensors(covariance, np.array([6.1, 7.0]), widened) is covariance
+    assert inflate_near_sensors(covariance, np.array([6.1, 7.0]), inflated) is covariance
 
 
 @pytest.mark.slow

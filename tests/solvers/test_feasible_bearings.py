@@ -70,11 +70,11 @@ def test_no_allowed_point_is_better(reflector):
     lines, x, y, scale = infeasible_free_estimates(over_the_horizon(60, reflector, seed=11))
     fix = minimize_within_scene(lines, x, y, scale, 30)
     assert x.size >= 4
-    assert fix.found.all()
-    assert not lines.outside_scene(fix.x, fix.y)[fix.found].any()
-    assert fix.on_edge[fix.found].all()
+    assert fix.reached.all()
+    assert not lines.outside_scene(fix.x, fix.y)[fix.reached].any()
+    assert fix.at_boundary[fix.reached].all()
     cost = bearing_problem(lines).evaluate(fix.x, fix.y).cost
-    for row in np.flatnonzero(fix.found)[:8]:
+    for row in np.flatnonzero(fix.reached)[:8]:
         assert cost[row] <= zoomed_cost(lines, row) + 1e-3
 
 
@@ -89,7 +89,7 @@ def test_the_constrained_estimate_is_on_the_mirror():
     scale = np.sqrt(lines.information(free.x, free.y).inverse().trace)
     start_y = np.maximum(free.y, 101.0 - lines.center_y)
     fix = minimize_within_scene(lines, free.x, start_y, scale, 30)
-    assert fix.found[0]
+    assert fix.reached[0]
     along = np.linspace(-60.0, 60.0, 4001)
     for height in (99.9999, 95.0, 90.0):
         x, y = along - lines.center_x[0], np.full(along.shape, height) - lines.center_y[0]

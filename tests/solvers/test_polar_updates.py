@@ -8,7 +8,7 @@ from outlier_worlds import ring_batch
 
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.sequential.orders import RangedLines, run_all_orders
-from nlosctl.solvers.sequential.polar_updates import bootstrap_state, pick_rows, update_bearings, update_ranges
+from nlosctl.solvers.sequential.polar_updates import bootstrap_state, select_rays, update_bearings, update_ranges
 
 
 def _information(dx: float, dy: float, std_rad: float) -> np.ndarray:
@@ -22,7 +22,7 @@ def test_bootstrap_covariance_is_the_inverse_information_of_the_pair() -> None:
     _, batch, _ = ring_batch(1, 20, sources="disc")
     lines = sight_lines(batch)
     first, second = (np.full((20, 1), k) for k in (0, 3))
-    state = bootstrap_state(pick_rows(lines, first), pick_rows(lines, second))
+    state = bootstrap_state(select_rays(lines, first), select_rays(lines, second))
     for b in np.flatnonzero(state.alive[:, 0]):
         point = np.array([state.x[b, 0] + lines.center_x[b], state.y[b, 0] + lines.center_y[b]])
         total = np.zeros((2, 2))
@@ -40,7 +40,7 @@ def test_update_adds_the_information_of_the_bearing() -> None:
     truth, batch, _ = ring_batch(2, 20, bearing_std_deg=1e-4)
     lines = sight_lines(batch)
     places = [np.full((20, 1), k) for k in (0, 2, 5)]
-    rows = [pick_rows(lines, place) for place in places]
+    rows = [select_rays(lines, place) for place in places]
     prior = bootstrap_state(rows[0], rows[1])
     state = update_bearings(prior, rows[2])
     for b in range(20):
@@ -93,7 +93,7 @@ def test_missing_ranges_update_nothing() -> None:
     assert batch.range_m is not None
     lines = sight_lines(batch)
     nothing = np.full_like(batch.range_m, np.nan)
-    rows = [pick_rows(lines, np.full((10, 1), k), nothing, nothing) for k in (0, 3)]
+    rows = [select_rays(lines, np.full((10, 1), k), nothing, nothing) for k in (0, 3)]
     state = bootstrap_state(*rows)
     updated = update_ranges(state, rows[1], lognormal=False)
     assert np.array_equal(updated.x, state.x)

@@ -13,7 +13,7 @@ from nlosctl.contract.scene import CircleReflector, Scene
 from nlosctl.geometry.circular_reflection import all_reflections
 from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.bearings.multistart import find_ends, pairwise_crossings
+from nlosctl.solvers.bearings.multistart import find_optima, pairwise_crossings
 
 RADIUS = 1000.0
 SCENE = Scene(reflectors=(CircleReflector(name="ring", center=(0.0, 0.0), radius=RADIUS),))
@@ -89,7 +89,7 @@ def ends_of(batch):
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
-    return find_ends(lines, start.x, start.y, 60)
+    return find_optima(lines, start.x, start.y, 60)
 
 
 @pytest.mark.extensive

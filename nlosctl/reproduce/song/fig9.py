@@ -59,7 +59,7 @@ def _about_truth(trials: Simulated, epsilon_deg: float) -> FloatArray:
     lines = sight_lines(batch_of(trials))
     x, y = trials.truth_m[:, 0] - lines.center_x, trials.truth_m[:, 1] - lines.center_y
     best = search_grid(lines, x, y, **_grid(epsilon_deg))
-    return np.where(best.found, np.hypot(best.x - x, best.y - y), np.nan)
+    return np.where(best.exists, np.hypot(best.x - x, best.y - y), np.nan)
 
 
 def _rms_km(samples: Samples, name: str) -> float:

@@ -1,1 +1,1 @@
-"""Behind the methods for bearings: likelihoods, searches, the status of a fix."""
+"""Solvers for bearings: likelihoods, searches, the status of a fix."""

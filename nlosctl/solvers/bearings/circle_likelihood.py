@@ -1,4 +1,4 @@
-"""The likelihood of bearings of which some are seen on circles, as a batched least-squares problem."""
+"""The likelihood of bearings, some of them seen on circles, as a batched least-squares problem."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ class MixedBearingProblem:
         shape = self.inverse_std.shape
         if rows.shape[0] == shape[0]:
             return self
-        place = np.full(shape[0], -1, dtype=np.int64)
-        place[rows] = np.arange(rows.shape[0])
-        kept = np.flatnonzero(place[self.plain_rows] >= 0)
+        index = np.full(shape[0], -1, dtype=np.int64)
+        index[rows] = np.arange(rows.shape[0])
+        kept = np.flatnonzero(index[self.plain_rows] >= 0)
         return MixedBearingProblem(
             None if self.straight is None else self.straight.take(rows),
             self.circles.take(rows),
             gather_rows(self.inverse_std, rows),
-            place[self.plain_rows[kept]],
+            index[self.plain_rows[kept]],
             None if self.plain is None or not kept.size else self.plain.take(kept),
         )
 
@@ -101,7 +101,7 @@ class MixedBearingProblem:
 def _linearize_straight(
     rays: BearingProblem, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the scaled residuals (B, K) and derivatives of direct and line rows, (23); circle rows hold whatever."""
+    """Return the scaled residuals (B, K) and derivatives of direct and line rows, (23); circle rows are undefined."""
     dx, dy = x[:, None] - rays.origin_x, y[:, None] - rays.origin_y
     with ignoring_overflow():
         residual = np.arctan2(rays.sine * dx - rays.cosine * dy, rays.cosine * dx + rays.sine * dy)

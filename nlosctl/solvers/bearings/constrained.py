@@ -13,11 +13,11 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.scene_margins import scene_margins
 from nlosctl.solvers.bearings.circle_likelihood import BearingLikelihood, bearing_problem
-from nlosctl.solvers.bearings.multistart import Ends
+from nlosctl.solvers.bearings.multistart import Optima
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["ConstrainedFix", "hold_within_scene", "minimize_within_scene"]
+__all__ = ["ConstrainedFix", "constrain_to_scene", "minimize_within_scene"]
 
 
 _ROUNDS = 12
@@ -25,46 +25,50 @@ _STIFFNESS = 30.0
 """Penalty of leaving the scene by one scale length (a standard deviation of the free estimate), in nats times two."""
 
 _HARDENING = 4.0
-"""By how much the penalty grows with each round: edges that are nearly parallel share their multipliers slowly."""
+"""Growth of the penalty per round: edges that are nearly parallel share their multipliers slowly."""
 
 _ACTIVE = 1e-6
-"""A constraint holds the estimate when moving it by a scale length would gain more than this (nats)."""
+"""A constraint is active if moving the estimate by a scale length would gain more than this (nats)."""
 
 
 @dataclass(frozen=True)
 class ConstrainedFix:
     """Constrained estimates (B,) about the local origins.
 
-    ``found`` is false where no point within the scene was reached; ``on_edge`` is true where a constraint holds the
-    estimate.
+    ``reached`` is false where no point within the scene was reached; ``at_boundary`` is true where a constraint is
+    active.
     """
 
     x: FloatArray
     y: FloatArray
-    found: BoolArray
-    on_edge: BoolArray
+    reached: BoolArray
+    at_boundary: BoolArray
 
 
-def hold_within_scene(ends: Ends, max_iterations: int) -> tuple[Ends, StatusArray]:
-    """Return the ends, those outside of what the scene allows replaced by constrained ones, and their status (E,).
+def constrain_to_scene(optima: Optima, max_iterations: int) -> tuple[Optima, StatusArray]:
+    """Return the optima, those outside the scene's limits replaced by constrained ones, and their status (E,).
 
-    ok, or boundary on an edge; no_candidate where no point within the scene was reached: the end stays where it was.
-    Within the scene but with all bearings under the horizon: infeasible still.
+    ok, or boundary on an edge; no_candidate if no point within the scene was reached (the optimum is unchanged).
+    Optima within the scene remain infeasible if all bearings are below the horizon.
     """
-    outside = np.flatnonzero(ends.lines.outside_scene(ends.x, ends.y) & np.isfinite(ends.x) & np.isfinite(ends.y))
-    status: StatusArray = np.where(ends.lines.all_under_horizon(), Status.INFEASIBLE, Status.OK).astype(np.uint8)
+    outside = np.flatnonzero(
+        optima.lines.outside_scene(optima.x, optima.y) & np.isfinite(optima.x) & np.isfinite(optima.y)
+    )
+    status: StatusArray = np.where(optima.lines.all_under_horizon(), Status.INFEASIBLE, Status.OK).astype(np.uint8)
     if not outside.size:
-        return ends, status
-    x, y, converged = ends.x.copy(), ends.y.copy(), ends.converged.copy()
-    lines = ends.lines.take(outside)
+        return optima, status
+    x, y, converged = optima.x.copy(), optima.y.copy(), optima.converged.copy()
+    lines = optima.lines.take(outside)
     with ignoring_invalid():
         scale = np.sqrt(lines.information(x[outside], y[outside]).inverse().trace)
     fix = minimize_within_scene(lines, x[outside], y[outside], scale, max_iterations)
-    held = np.where(fix.found, np.where(fix.on_edge, Status.BOUNDARY, Status.OK), Status.NO_CANDIDATE)
-    status[outside] = held
-    x[outside], y[outside] = np.where(fix.found, fix.x, x[outside]), np.where(fix.found, fix.y, y[outside])
-    converged[outside] |= fix.found
-    return replace(ends, x=x, y=y, converged=converged), status
+    constrained_status = np.where(
+        fix.reached, np.where(fix.at_boundary, Status.BOUNDARY, Status.OK), Status.NO_CANDIDATE
+    )
+    status[outside] = constrained_status
+    x[outside], y[outside] = np.where(fix.reached, fix.x, x[outside]), np.where(fix.reached, fix.y, y[outside])
+    converged[outside] |= fix.reached
+    return replace(optima, x=x, y=y, converged=converged), status
 
 
 def minimize_within_scene(
@@ -89,10 +93,10 @@ def minimize_within_scene(
             for multiplier, margin in zip(multipliers, scene_margins(lines, x, y), strict=True)
         ]
         stiffness = _HARDENING * stiffness
-    on_edge = np.zeros(x.shape, dtype=bool)
+    at_boundary = np.zeros(x.shape, dtype=bool)
     for multiplier, margin in zip(multipliers, scene_margins(lines, x, y), strict=True):
-        on_edge[margin.snapshot[multiplier * scale_m[margin.snapshot] > _ACTIVE]] = True
-    return ConstrainedFix(x, y, np.isfinite(x) & minimum.converged & ~lines.outside_scene(x, y), on_edge)
+        at_boundary[margin.snapshot[multiplier * scale_m[margin.snapshot] > _ACTIVE]] = True
+    return ConstrainedFix(x, y, np.isfinite(x) & minimum.converged & ~lines.outside_scene(x, y), at_boundary)
 
 
 @dataclass(frozen=True)
@@ -106,9 +110,9 @@ class _Penalized:
     multipliers: tuple[FloatArray, ...]
 
     def take(self, rows: IntArray) -> _Penalized:
-        place = np.full(self.stiffness.shape, -1, dtype=np.int64)
-        place[rows] = np.arange(rows.shape[0])
-        moved = [place[owner] for owner in self.owners]
+        index = np.full(self.stiffness.shape, -1, dtype=np.int64)
+        index[rows] = np.arange(rows.shape[0])
+        moved = [index[owner] for owner in self.owners]
         return _Penalized(
             self.likelihood.take(rows),
             self.lines.take(rows),

@@ -15,23 +15,32 @@ from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import RayResiduals, SightLines
 
-__all__ = ["CONDITION_LIMIT", "Widened", "finish_bearings_fix", "judge_fixes", "nearly_singular", "widen_near_sensors"]
+__all__ = [
+    "CONDITION_LIMIT",
+    "InflatedCovariance",
+    "finish_bearings_fix",
+    "inflate_near_sensors",
+    "judge_fixes",
+    "nearly_singular",
+]
 
-Widened = Callable[[IntArray, FloatArray], SymmetricMatrix]
-"""Of some snapshots (N,), the covariance with all squared ranges increased by so much (N,), in square metres."""
+InflatedCovariance = Callable[[IntArray, FloatArray], SymmetricMatrix]
+"""A function of snapshots (N,) and square metres (N,): the covariance with all squared ranges so much larger."""
 
 _NEAR = 3.0
-"""A fix is near a sensor when it is not more standard deviations away."""
+"""A fix is near a sensor if it is at most this many standard deviations away."""
 
 _ROUNDS = 2
 
 
-def widen_near_sensors(covariance: SymmetricMatrix, nearest_m: FloatArray, widened: Widened) -> SymmetricMatrix:
-    """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), larger where that is near.
+def inflate_near_sensors(
+    covariance: SymmetricMatrix, nearest_m: FloatArray, inflated: InflatedCovariance
+) -> SymmetricMatrix:
+    """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), inflated where it is near.
 
-    A bearing says where a source is to std times its range; the range from a near sensor is itself as uncertain as the
-    fix. There the expected squared range takes the place of the squared range at the fix: the square plus the larger
-    eigenvalue of the covariance, twice over. Other rows keep their bits.
+    A bearing fixes a source to std times its range, and the range from a near sensor is as uncertain as the fix
+    itself. There the squared range at the fix is replaced by its expectation: the square plus the larger eigenvalue of
+    the covariance, in two passes. Other rows keep their bits.
     """
     with ignoring_overflow():
         larger = covariance.eigenvalues()[1]
@@ -40,7 +49,7 @@ def widen_near_sensors(covariance: SymmetricMatrix, nearest_m: FloatArray, widen
             return covariance
         larger = larger[near]
         for _ in range(_ROUNDS):
-            wider = widened(near, larger)
+            wider = inflated(near, larger)
             larger = wider.eigenvalues()[1]
     result = covariance.map(np.copy)
     result.put(near, wider)
@@ -48,7 +57,7 @@ def widen_near_sensors(covariance: SymmetricMatrix, nearest_m: FloatArray, widen
 
 
 CONDITION_LIMIT = 1e6
-"""Largest condition number of the lines' normals with which they still count as crossing."""
+"""Largest condition number of the lines' normals at which they still count as crossing."""
 
 _RELATIVE_MINIMUM_RANGE = 1e-5
 
@@ -75,13 +84,13 @@ def judge_fixes(
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
-    infeasible: where the scene does not allow it (`SightLines.outside_scene`), or all bearings are under the horizon.
+    infeasible: outside what the scene allows (`SightLines.outside_scene`), or all bearings below the horizon.
     """
     farthest = rays.farthest_m
     with ignoring_overflow():
         sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
         uncertain = ~sure | nearly_singular(covariance)
-        # Sensors all in one place have no size to go by but that of their coordinates.
+        # Sensors at a single point have no size other than that of their coordinates.
         rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
         least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
         on_sensor = rays.nearest_m <= least_m
@@ -94,7 +103,7 @@ def judge_fixes(
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is said of fixes (B,): status, covariance, and cost as half the chi-square."""
+    """Status, covariance and cost (half the chi-square) of fixes (B,)."""
 
     status: StatusArray
     covariance: SymmetricMatrix
@@ -109,26 +118,26 @@ def finish_bearings_fix(
     covariance: SymmetricMatrix | None,
     normal: SymmetricMatrix,
     *,
-    widened: Widened | None = None,
+    inflated: InflatedCovariance | None = None,
     min_range_m: float,
     converged: BoolArray | None = None,
-    held: StatusArray | None = None,
+    constrained_status: StatusArray | None = None,
 ) -> Solution:
     """Return the solution of fixes x, y (B,) about the local origin that use every row.
 
-    ``covariance`` (B,) is the inverse Fisher information unless given, with ``widened`` to make it that of fixes near a
-    sensor. ``normal`` is the unweighted normal matrix of
-    the lines (B,), which tells whether they cross at all; ``converged`` (B,) is given by iterative methods, ``held``
-    (B,) by constrained ones: the status that stands in for ok and infeasible. The cost is half the chi-square.
+    ``covariance`` (B,) is the inverse Fisher information by default; with another one, ``inflated`` computes it for
+    fixes near a sensor. ``normal`` (B,) is the unweighted normal matrix of the lines, which shows whether they cross
+    at all. Iterative methods pass ``converged`` (B,); constrained methods pass ``constrained_status`` (B,), which
+    replaces ok and infeasible. The cost is half the chi-square.
     """
-    verdict = judge_ends(lines, x, y, covariance, normal, min_range_m, converged, held, widened)
+    verdict = judge_optima(lines, x, y, covariance, normal, min_range_m, converged, constrained_status, inflated)
     position = (x + lines.center_x, y + lines.center_y)
     estimates = Estimates.of(verdict.status, position, verdict.covariance, verdict.cost, batch.measurements)
     flags = bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
 
 
-def judge_ends(
+def judge_optima(
     lines: SightLines,
     x: FloatArray,
     y: FloatArray,
@@ -136,24 +145,24 @@ def judge_ends(
     normal: SymmetricMatrix,
     min_range_m: float,
     converged: BoolArray | None = None,
-    held: StatusArray | None = None,
-    widened: Widened | None = None,
+    constrained_status: StatusArray | None = None,
+    inflated: InflatedCovariance | None = None,
 ) -> Verdict:
-    """Return what is said of fixes; arguments as in `finish_bearings_fix`."""
+    """Return status, covariance and cost of fixes; arguments as in `finish_bearings_fix`."""
     paths = lines.paths_from(x, y)
     rays = lines.ray_residuals(x, y, paths)
-    if covariance is None or widened is None:
+    if covariance is None or inflated is None:
         covariance = lines.information(x, y, paths).inverse()
-        widened = _widened_information(lines, x, y)
-    covariance = widen_near_sensors(covariance, rays.nearest_m, widened)
+        inflated = _inflated_information(lines, x, y)
+    covariance = inflate_near_sensors(covariance, rays.nearest_m, inflated)
     status = judge_fixes(lines, x, y, rays, covariance, min_range_m, paths)
     if converged is not None:
-        open_ends = np.flatnonzero(~converged & has_position(status))
-        if open_ends.size:
-            on_sensor = _likelier_on_sensor(lines.take(open_ends), x[open_ends], y[open_ends])
-            status[open_ends] = np.where(on_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)
-    if held is not None:
-        status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), held, status)
+        open_rows = np.flatnonzero(~converged & has_position(status))
+        if open_rows.size:
+            on_sensor = _likelier_on_sensor(lines.take(open_rows), x[open_rows], y[open_rows])
+            status[open_rows] = np.where(on_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)
+    if constrained_status is not None:
+        status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), constrained_status, status)
     status[nearly_singular(normal)] = Status.DEGENERATE
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
@@ -179,11 +188,11 @@ def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> Bool
     return likelier
 
 
-def _widened_information(lines: SightLines, x: FloatArray, y: FloatArray) -> Widened:
-    def widened(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
+def _inflated_information(lines: SightLines, x: FloatArray, y: FloatArray) -> InflatedCovariance:
+    def inflated(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
         return lines.take(rows).information(x[rows], y[rows], extra_m2=extra_m2).inverse()
 
-    return widened
+    return inflated
 
 
 def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:

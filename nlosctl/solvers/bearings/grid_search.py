@@ -19,15 +19,15 @@ _POINTS_AT_ONCE = 4096
 class GridBest:
     """The best vertex (B,) about the local origins, and its half chi-square.
 
-    ``found`` is false where no vertex is allowed: x and y are then the centre. ``evaluations`` (B,) counts the
+    ``exists`` is false if no vertex is allowed; x and y are then the centre. ``evaluations`` (B,) counts the
     vertices at which the model was evaluated.
     """
 
     x: FloatArray
     y: FloatArray
     cost: FloatArray
-    found: BoolArray
-    on_edge: BoolArray
+    exists: BoolArray
+    at_boundary: BoolArray
     evaluations: IntArray
 
 
@@ -45,22 +45,22 @@ def search_grid(
     best, cost = np.full(size, -1, dtype=np.int64), np.full(size, np.inf)
     evaluations = np.zeros(size, dtype=np.int64)
     usable = np.flatnonzero(np.isfinite(center_x) & np.isfinite(center_y))
-    for rows, vertices in _pieces(usable, offset_x.shape[0]):
+    for rows, vertices in _blocks(usable, offset_x.shape[0]):
         x = center_x[rows][:, None] + step_m * offset_x[vertices]
         y = center_y[rows][:, None] + step_m * offset_y[vertices]
-        found = _costs(lines.take(np.repeat(rows, vertices.shape[0])), x.ravel(), y.ravel()).reshape(x.shape)
-        evaluations[rows] += np.isfinite(found).sum(axis=1)
-        place = np.argmin(found, axis=1)
-        least = found[np.arange(rows.shape[0]), place]
+        costs = _costs(lines.take(np.repeat(rows, vertices.shape[0])), x.ravel(), y.ravel()).reshape(x.shape)
+        evaluations[rows] += np.isfinite(costs).sum(axis=1)
+        index = np.argmin(costs, axis=1)
+        least = costs[np.arange(rows.shape[0]), index]
         lower = least < cost[rows]
-        best[rows[lower]], cost[rows[lower]] = vertices[place[lower]], least[lower]
+        best[rows[lower]], cost[rows[lower]] = vertices[index[lower]], least[lower]
     there = best >= 0
     step_x, step_y = np.where(there, offset_x[best], 0), np.where(there, offset_y[best], 0)
-    on_edge = there & ((np.abs(step_x) == half_x) | (np.abs(step_y) == half_y))
-    return GridBest(center_x + step_m * step_x, center_y + step_m * step_y, cost, there, on_edge, evaluations)
+    at_boundary = there & ((np.abs(step_x) == half_x) | (np.abs(step_y) == half_y))
+    return GridBest(center_x + step_m * step_x, center_y + step_m * step_y, cost, there, at_boundary, evaluations)
 
 
-def _pieces(rows: IntArray, vertices: int) -> list[tuple[IntArray, IntArray]]:
+def _blocks(rows: IntArray, vertices: int) -> list[tuple[IntArray, IntArray]]:
     """Return pieces of snapshots and vertices that are small enough for the cache."""
     rows_at_once = max(1, _POINTS_AT_ONCE // vertices)
     vertices_at_once = max(1, _POINTS_AT_ONCE // rows_at_once)

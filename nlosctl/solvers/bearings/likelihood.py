@@ -39,9 +39,9 @@ class BearingProblem(RowBlock):
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient (from (23) of Song et al.) and the exact second derivatives.
 
-        Where those are not positive definite, far from the minimum, the Gauss-Newton matrix stands in for them.
-        Large blocks go one measurement after the other, so that all temporaries stay in the near caches; small ones
-        at once. Both add the same terms in the same order, so that the bits do not depend on the block.
+        Where those are not positive definite, far from the minimum, the Gauss-Newton matrix replaces them.
+        Large blocks are evaluated one measurement after the other, so that all temporaries stay in the near caches;
+        small blocks at once. Both add the same terms in the same order, so the bits do not depend on the block.
         """
         with ignoring_overflow():
             if x.shape[0] < _SMALL_BLOCK:

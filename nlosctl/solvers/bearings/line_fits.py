@@ -10,15 +10,15 @@ from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_ove
 from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.fix_status import Widened
+from nlosctl.solvers.bearings.fix_status import InflatedCovariance
 
 __all__ = [
     "LineFit",
     "fit_focused",
     "fit_least_squares",
     "fit_stansfield",
+    "inflated_sandwich",
     "sandwich_covariance",
-    "widened_sandwich",
 ]
 
 
@@ -48,7 +48,7 @@ def fit_stansfield(lines: SightLines, first: LineFit) -> LineFit:
 
 
 def fit_focused(lines: SightLines, first: LineFit) -> LineFit:
-    """Return Stansfield's fix with the spread of each ray tube at ``first`` in place of its range.
+    """Return Stansfield's fix with the width of each ray tube at ``first`` instead of its range.
 
     The same as Stansfield's where no row is seen on a circle. x and y are not finite where ``first`` is not, or lies
     on a focus.
@@ -77,14 +77,14 @@ def sandwich_covariance(
     return fit.normal.inverse().congruence(middle)
 
 
-def widened_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None) -> Widened:
+def inflated_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None) -> InflatedCovariance:
     """Return the sandwich with squared spreads increased, as a function of snapshots and increase."""
 
-    def widened(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
+    def inflated(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
         weighed = None if weighed_m is None else gather_rows(weighed_m, rows)
         return sandwich_covariance(lines.take(rows), fit.take(rows), weighed, extra_m2)
 
-    return widened
+    return inflated
 
 
 def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:

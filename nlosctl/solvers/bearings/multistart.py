@@ -1,4 +1,4 @@
-"""Maximum likelihood where several paths are possible: many starts, the distinct optima ranked."""
+"""Maximum likelihood where several paths are possible: many initial estimates, the distinct optima ranked."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
-__all__ = ["MAX_ALTERNATIVES", "Ends", "find_ends", "pairwise_crossings"]
+__all__ = ["MAX_ALTERNATIVES", "Optima", "find_optima", "pairwise_crossings"]
 
 
 MAX_ALTERNATIVES = 10
-"""The largest number of optima that are kept of a snapshot."""
+"""The largest number of optima kept per snapshot."""
 
 _MOST_PAIRS = 15
 _DISTINCT = 0.1
@@ -26,13 +26,13 @@ _DISTINCT = 0.1
 
 
 @dataclass(frozen=True)
-class Ends:
-    """Where maximum likelihood ended: E points, by snapshot, best first; each snapshot has at least one.
+class Optima:
+    """E optima of the likelihood, by snapshot, best first; each snapshot has at least one.
 
-    ``snapshot`` (E,) is the place in the block, None where each snapshot has just one. ``lines`` are the rays of each
-    point's snapshot (E, K), ``x``, ``y`` the points about its local origin, ``converged`` whether they are smooth
-    optima. ``rival_cost`` (E,) is the least cost at which another start of the snapshot stopped at a caustic, where the
-    likelihood ends with a jump and has no smooth optimum; infinite where none did. ``evaluations`` counts all model
+    ``snapshot`` (E,) is the index in the block; None means one optimum per snapshot, in order. ``lines`` are the rays
+    of each point's snapshot (E, K), ``x``, ``y`` the points about its local origin, ``converged`` marks smooth
+    optima. ``rival_cost`` (E,) is the lowest cost at which another search of the snapshot stopped at a caustic, where
+    the likelihood ends with a jump and has no smooth optimum; infinite if none did. ``evaluations`` counts all model
     evaluations of the snapshot.
     """
 
@@ -45,20 +45,20 @@ class Ends:
     evaluations: IntArray
 
 
-def find_ends(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
-    """Return the optima reached from a start (B,) each, and from all crossings where a row may take several paths."""
+def find_optima(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Optima:
+    """Return the optima reached from one point (B,) each, and from all crossings if a row may take several paths."""
     several = np.zeros(start_x.shape, dtype=bool)
     if lines.circles is not None and lines.origin_x.shape[1] > 1:
         several[lines.circles.snapshot[lines.circles.has_choice]] = True
     if not several.any():
         x, y = lines.inside_circles(start_x, start_y)
         minimum = minimize(bearing_problem(lines), x, y, max_iterations=max_iterations)
-        nothing = np.full(x.shape, np.inf)
-        return Ends(None, lines, minimum.x, minimum.y, minimum.converged, nothing, minimum.evaluations)
+        no_rival = np.full(x.shape, np.inf)
+        return Optima(None, lines, minimum.x, minimum.y, minimum.converged, no_rival, minimum.evaluations)
     more_x, more_y = pairwise_crossings(lines)
     all_x = np.concatenate([start_x[None], np.where(several, more_x, np.nan)])
     all_y = np.concatenate([start_y[None], np.where(several, more_y, np.nan)])
-    return _ends_from_many(lines, all_x, all_y, max_iterations)
+    return _optima_from_many(lines, all_x, all_y, max_iterations)
 
 
 def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
@@ -79,8 +79,8 @@ def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
     return np.stack([x for x, _ in crossings]), np.stack([y for _, y in crossings])
 
 
-def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Ends:
-    """Return the distinct ends reached from starts (S, B), which may be not finite."""
+def _optima_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Optima:
+    """Return the distinct optima reached from S points per snapshot (S, B); points may be non-finite."""
     starts, snapshots = start_x.shape
     many = lines.take(np.tile(np.arange(snapshots), starts))
     x, y = many.inside_circles(start_x.ravel(), start_y.ravel())
@@ -99,7 +99,7 @@ def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray,
     kept &= np.cumsum(kept, axis=0) <= MAX_ALTERNATIVES
     kept[0] = True
     snapshot, rank = np.nonzero(kept.T)
-    return Ends(
+    return Optima(
         snapshot,
         lines.take(snapshot),
         x[rank, snapshot],
@@ -111,7 +111,7 @@ def _ends_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray,
 
 
 def _repeated(x: FloatArray, y: FloatArray, cost: FloatArray, metric: SymmetricMatrix) -> BoolArray:
-    """Return which of the ends (S, B), in order of their cost, are the same optimum as one before them."""
+    """Return which points (S, B), in order of their cost, are the same optimum as one before them."""
     repeated = np.zeros(cost.shape, dtype=bool)
     for later in range(1, cost.shape[0]):
         for earlier in range(later):

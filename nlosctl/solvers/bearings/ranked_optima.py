@@ -9,34 +9,36 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_ends
-from nlosctl.solvers.bearings.multistart import Ends
+from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_optima
+from nlosctl.solvers.bearings.multistart import Optima
 
 __all__ = ["finish_alternatives"]
 
 
 def finish_alternatives(
     batch: BearingBatch,
-    ends: Ends,
+    optima: Optima,
     snapshot: IntArray,
     normal: SymmetricMatrix,
     *,
     min_range_m: float,
     ambiguous_within: float,
-    held: StatusArray | None = None,
+    constrained_status: StatusArray | None = None,
 ) -> Solution:
-    """Return the solution of ends of which a ``snapshot`` (E,) may have several; ``normal`` (B,) is that of the lines.
+    """Return the solution of optima, one or more per ``snapshot`` (E,); ``normal`` (B,) is that of the lines.
 
-    Ends without an answer are left out unless a snapshot has no other. The first is ``ambiguous`` where the next is
-    less than ``ambiguous_within`` nats worse, or another start stopped at a caustic within that; it counts as not
-    converged where one stopped at a caustic more than that below it.
+    Optima without a position are left out unless a snapshot has no other. The first is ``ambiguous`` if the next is
+    less than ``ambiguous_within`` nats worse, or another search stopped at a caustic within that; it is not converged
+    if one stopped at a caustic more than that below it.
     """
-    verdict = judge_ends(ends.lines, ends.x, ends.y, None, normal.take(snapshot), min_range_m, ends.converged, held)
+    verdict = judge_optima(
+        optima.lines, optima.x, optima.y, None, normal.take(snapshot), min_range_m, optima.converged, constrained_status
+    )
     status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
-    _compare(status, cost, alternative, ends.rival_cost[rows], ambiguous_within)
-    x, y, lines = ends.x[rows], ends.y[rows], ends.lines.take(rows)
+    _compare(status, cost, alternative, optima.rival_cost[rows], ambiguous_within)
+    x, y, lines = optima.x[rows], optima.y[rows], optima.lines.take(rows)
     position = (x + lines.center_x, y + lines.center_y)
     estimates = Estimates.of(
         status, position, covariance.take(rows), cost, batch.measurements, row=snapshot, alternative=alternative
@@ -49,21 +51,21 @@ def finish_alternatives(
 
 
 def _rank(snapshot: IntArray, status: StatusArray, cost: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return which ends to keep, by snapshot and best first, and their rank; those without an answer come last."""
+    """Return which optima to keep, by snapshot and best first, and their rank; those without a position come last."""
     answered = has_position(status)
     order = np.lexsort((np.where(answered, cost, np.inf), ~answered, snapshot))
     first = np.ones(order.shape, dtype=bool)
     first[1:] = snapshot[order][1:] != snapshot[order][:-1]
     kept = first | answered[order]
     order, first = order[kept], first[kept]
-    place = np.arange(order.shape[0])
-    return order, place - np.maximum.accumulate(np.where(first, place, 0))
+    index = np.arange(order.shape[0])
+    return order, index - np.maximum.accumulate(np.where(first, index, 0))
 
 
 def _compare(
     status: StatusArray, cost: FloatArray, alternative: IntArray, rival_cost: FloatArray, ambiguous_within: float
 ) -> None:
-    """Write ambiguous and not converged into the status of the first of each snapshot's ends."""
+    """Write ambiguous and not converged into the status of the first optimum of each snapshot."""
     best = alternative == 0
     answered = best & has_position(status)
     runner_up = np.where(alternative[1:] == 1, cost[1:], np.inf)

@@ -37,7 +37,7 @@ class Candidates:
 def choose_pairs(seed: SeedArray, count: int, most: int) -> tuple[IntArray, IntArray]:
     """Return the pairs of ``count`` rows to try: all (P,), or, where there are more than ``most``, (B, most).
 
-    Those are drawn with replacement from each snapshot's own seed.
+    Those are random, with replacement, from each snapshot's own seed.
     """
     if count * (count - 1) // 2 <= most:
         first, second = np.triu_indices(count, 1)
@@ -73,8 +73,8 @@ def end_rays(lines: SightLines, range_m: FloatArray) -> Candidates:
     )
 
 
-def _gather(array: FloatArray, place: IntArray) -> FloatArray:
+def _gather(array: FloatArray, index: IntArray) -> FloatArray:
     """Return the values (B, P) at some rows of (B, K)."""
-    if place.ndim == 1:
-        return np.take(array.T, place, axis=0).T
-    return np.take_along_axis(array, place, axis=1)
+    if index.ndim == 1:
+        return np.take(array.T, index, axis=0).T
+    return np.take_along_axis(array, index, axis=1)

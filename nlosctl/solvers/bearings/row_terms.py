@@ -68,7 +68,7 @@ class DirectBearings(RowBlock):
             lognormal,
         )
 
-    def misfit(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P); infinite where it can't be direct.
 
         The squared angle is a series in its squared sine: 0.2 % short at 30 degrees, 2 % at 45.
@@ -85,23 +85,23 @@ class DirectBearings(RowBlock):
         squared_range += across
         impossible = along <= 0.0
         impossible |= squared_range < self.squared_minimum[:, None]
-        misfit = across
-        misfit /= squared_range
-        series = misfit * (8.0 / 45.0)
+        half_chi_square = across
+        half_chi_square /= squared_range
+        series = half_chi_square * (8.0 / 45.0)
         series += 1.0 / 3.0
-        series *= misfit
+        series *= half_chi_square
         series += 1.0
-        misfit *= series
-        misfit *= self.weight[:, k, None]
+        half_chi_square *= series
+        half_chi_square *= self.weight[:, k, None]
         if self.lines.focusing is not None:
-            misfit *= _defocusing(self.lines.focusing, k, np.sqrt(squared_range))
+            half_chi_square *= _defocusing(self.lines.focusing, k, np.sqrt(squared_range))
         if self.precision is not None and self.measured_m is not None:
             scaled = self._range_misfit(np.sqrt(squared_range), self.measured_m[:, k, None], self.precision[:, k, None])
-            misfit += 0.5 * scaled * scaled
+            half_chi_square += 0.5 * scaled * scaled
         if self.lines.mirrors is not None:
             impossible |= _beyond(self.lines.mirrors, k, x, y)
-        np.copyto(misfit, np.inf, where=impossible)
-        return misfit
+        np.copyto(half_chi_square, np.inf, where=impossible)
+        return half_chi_square
 
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""

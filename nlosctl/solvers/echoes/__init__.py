@@ -1,1 +1,1 @@
-"""Behind `identify-los`: candidates, their assignment, clusters."""
+"""Solvers for unlabelled echoes: candidates, their assignment, clusters."""

@@ -1,4 +1,4 @@
-"""The heaviest choice of candidates of which no two share an echo: branch and bound, exact."""
+"""The heaviest set of candidates without a shared echo, by exact branch and bound."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ class _Search:
 
 
 def choose_disjoint(echo: IntArray, weight: FloatArray, max_nodes: int) -> IntArray | None:
-    """Return the places of the candidates (C,) of the largest total weight that share no echo, heaviest first.
+    """Return the indices of the candidates (C,) of largest total weight that share no echo, heaviest first.
 
-    ``echo`` (C, N) holds what each candidate takes of each sensor, -1 for nothing; candidates whose weight is not
-    positive are never chosen. None where the search has looked at ``max_nodes`` choices and is not through.
+    ``echo`` (C, N) is the echo of each sensor that a candidate takes, -1 for none; candidates whose weight is not
+    positive are never chosen. None if the search is not complete after ``max_nodes`` nodes.
     """
     order = np.argsort(-weight, kind="stable")
     order = order[weight[order] > 0.0]
@@ -73,31 +73,31 @@ def choose_disjoint(echo: IntArray, weight: FloatArray, max_nodes: int) -> IntAr
             return None
         chosen |= search.best
         left &= ~cluster
-    places = [place for place in range(order.shape[0]) if chosen >> place & 1]
-    return order[places]
+    indices = [index for index in range(order.shape[0]) if chosen >> index & 1]
+    return order[indices]
 
 
 def _bits(members: BoolArray) -> int:
-    return sum(1 << int(place) for place in np.flatnonzero(members))
+    return sum(1 << int(index) for index in np.flatnonzero(members))
 
 
 def _reach(start: int, rivals: list[int]) -> int:
     """Return all candidates linked with ``start`` through shared echoes: they are chosen apart from the rest."""
     reached, fresh = start, start
     while fresh:
-        place = (fresh & -fresh).bit_length() - 1
-        fresh = (fresh | (rivals[place] & ~reached)) & ~(1 << place)
-        reached |= rivals[place]
+        index = (fresh & -fresh).bit_length() - 1
+        fresh = (fresh | (rivals[index] & ~reached)) & ~(1 << index)
+        reached |= rivals[index]
     return reached
 
 
 def _groups(echo: IntArray, cluster: int) -> list[list[int]]:
-    members = [place for place in range(echo.shape[0]) if cluster >> place & 1]
+    members = [index for index in range(echo.shape[0]) if cluster >> index & 1]
     groups = []
     for column in echo.T:
         by_echo: dict[int, int] = {}
-        for place in members:
-            key = int(column[place]) if column[place] >= 0 else -1 - place
-            by_echo[key] = by_echo.get(key, 0) | (1 << place)
+        for index in members:
+            key = int(column[index]) if column[index] >= 0 else -1 - index
+            by_echo[key] = by_echo.get(key, 0) | (1 << index)
         groups.append(list(by_echo.values()))
     return groups

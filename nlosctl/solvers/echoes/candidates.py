@@ -84,8 +84,8 @@ def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> Int
         low, high = np.maximum(above - 1, 0), np.minimum(above, ranges.shape[0] - 1)
         nearer = np.abs(ranges[high] - predicted) < np.abs(ranges[low] - predicted)
         chosen[:, sensor] = np.where(nearer, high, low)
-        place = chosen[:, sensor]
-        distance[:, sensor] = np.abs(ranges[place] - predicted) / echoes.std_m[sensor, place]
+        index = chosen[:, sensor]
+        distance[:, sensor] = np.abs(ranges[index] - predicted) / echoes.std_m[sensor, index]
     if gates.min_sensors < echoes.sensors:
         rank = np.argsort(np.argsort(distance, axis=1, kind="stable"), axis=1)
         chosen[(rank >= gates.min_sensors) & (distance > gates.gate_std)] = _NOTHING
@@ -118,12 +118,12 @@ def _problem(echoes: Echoes, echo: IntArray) -> RangeProblem:
     """Return the fits of echoes (C, N); a sensor without one has weight zero."""
     sensor = np.broadcast_to(np.arange(echoes.sensors), echo.shape)
     seen = echo != _NOTHING
-    place = np.where(seen, echo, 0)
+    index = np.where(seen, echo, 0)
     return RangeProblem(
         np.asfortranarray(np.broadcast_to(echoes.sensor_x, echo.shape)),
         np.asfortranarray(np.broadcast_to(echoes.sensor_y, echo.shape)),
-        np.asfortranarray(echoes.range_m[sensor, place]),
-        np.asfortranarray(np.where(seen, 1.0 / echoes.std_m[sensor, place], 0.0)),
+        np.asfortranarray(echoes.range_m[sensor, index]),
+        np.asfortranarray(np.where(seen, 1.0 / echoes.std_m[sensor, index], 0.0)),
         np.asfortranarray(np.broadcast_to(echoes.height, echo.shape)) if echoes.height.any() else None,
     )
 
@@ -160,7 +160,7 @@ def _choices(echoes: Echoes, candidates: Candidates, number: int, sensor: int, g
     own = int(candidates.echo[number, sensor])
     with ignoring_invalid():
         near = np.flatnonzero(np.abs(echoes.range_m[sensor] - predicted) <= gates.gate_std * echoes.std_m[sensor])
-    return [own, *(int(place) for place in near if place != own)]
+    return [own, *(int(index) for index in near if index != own)]
 
 
 def _gate(candidates: Candidates, gates: Gates, *, slack: float) -> Candidates:
@@ -180,7 +180,7 @@ def _best_of_each(
 
 
 def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the different rows in sorted order, and where each is first found."""
+    """Return the different rows in sorted order, and the index of the first of each."""
     unique, first = np.unique(rows, axis=0, return_index=True)
     return unique, first
 
@@ -213,9 +213,9 @@ def target_weights(
     probability with which it sees a target, or doesn't.
     """
     seen = candidates.echo >= 0
-    place = np.where(seen, candidates.echo, 0)
-    sensor = np.broadcast_to(np.arange(echoes.sensors), place.shape)
-    surprise = -np.log(density[sensor, place] * np.sqrt(2.0 * np.pi) * echoes.std_m[sensor, place])
+    index = np.where(seen, candidates.echo, 0)
+    sensor = np.broadcast_to(np.arange(echoes.sensors), index.shape)
+    surprise = -np.log(density[sensor, index] * np.sqrt(2.0 * np.pi) * echoes.std_m[sensor, index])
     detected = np.where(seen, surprise + np.log(detection_probability), np.log1p(-detection_probability))
     volume = np.log(2.0 * np.pi / area_m2) - 0.5 * np.log(candidates.information.determinant)
     weights: FloatArray = detected.sum(axis=1) - 0.5 * candidates.chi_square + volume + reward

@@ -19,8 +19,8 @@ class Echoes:
     """N sensors and at most M echoes of each, in metres about a local origin, the mean of the sensors.
 
     ``radius``, ``range_m``, ``std_m`` and ``row`` have shape (N, M): ranges in the plane (0 where a slant range is
-    shorter than the height), ranges as measured, their std, and the place in the snapshot. They rise along a
-    sensor; past its last echo they hold NaN and -1. ``sensor_x``, ``sensor_y``, ``height`` are (N,).
+    shorter than the height), ranges as measured, their std, and the index in the snapshot. They rise along a
+    sensor; after its last echo they are NaN and -1. ``sensor_x``, ``sensor_y``, ``height`` are (N,).
     """
 
     center_x: float
@@ -59,8 +59,8 @@ def read_echoes(batch: RangeBatch, snapshot: int, max_echoes: int) -> Echoes:
     same[:1] = False
     number = np.cumsum(~same) - 1
     first = np.flatnonzero(~same)
-    place = np.arange(order.shape[0]) - first[number]
-    most = int(place.max()) + 1
+    index = np.arange(order.shape[0]) - first[number]
+    most = int(index.max()) + 1
     if most > max_echoes:
         raise DataError(
             f"a sensor has {most} echoes in one snapshot, more than max_echoes={max_echoes}; "
@@ -71,7 +71,7 @@ def read_echoes(batch: RangeBatch, snapshot: int, max_echoes: int) -> Echoes:
 
     def spread(values: npt.NDArray[ScalarT], empty: float) -> npt.NDArray[ScalarT]:
         table = np.full((first.shape[0], most), empty, dtype=values.dtype)
-        table[number, place] = values[order]
+        table[number, index] = values[order]
         return table
 
     return Echoes(

@@ -38,7 +38,7 @@ _SWEEPS = 2
 
 @dataclass(frozen=True)
 class StructuredSets:
-    """S sets by rising spread (S,) in metres, of which some may be equal; ``circles`` (S, N) has one per sensor.
+    """S sets by rising spread (S,) in metres, some possibly equal; ``circles`` (S, N) has one per sensor.
 
     There are T = N (N - 1) / 2 points in a set, one of each type; ``points`` (S, T) numbers them within their type.
     """
@@ -49,7 +49,7 @@ class StructuredSets:
 
 
 def build_sets(table: CrossingTable, circles: IntArray, seeds: Seeds) -> StructuredSets:
-    """Return the structured sets of tuples of circles (S, N) found around seeds (S,).
+    """Return the structured sets of tuples of circles (S, N) around seeds (S,).
 
     Of two roots the one nearest to the centre is taken: the seed at first, then twice the mean of the points. A
     tuple two of whose circles have no point is dropped.
@@ -71,7 +71,7 @@ def build_sets(table: CrossingTable, circles: IntArray, seeds: Seeds) -> Structu
 
 
 def unique_sets(sets: StructuredSets, unique: Uniqueness) -> Iterator[int]:
-    """Yield the places of the sets that share nothing with one of smaller spread that was kept; equation (5)."""
+    """Yield the indices of the sets that share nothing with a kept set of smaller spread; equation (5)."""
     keys = sets.points if unique == "points" else sets.circles
     left = np.arange(keys.shape[0])
     while left.size:
@@ -139,7 +139,7 @@ class ClusteringOptions(IdentificationOptions):
 
 
 def cluster_echoes(echoes: Echoes, gate: Gate, options: ClusteringOptions) -> tuple[StructuredSets, Iterator[int]]:
-    """Return the structured sets of a snapshot, and the places of the unique ones by rising spread."""
+    """Return the structured sets of a snapshot, and the indices of the unique ones by rising spread."""
     table = cross_all(echoes, options.gap_tolerance_m, gate)
     circles, seeds = gather_circles(table, find_seeds(table))
     sets = build_sets(table, circles, seeds)

@@ -1,4 +1,4 @@
-"""Targets found among unlabelled echoes, one snapshot at a time: located, and told to each row."""
+"""Targets among unlabelled echoes, identified one snapshot at a time, located, and written to the flags."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
 from nlosctl.solvers.echoes.type_sets import Gate
 from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
 
-__all__ = ["IDENTIFICATION_FLAGS", "Found", "IdentificationOptions", "identify"]
+__all__ = ["IDENTIFICATION_FLAGS", "IdentificationOptions", "IdentifiedEchoes", "identify"]
 
 
 IDENTIFICATION_FLAGS = ("los", "target", "residual_m")
 _MAX_ITERATIONS = 100
 
-Found = IntArray | Status
-"""Echoes (T, N) of the targets found, -1 where a sensor has none of a target; or the status that says why not."""
+IdentifiedEchoes = IntArray | Status
+"""Echoes (T, N) of the identified targets, -1 where a sensor has none; or the status if there are no targets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,25 +50,27 @@ class IdentificationOptions:
     )
 
 
-def identify(batch: RangeBatch, options: IdentificationOptions, find: Callable[[Echoes, Gate], Found]) -> Solution:
+def identify(
+    batch: RangeBatch, options: IdentificationOptions, find: Callable[[Echoes, Gate], IdentifiedEchoes]
+) -> Solution:
     """Return the targets that ``find`` finds in each snapshot, each located by range least squares.
 
-    A snapshot without a target, or of fewer than three sensors, has one estimate that says so. A row that several
-    targets take is told to be of the first of them.
+    A snapshot without a target, or of fewer than three sensors, has one estimate with that status. A row
+    shared by several targets is assigned to the first of them.
     """
     parts: list[Estimates] = []
     targets: list[_Target] = []
-    everything = [read_echoes(batch, snapshot, options.max_echoes) for snapshot in range(batch.size)]
-    region = _regions(batch, everything)
-    for snapshot, echoes in enumerate(everything):
+    all_echoes = [read_echoes(batch, snapshot, options.max_echoes) for snapshot in range(batch.size)]
+    region = _regions(batch, all_echoes)
+    for snapshot, echoes in enumerate(all_echoes):
         gate = Gate(region.take(np.array([snapshot])), options.field_margin_m)
-        found = Status.TOO_FEW if echoes.sensors < 3 else find(echoes, gate)
-        if isinstance(found, Status) or not found.shape[0]:
-            parts.append(_nothing(snapshot, found if isinstance(found, Status) else Status.NO_TARGET))
+        identified = Status.TOO_FEW if echoes.sensors < 3 else find(echoes, gate)
+        if isinstance(identified, Status) or not identified.shape[0]:
+            parts.append(_nothing(snapshot, identified if isinstance(identified, Status) else Status.NO_TARGET))
             continue
         targets += [
             _Target(snapshot, number, _rows(echoes, echo), echoes.center_x, echoes.center_y)
-            for number, echo in enumerate(found)
+            for number, echo in enumerate(identified)
         ]
     residuals: dict[_Target, FloatArray] = {}
     for count in sorted({len(target.rows) for target in targets}):
@@ -81,7 +83,7 @@ def identify(batch: RangeBatch, options: IdentificationOptions, find: Callable[[
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """A found target: its snapshot, its number there, the rows of its echoes, and the snapshot's local origin."""
+    """An identified target: its snapshot, its number there, the rows of its echoes, and the snapshot's local origin."""
 
     snapshot: int
     number: int
@@ -90,10 +92,10 @@ class _Target:
     center_y: float
 
 
-def _regions(batch: RangeBatch, everything: list[Echoes]) -> Region:
+def _regions(batch: RangeBatch, all_echoes: list[Echoes]) -> Region:
     """Return the search regions (B,) about the local origins of the echoes."""
-    center_x = np.array([echoes.center_x for echoes in everything])
-    center_y = np.array([echoes.center_y for echoes in everything])
+    center_x = np.array([echoes.center_x for echoes in all_echoes])
+    center_y = np.array([echoes.center_y for echoes in all_echoes])
     return search_region(batch.field, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], center_x, center_y)
 
 
@@ -107,7 +109,7 @@ def _locate(
 ) -> tuple[Estimates, FloatArray]:
     """Return the estimates (and alternatives) of targets of n echoes each, and the residuals (T, n).
 
-    An optimum outside the field and its margin gives way to one inside.
+    An optimum outside the field and its margin is replaced by one inside.
     """
     snapshot = np.array([target.snapshot for target in targets])
     dense = _targets_batch(batch, snapshot, np.array([target.rows for target in targets]))
@@ -135,7 +137,7 @@ def _locate(
 
 
 def _flags(batch: RangeBatch, targets: list[_Target], residuals: dict[_Target, FloatArray]) -> Flags:
-    """Return the flags; where targets share a row, the first of them speaks."""
+    """Return the flags; a row shared by several targets belongs to the first of them."""
     shape = batch.range_m.shape
     los, number, residual = np.zeros(shape, dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
     for target in reversed(targets):
@@ -148,17 +150,17 @@ def _flags(batch: RangeBatch, targets: list[_Target], residuals: dict[_Target, F
 
 def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> RangeBatch:
     """Return a batch whose snapshots are targets: ``rows`` (T, n) of the snapshots (T,)."""
-    place = snapshot[:, None], rows
+    index = snapshot[:, None], rows
     return replace(
         batch,
         seed=batch.seed[snapshot],
         want_flags=False,
-        sensor=np.asfortranarray(batch.sensor[place]),
-        sensor_xy_m=np.asfortranarray(batch.sensor_xy_m[place]),
-        range_m=np.asfortranarray(batch.range_m[place]),
-        range_std_m=np.asfortranarray(batch.range_std_m[place]),
-        path=np.asfortranarray(batch.path[place]),
-        sensor_height_m=np.asfortranarray(batch.sensor_height_m[place]),
+        sensor=np.asfortranarray(batch.sensor[index]),
+        sensor_xy_m=np.asfortranarray(batch.sensor_xy_m[index]),
+        range_m=np.asfortranarray(batch.range_m[index]),
+        range_std_m=np.asfortranarray(batch.range_std_m[index]),
+        path=np.asfortranarray(batch.path[index]),
+        sensor_height_m=np.asfortranarray(batch.sensor_height_m[index]),
     )
 
 

@@ -1,1 +1,1 @@
-"""Behind `mixture-ml`: the mixture likelihood, its modes, its posterior."""
+"""Solvers for measurements with outliers: the mixture likelihood, its modes, its posterior."""

@@ -18,7 +18,7 @@ __all__ = ["BearingCandidates"]
 
 @dataclass(frozen=True)
 class BearingCandidates:
-    """Where to start from: crossings of all pairs that may both be direct, and the ends of rays that have a range.
+    """Initial estimates: crossings of all pairs that may both be direct, and the ends of rays that have a range.
 
     ``first`` and ``second`` (P,) or (B, P) are the pairs of rows; ``range_m`` (B, K) is NaN in rows without one, None
     where no row has one.
@@ -58,7 +58,7 @@ class BearingCandidates:
         """Return the candidates of some snapshots."""
         lines = self.model.lines.take(rows)
         share, leader = self.model.share[rows], self.model.leader[rows]
-        first, second = (place if place.ndim == 1 else place[rows] for place in (self.first, self.second))
+        first, second = (index if index.ndim == 1 else index[rows] for index in (self.first, self.second))
         crossings = cross_rays(lines, first, second)
         if first.ndim == 1:
             may = (share[:, first] > 0.0) & (share[:, second] > 0.0) & (leader[:, first] != leader[:, second])
@@ -73,7 +73,7 @@ class BearingCandidates:
         return Candidates.join(parts)
 
     def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (b, P) of some snapshots are in the search field, and not hidden where that counts."""
+        """Return which points (b, P) of some snapshots are in the search region, and not hidden if that matters."""
         allowed = self.model.region.take(rows).contains(x, y)
         if self.scene is not None:
             center_x, center_y = self.model.lines.center_x[rows], self.model.lines.center_y[rows]

@@ -14,11 +14,11 @@ __all__ = ["Mode", "Scores", "Starts", "choose_starts", "leave_out_slope"]
 
 
 _APART = 1.0
-"""Starts are at least so many standard deviations apart."""
+"""Initial estimates are at least this many standard deviations apart."""
 
 _SLACK = 0.05
-"""A candidate whose cost above a mode's, in nats, is not less than what the second derivatives there make of its
-distance, up to this slack, is on the slope of that mode."""
+"""A candidate is in the basin of a mode if its excess cost is at least half its squared Mahalanobis distance from the
+mode, up to this slack (nats)."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Scores:
-    """Candidates (B, P) and their cost in nats, infinite where there is none; the cost is written to."""
+    """Candidates (B, P) and their cost in nats, infinite where there is none; the cost is modified in place."""
 
     x: FloatArray
     y: FloatArray
@@ -46,18 +46,18 @@ class Scores:
         return Scores(*(np.take(part.T, rows, axis=1).T for part in (self.x, self.y, self.cost)))
 
     def lowest(self) -> tuple[IntArray, FloatArray]:
-        """Return place and cost (B,) of the cheapest candidates."""
-        place: IntArray = np.argmin(self.cost, axis=1)
-        return place, self.cost[np.arange(place.shape[0]), place]
+        """Return index and cost (B,) of the cheapest candidates."""
+        index: IntArray = np.argmin(self.cost, axis=1)
+        return index, self.cost[np.arange(index.shape[0]), index]
 
-    def at(self, place: IntArray) -> tuple[FloatArray, FloatArray]:
+    def at(self, index: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return x and y of one candidate (B,) each."""
-        rows = np.arange(place.shape[0])
-        return self.x[rows, place], self.y[rows, place]
+        rows = np.arange(index.shape[0])
+        return self.x[rows, index], self.y[rows, index]
 
-    def leave_out(self, place: IntArray) -> None:
+    def leave_out(self, index: IntArray) -> None:
         """Leave out one candidate (B,) each."""
-        self.cost[np.arange(place.shape[0]), place] = np.inf
+        self.cost[np.arange(index.shape[0]), index] = np.inf
 
     def squared_distance(self, x: FloatArray, y: FloatArray, matrix: SymmetricMatrix) -> FloatArray:
         """Return the squared distance (B, P) from points (B,) in the metric of matrices (B,)."""
@@ -73,7 +73,7 @@ class Scores:
 
 
 def leave_out_slope(scores: Scores, mode: Mode) -> None:
-    """Leave out candidates on the slope of a mode, to which they lead."""
+    """Leave out candidates in the basin of a mode, to which they would converge."""
     rise = scores.squared_distance(mode.x, mode.y, mode.hessian)
     rise *= 0.5
     rise += (mode.cost - _SLACK)[:, None]
@@ -83,10 +83,10 @@ def leave_out_slope(scores: Scores, mode: Mode) -> None:
 
 @dataclass(frozen=True)
 class Starts:
-    """Points (N,), the ``place``-th start of the block's ``snapshot``."""
+    """Points (N,), the ``index``-th start of the block's ``snapshot``."""
 
     snapshot: IntArray
-    place: IntArray
+    index: IntArray
     x: FloatArray
     y: FloatArray
 
@@ -99,18 +99,18 @@ def choose_starts(mixture: Mixture, rows: IntArray, scores: Scores, limit: Float
     chosen = [Starts(rows[:0], rows[:0], limit[:0], limit[:0])]
     part: Mixture | None = None
     for number in range(most):
-        place, lowest = scores.lowest()
+        index, lowest = scores.lowest()
         keep = np.flatnonzero(np.isfinite(lowest) & (lowest <= limit))
         if not keep.size:
             break
-        rows, scores, limit, place = rows[keep], scores.take(keep), limit[keep], place[keep]
-        x, y = scores.at(place)
+        rows, scores, limit, index = rows[keep], scores.take(keep), limit[keep], index[keep]
+        x, y = scores.at(index)
         chosen.append(Starts(rows, np.full(rows.shape, number), x, y))
         if number < most - 1:
             part = mixture.take(rows) if part is None else part.take_rows(keep)
-            scores.leave_out(place)
+            scores.leave_out(index)
             _, information = part.responsibilities(x, y)
             near = scores.squared_distance(x, y, information) < _APART * _APART
             np.copyto(scores.cost, np.inf, where=near)
-    fields = ("snapshot", "place", "x", "y")
+    fields = ("snapshot", "index", "x", "y")
     return Starts(*(np.concatenate([getattr(part, name) for part in chosen]) for name in fields))

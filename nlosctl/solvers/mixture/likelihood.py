@@ -23,13 +23,13 @@ __all__ = [
 
 
 _FACTORS = 8
-"""So many factors of the likelihood are multiplied before a logarithm is taken: no over- or underflow."""
+"""Number of factors of the likelihood multiplied before a logarithm is taken, without overflow or underflow."""
 
 
 class MixtureRows(Protocol):
     """Rows (B, K) of measurements whose model is compared with points about each snapshot's local origin."""
 
-    def misfit(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P), within a per cent; infinite where impossible."""
         ...
 
@@ -46,9 +46,9 @@ class MixtureRows(Protocol):
 class Mixture(RowBlock):
     """The mixtures of B snapshots; rows are in an order in which groups are together.
 
-    ``log_direct`` (B, K) is the logarithm of w_l p_l / u_l where the misfit is nought, minus infinity for a row that
-    can't be direct; ``obstructed`` (B,) is w_0; ``last`` (B, K) marks the last row of each group, None where every
-    row is alone; ``log_nlos`` (B,) is the sum of log u; ``least_cost`` (B,) is the cost if every misfit were nought.
+    ``log_direct`` (B, K) is the logarithm of w_l p_l / u_l at zero chi-square, minus infinity for a row that can't be
+    direct; ``obstructed`` (B,) is w_0; ``last`` (B, K) marks the last row of each group, None if every row is alone;
+    ``log_nlos`` (B,) is the sum of log u; ``least_cost`` (B,) is the cost if every row had zero chi-square.
     """
 
     rows: MixtureRows
@@ -67,7 +67,7 @@ class Mixture(RowBlock):
         last: BoolArray | None,
         log_nlos: FloatArray,
     ) -> Mixture:
-        """Return the mixtures, their least cost worked out."""
+        """Return the mixtures with their least cost computed."""
         total = log_nlos.copy()
         group = obstructed
         for k in range(log_direct.shape[1]):
@@ -93,7 +93,7 @@ class Mixture(RowBlock):
         obstructed = self.obstructed[:, None]
         group = obstructed
         for k in range(self.count):
-            direct = self.rows.misfit(k, x, y)
+            direct = self.rows.half_chi_square(k, x, y)
             np.subtract(self.log_direct[:, k, None], direct, out=direct)
             np.exp(direct, out=direct)
             direct += group
@@ -113,7 +113,7 @@ class Mixture(RowBlock):
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return the cost above ``least_cost``, its gradient and second derivatives at points (B,).
 
-        Where the exact second derivatives are not positive definite, the EM algorithm's matrix stands in for them.
+        Where the exact second derivatives are not positive definite, the EM algorithm's matrix replaces them.
         """
         total = _Totals.zero(x.shape[0])
         group = _Group.empty(x.shape[0], self.obstructed)
@@ -164,7 +164,7 @@ class Mixture(RowBlock):
 
 @dataclass
 class _Totals:
-    """What the groups have added so far."""
+    """Sums over the groups so far."""
 
     logarithm: FloatArray
     gradient: tuple[FloatArray, ...]

@@ -1,4 +1,4 @@
-"""The modes of a mixture likelihood: score all candidates, follow the best few downhill, rank what is found."""
+"""The modes of a mixture likelihood: score all candidates, follow the best few downhill, rank the results."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ __all__ = ["Modes", "find_modes"]
 Allowed = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 
 _POINTS = 8192
-"""So many points are scored at once, that temporaries stay in the cache."""
+"""Number of points scored at once, so that temporaries stay in the cache."""
 
 _SECTION = 1 << 18
-"""So many points are kept at once: long blocks with many candidates are searched in sections."""
+"""Number of points kept at once: long blocks with many candidates are searched in sections."""
 
 _TIE_DIGITS = 5
-"""Costs that agree to so many digits after the point, in nats, are equal."""
+"""Costs in nats that agree to this many decimals are equal."""
 
-_DRAWN = 0.1
-"""A start that has come to within so many standard deviations of a known mode leads there."""
+_ATTRACTED = 0.1
+"""A descent that comes within this many standard deviations of a known mode converges to it."""
 
 _SAME = 0.05
-"""Modes closer than so many standard deviations are one."""
+"""Modes closer than this many standard deviations are the same."""
 
 
 @dataclass(frozen=True)
 class Modes:
     """Up to T modes (B, T) of each snapshot, the most likely first.
 
-    x, y in metres about the local origin; ``cost`` in nats, infinite where there is no such mode. ``hessian`` holds
-    the second derivatives of the cost. ``candidates`` (B,) tells whether there was any candidate, ``held`` (B,) that
-    every way downhill left the search field and the points are where it was held back at the edge.
+    x, y in metres about the local origin; ``cost`` in nats, infinite where there is no such mode. ``hessian`` are the
+    second derivatives of the cost. ``candidates`` (B,) marks snapshots with any candidate, ``at_boundary`` (B,) those
+    whose every descent left the search region, so that the points are the constrained ones on its edge.
     """
 
     x: FloatArray
@@ -50,7 +50,7 @@ class Modes:
     cost: FloatArray
     hessian: SymmetricMatrix
     candidates: BoolArray
-    held: BoolArray
+    at_boundary: BoolArray
 
 
 def find_modes(
@@ -64,19 +64,19 @@ def find_modes(
 ) -> Modes:
     """Return the modes of B mixtures, at most ``most`` each.
 
-    ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` tells
+    ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` returns
     which points (b, P) are in the search field. Candidates costlier than the best by more than ``gap`` nats are not
-    followed, nor those on the slope of a mode that is known.
+    followed, nor those in the basin of a known mode.
     """
     size = mixture.obstructed.shape[0]
-    search = _Search(mixture, allowed, _Found.nothing(size, most))
+    search = _Search(mixture, allowed, _Descents.nothing(size, most))
     if points > 0:
         section = max(1, _SECTION // points)
         for first in range(0, size, section):
             rows = np.arange(first, min(first + section, size))
             search.run(_score(mixture, candidates, allowed, rows, points), rows, gap)
-        search.hold_back()
-    return _rank(search.found)
+        search.repeat_within_region()
+    return _rank(search.descents)
 
 
 def _score(
@@ -91,19 +91,20 @@ def _score(
     block = max(1, _POINTS // points)
     for first in range(0, rows.shape[0], block):
         part = rows[first : first + block]
-        found = candidates(part)
+        scored_points = candidates(part)
         with ignoring_overflow():
-            cost = mixture.take(part).score(found.x, found.y)
-            cost[~(found.valid & allowed(part, found.x, found.y))] = np.inf
-        scored.append((found.x, found.y, cost))
+            cost = mixture.take(part).score(scored_points.x, scored_points.y)
+            cost[~(scored_points.valid & allowed(part, scored_points.x, scored_points.y))] = np.inf
+        scored.append((scored_points.x, scored_points.y, cost))
     return Scores(*(np.concatenate([part[number].T for part in scored], axis=1).T for number in range(3)))
 
 
 @dataclass(frozen=True)
-class _Found:
-    """What was followed (B, T): where from, whether at all, and the ends, of infinite cost where there is none.
+class _Descents:
+    """The descents (B, T): initial points, whether usable, and final points, whose cost is infinite if there is none.
 
-    ``settled`` tells which ends are smooth minima, ``held`` (B,) where the starts were held back at the field's edge.
+    ``settled`` marks final points that are smooth minima, ``at_boundary`` (B,) snapshots constrained to the search
+    region.
     """
 
     start_x: FloatArray
@@ -114,32 +115,34 @@ class _Found:
     cost: FloatArray
     hessian: SymmetricMatrix
     settled: BoolArray
-    held: BoolArray
+    at_boundary: BoolArray
 
     @classmethod
-    def nothing(cls, size: int, most: int) -> _Found:
+    def nothing(cls, size: int, most: int) -> _Descents:
         start_x, start_y, x, y = (np.full((size, most), np.nan) for _ in range(4))
         usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
-        cost, held = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
-        return cls(start_x, start_y, usable, x, y, cost, SymmetricMatrix.full((size, most), np.nan), settled, held)
+        cost, at_boundary = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
+        return cls(
+            start_x, start_y, usable, x, y, cost, SymmetricMatrix.full((size, most), np.nan), settled, at_boundary
+        )
 
-    def begin(self, snapshot: IntArray, place: IntArray, x: FloatArray, y: FloatArray) -> None:
-        """Keep starts (N,) of some snapshots."""
-        self.start_x[snapshot, place], self.start_y[snapshot, place] = x, y
-        self.usable[snapshot, place] = True
+    def begin(self, snapshot: IntArray, index: IntArray, x: FloatArray, y: FloatArray) -> None:
+        """Record initial points (N,) of some snapshots."""
+        self.start_x[snapshot, index], self.start_y[snapshot, index] = x, y
+        self.usable[snapshot, index] = True
 
     def finish(
-        self, end: Minimum, least_cost: FloatArray, snapshot: IntArray, place: IntArray, inside: BoolArray
+        self, end: Minimum, least_cost: FloatArray, snapshot: IntArray, index: IntArray, inside: BoolArray
     ) -> None:
-        """Keep where starts (N,) came to rest, if that is ``inside`` the field."""
+        """Record final points (N,), if they are ``inside`` the search region."""
         good = np.isfinite(end.cost) & inside
-        self.cost[snapshot, place] = np.where(good, end.cost + least_cost, np.inf)
-        self.settled[snapshot, place] = good & end.converged
-        self.x[snapshot, place], self.y[snapshot, place] = end.point
-        self.hessian.put((snapshot, place), end.hessian)
+        self.cost[snapshot, index] = np.where(good, end.cost + least_cost, np.inf)
+        self.settled[snapshot, index] = good & end.converged
+        self.x[snapshot, index], self.y[snapshot, index] = end.point
+        self.hessian.put((snapshot, index), end.hessian)
 
     def first(self, snapshot: IntArray) -> Mode:
-        """Return the modes to which the first starts of some snapshots led; NaN where they did not settle."""
+        """Return the modes of the first descents of some snapshots; NaN where they did not settle."""
         settled = self.settled[snapshot, 0]
 
         def settle(values: FloatArray) -> FloatArray:
@@ -150,57 +153,57 @@ class _Found:
 
 @dataclass(frozen=True)
 class _Search:
-    """The mixtures of a block, which points are in the field, and what has been found."""
+    """The mixtures of a block, the search region, and the descents so far."""
 
     mixture: Mixture
     allowed: Allowed
-    found: _Found
+    descents: _Descents
 
     def run(self, scores: Scores, rows: IntArray, gap: float) -> None:
         """Follow the best candidate of each of the snapshots ``rows``, then others that don't lead to its mode."""
-        place, best = scores.lowest()
+        index, best = scores.lowest()
         some = np.flatnonzero(np.isfinite(best))
-        rows, scores, place, best = rows[some], scores.take(some), place[some], best[some]
-        self._follow_best(rows, *scores.at(place))
-        more = self.found.cost.shape[1] - 1
+        rows, scores, index, best = rows[some], scores.take(some), index[some], best[some]
+        self._follow_best(rows, *scores.at(index))
+        more = self.descents.cost.shape[1] - 1
         if more:
-            scores.leave_out(place)
-            leave_out_slope(scores, self.found.first(rows))
+            scores.leave_out(index)
+            leave_out_slope(scores, self.descents.first(rows))
             self._follow_others(choose_starts(self.mixture, rows, scores, best + gap, more))
 
-    def hold_back(self) -> None:
-        """Follow the starts again where every way downhill left the field, held back at its edge."""
-        found = self.found
-        lost: BoolArray = np.any(found.usable, axis=1) & ~np.any(np.isfinite(found.cost), axis=1)
-        snapshot, place = np.nonzero(found.usable & lost[:, None])
+    def repeat_within_region(self) -> None:
+        """Repeat the descents, constrained to the search region, where every descent left it."""
+        descents = self.descents
+        lost: BoolArray = np.any(descents.usable, axis=1) & ~np.any(np.isfinite(descents.cost), axis=1)
+        snapshot, index = np.nonzero(descents.usable & lost[:, None])
         if snapshot.size:
-            found.held[lost] = True
+            descents.at_boundary[lost] = True
             problem = _Bounded(self.mixture.take(snapshot), snapshot, self.allowed)
-            end = minimize(problem, found.start_x[snapshot, place], found.start_y[snapshot, place])
-            self._finish(end, snapshot, place)
+            end = minimize(problem, descents.start_x[snapshot, index], descents.start_y[snapshot, index])
+            self._finish(end, snapshot, index)
 
     def _follow_best(self, rows: IntArray, x: FloatArray, y: FloatArray) -> None:
-        place = np.zeros_like(rows)
-        self.found.begin(rows, place, x, y)
-        self._finish(minimize(self.mixture.take_rows(rows), x, y), rows, place)
+        index = np.zeros_like(rows)
+        self.descents.begin(rows, index, x, y)
+        self._finish(minimize(self.mixture.take_rows(rows), x, y), rows, index)
 
     def _follow_others(self, starts: Starts) -> None:
-        """Follow starts, each until it is seen to lead to the mode that is known."""
-        snapshot, place = starts.snapshot, starts.place + 1
-        self.found.begin(snapshot, place, starts.x, starts.y)
-        known = self.found.first(snapshot)
+        """Follow initial points, each until it is clear that it leads to the known mode."""
+        snapshot, index = starts.snapshot, starts.index + 1
+        self.descents.begin(snapshot, index, starts.x, starts.y)
+        known = self.descents.first(snapshot)
 
-        def drawn(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+        def leads_to_known(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
             squared = known.hessian.take(rows).quadratic_form(x - known.x[rows], y - known.y[rows])
-            return squared < _DRAWN * _DRAWN
+            return squared < _ATTRACTED * _ATTRACTED
 
-        end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=drawn)
-        new = np.flatnonzero(~drawn(np.arange(snapshot.shape[0]), end.x, end.y))
-        self._finish(rows_of(end, new), snapshot[new], place[new])
+        end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=leads_to_known)
+        new = np.flatnonzero(~leads_to_known(np.arange(snapshot.shape[0]), end.x, end.y))
+        self._finish(rows_of(end, new), snapshot[new], index[new])
 
-    def _finish(self, end: Minimum, snapshot: IntArray, place: IntArray) -> None:
+    def _finish(self, end: Minimum, snapshot: IntArray, index: IntArray) -> None:
         inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
-        self.found.finish(end, self.mixture.least_cost[snapshot], snapshot, place, inside)
+        self.descents.finish(end, self.mixture.least_cost[snapshot], snapshot, index, inside)
 
 
 @dataclass(frozen=True)
@@ -217,9 +220,9 @@ class _Bounded(RowBlock):
         return at._replace(cost=np.where(inside, at.cost, np.inf))
 
 
-def _rank(found: _Found) -> Modes:
-    """Return what was found by rising cost, without repetitions."""
-    x, y, hessian, cost = _sort(found.x, found.y, found.hessian, found.cost)
+def _rank(descents: _Descents) -> Modes:
+    """Return the modes by rising cost, without repetitions."""
+    x, y, hessian, cost = _sort(descents.x, descents.y, descents.hessian, descents.cost)
     repeated = np.zeros(cost.shape, dtype=bool)
     for t in range(cost.shape[1] - 1):
         if not np.isfinite(cost[:, t + 1]).any():
@@ -228,7 +231,7 @@ def _rank(found: _Found) -> Modes:
         repeated[:, t + 1 :] |= hessian.at(slice(None), t, None).quadratic_form(dx, dy) < _SAME * _SAME
     cost[repeated] = np.inf
     x, y, hessian, cost = _sort(x, y, hessian, cost)
-    return Modes(x, y, cost, hessian, np.asarray(found.usable.any(axis=1)), found.held)
+    return Modes(x, y, cost, hessian, np.asarray(descents.usable.any(axis=1)), descents.at_boundary)
 
 
 def _sort(
@@ -236,8 +239,8 @@ def _sort(
 ) -> tuple[FloatArray, FloatArray, SymmetricMatrix, FloatArray]:
     """Return modes (B, T) by rising cost.
 
-    Modes that are equally likely but for rounding come by their distance: where two circles cross, both crossings are
-    equally likely when every other row is an outlier.
+    Modes that are equally likely up to rounding are ordered by distance: both crossings of two circles are equally
+    likely if every other row is an outlier.
     """
     order = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
 

@@ -28,7 +28,7 @@ __all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"
 
 
 _MINIMUM_RANGE_SHARE = 0.005
-"""Minimum range, unless given, in units of the larger side of the box of the sensors."""
+"""Default minimum range in units of the larger side of the box of the sensors."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +52,19 @@ class OutlierModel(RowBlock):
     range_std_m: FloatArray | None
 
     def uninformative(self) -> BoolArray:
-        """Return where the rows (B,) can't say where a source is, whatever they read.
+        """Return which snapshots (B,) can't determine a position for any values of their rows.
 
-        That is: parallel lines, or all sensors at one place, and no range.
+        Those have parallel lines, or all sensors at a single point, and no range.
         """
-        nothing = nearly_singular(fit_least_squares(self.lines).normal)
-        nothing |= _larger_side(self.lines.origin_x, self.lines.origin_y) <= 0.0
+        uninformative = nearly_singular(fit_least_squares(self.lines).normal)
+        uninformative |= _larger_side(self.lines.origin_x, self.lines.origin_y) <= 0.0
         if self.measured_m is not None:
-            nothing &= np.isnan(self.measured_m).all(axis=1)
-        return nothing
+            uninformative &= np.isnan(self.measured_m).all(axis=1)
+        return uninformative
 
 
 def has_several_paths(batch: BearingBatch) -> BoolArray:
-    """Return in which snapshots (B,) some sensor has several paths, of which at most one is direct."""
+    """Return in which snapshots (B,) some sensor has several paths, at most one of them direct."""
     several: BoolArray = np.asarray((_groups(batch).size > 1).any(axis=1))
     return several
 

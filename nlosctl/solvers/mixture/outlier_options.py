@@ -1,4 +1,4 @@
-"""Parameters that methods share which expect outliers."""
+"""Parameters shared by methods that expect outliers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["BearingOutlierOptions", "MixtureModeOptions", "OutlierOptions"]
 
 @dataclass(frozen=True, kw_only=True)
 class OutlierOptions:
-    """How many outliers there are, which paths are direct, and what makes a fix ambiguous."""
+    """Share of outliers, which paths are direct, and when a fix is ambiguous."""
 
     alpha: float = option(
         0.25,
@@ -31,35 +31,35 @@ class OutlierOptions:
     ambiguous_rows: int = option(
         2,
         minimum=0,
-        meaning="where sensors have several paths in no known order, another mode on which at most so many rows fewer "
-        "agree (three or more) makes a fix ambiguous too: it may be the source, and this its mirror image",
+        meaning="if sensors have several paths in unknown order, a fix is also ambiguous if another mode (of at least "
+        "three rows) has at most this many fewer rows: one may be the mirror image of the other",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class BearingOutlierOptions(OutlierOptions):
-    """What bearings with outliers, and ranges beside them, are like."""
+    """Properties of bearings with outliers, and of their ranges."""
 
     field_of_view_deg: float = option(
         180.0, unit="deg", minimum=1.0, maximum=360.0, meaning="angle over which an outlier's bearing is uniform"
     )
-    use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
+    use_ranges: bool = option(True, meaning="whether ranges are used, where present")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
     min_range_m: float | None = option(
         None,
         unit="m",
         minimum=0.0,
-        meaning="a row can't be direct from closer than this; none: 0.5 % of the larger side of the box of the sensors",
+        meaning="a row can't be direct from closer than this; default: 0.5 % of the sensors' larger extent",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class MixtureModeOptions:
-    """How many modes of a mixture likelihood are sought, from where, and what covariance a mode gets."""
+    """Modes of a mixture likelihood: their largest number, initial estimates and covariance."""
 
     covariance: Literal["inliers", "posterior"] = option(
         "inliers",
-        meaning="of the rows held to be direct (too small with outliers), or calibrated, from a posterior grid",
+        meaning="of the inlier rows (too small with outliers), or calibrated, from a posterior grid",
     )
-    max_modes: int = option(20, minimum=1, maximum=100, meaning="modes sought; each is an alternative")
-    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows crossed; of more, so many are drawn at random")
+    max_modes: int = option(20, minimum=1, maximum=100, meaning="largest number of modes; each is an alternative")
+    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows crossed; a random subset if there are more")

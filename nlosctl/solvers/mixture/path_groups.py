@@ -1,4 +1,4 @@
-"""Rows that compete to be the one direct path: the paths of one sensor, at one place, by one stated reflector."""
+"""Rows that compete to be the one direct path: the paths of one sensor at one position by one stated reflector."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PathGroups:
 
     ``order`` (B, K) sorts the rows so that groups are together, ``last`` (B, K) marks the last row of each group in
     that order; both are None where every row is a group of its own. ``leader`` (B, K) is, in the file's order, the
-    first row of a row's group, ``rank`` its place in the group by path number, ``size`` the number of its rows.
+    first row of a row's group, ``rank`` its rank in the group by path number, ``size`` the number of its rows.
     """
 
     leader: IntArray
@@ -30,7 +30,7 @@ class PathGroups:
     last: BoolArray | None
 
     def unordered(self, prior: str) -> BoolArray | None:
-        """Return in which snapshots (B,) paths compete of which none is known to come first; None if in none."""
+        """Return in which snapshots (B,) paths compete in unknown order; None if in no snapshot."""
         if self.order is None or prior != "uniform":
             return None
         return np.asarray((self.size > 1).any(axis=1))
@@ -88,8 +88,8 @@ def sort_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[S
     """Return values (B, K) or (B, K, 2) with the rows of each group next to each other."""
     if groups.order is None:
         return values
-    places = groups.order if values.ndim == 2 else groups.order[..., None]
-    return np.asfortranarray(np.take_along_axis(values, places, axis=1))
+    indices = groups.order if values.ndim == 2 else groups.order[..., None]
+    return np.asfortranarray(np.take_along_axis(values, indices, axis=1))
 
 
 def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:

@@ -1,4 +1,4 @@
-"""Ranges of one source of which some are outliers: the rows of the mixture, its model, and where to start from."""
+"""Ranges of one source, some of them outliers: the rows of the mixture, its model, and initial estimates."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ class DirectRanges(RowBlock):
 
     circles: RangeCircles
 
-    def misfit(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P)."""
-        misfit, across = x - self.circles.sensor_x[:, k, None], y - self.circles.sensor_y[:, k, None]
-        misfit *= misfit
+        half_chi_square, across = x - self.circles.sensor_x[:, k, None], y - self.circles.sensor_y[:, k, None]
+        half_chi_square *= half_chi_square
         across *= across
-        misfit += across
+        half_chi_square += across
         if self.circles.height is not None:
-            misfit += self.circles.height[:, k, None] ** 2
-        np.sqrt(misfit, out=misfit)
-        misfit -= self.circles.range_m[:, k, None]
-        misfit *= sqrt(0.5) / self.circles.std_m[:, k, None]
-        misfit *= misfit
-        return misfit
+            half_chi_square += self.circles.height[:, k, None] ** 2
+        np.sqrt(half_chi_square, out=half_chi_square)
+        half_chi_square -= self.circles.range_m[:, k, None]
+        half_chi_square *= sqrt(0.5) / self.circles.std_m[:, k, None]
+        half_chi_square *= half_chi_square
+        return half_chi_square
 
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), and its derivatives."""
@@ -117,7 +117,7 @@ def range_outlier_model(
 
 
 def _region(batch: RangeBatch, circles: RangeCircles) -> Region:
-    """Return the search regions; ranges reach where they reach, so a field of the sensors holds the longest of them."""
+    """Return the search regions; a default field of the sensors is enlarged by the longest range."""
     sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
     region = search_region(batch.field, sensor_x, sensor_y, circles.center_x, circles.center_y)
     if not isinstance(batch.field, SensorsField):
@@ -135,9 +135,10 @@ def _region(batch: RangeBatch, circles: RangeCircles) -> Region:
 
 @dataclass(frozen=True)
 class RangeCandidates:
-    """Where to start from: both crossings of the circles of all pairs of rows that may both be direct.
+    """Initial estimates: both crossings of the circles of all pairs of rows that may both be direct.
 
-    ``first`` and ``second`` (P,) or (B, P) are the pairs. ``degenerate`` (B,) tells where all sensors are at one place.
+    ``first`` and ``second`` (P,) or (B, P) are the pairs. ``degenerate`` (B,) marks snapshots whose sensors are all at
+    one point.
     """
 
     model: RangeOutlierModel
@@ -161,17 +162,17 @@ class RangeCandidates:
     def points(self, rows: IntArray) -> Candidates:
         """Return the candidates of some snapshots; circles that miss each other have one between them."""
         circles = self.model.circles
-        first, second = (place if place.ndim == 1 else place[rows] for place in (self.first, self.second))
+        first, second = (index if index.ndim == 1 else index[rows] for index in (self.first, self.second))
         squared = circles.squared_in_plane()
 
-        def gather(values: npt.NDArray[ScalarT], place: IntArray) -> npt.NDArray[ScalarT]:
-            return values[rows[:, None], place]
+        def gather(values: npt.NDArray[ScalarT], index: IntArray) -> npt.NDArray[ScalarT]:
+            return values[rows[:, None], index]
 
         centers = [
-            np.stack([gather(circles.sensor_x, place), gather(circles.sensor_y, place)], axis=-1)
-            for place in (first, second)
+            np.stack([gather(circles.sensor_x, index), gather(circles.sensor_y, index)], axis=-1)
+            for index in (first, second)
         ]
-        radii = [np.sqrt(np.maximum(gather(squared, place), 0.0)) for place in (first, second)]
+        radii = [np.sqrt(np.maximum(gather(squared, index), 0.0)) for index in (first, second)]
         points = cross_circles(centers[0], radii[0], centers[1], radii[1], gap_tolerance=np.inf)
         may = (gather(self.model.share, first) > 0.0) & (gather(self.model.share, second) > 0.0)
         may &= gather(self.model.leader, first) != gather(self.model.leader, second)

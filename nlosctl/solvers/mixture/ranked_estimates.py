@@ -20,7 +20,7 @@ __all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ran
 
 
 _CHANCE = 2
-"""So many rows always agree on some point."""
+"""This many rows always agree on some point."""
 
 _ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
@@ -39,16 +39,16 @@ class RankedFixes:
 
 def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:
     """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
-    snapshot, place = np.nonzero(np.isfinite(modes.cost))
+    snapshot, index = np.nonzero(np.isfinite(modes.cost))
     probability, information = mixture.take(snapshot).responsibilities(
-        modes.x[snapshot, place], modes.y[snapshot, place]
+        modes.x[snapshot, index], modes.y[snapshot, index]
     )
     covariance = SymmetricMatrix.full(modes.cost.shape, np.nan)
-    covariance.put((snapshot, place), information.inverse())
+    covariance.put((snapshot, index), information.inverse())
     n_used = np.zeros(modes.cost.shape, dtype=np.int64)
-    n_used[snapshot, place] = np.count_nonzero(probability > 0.5, axis=1)
+    n_used[snapshot, index] = np.count_nonzero(probability > 0.5, axis=1)
     best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
-    best[snapshot[place == 0]] = probability[place == 0]
+    best[snapshot[index == 0]] = probability[index == 0]
     return RankedFixes(modes.x, modes.y, modes.cost, covariance, n_used), best
 
 
@@ -57,21 +57,20 @@ def ranked_status(
     candidates: BoolArray,
     degenerate: BoolArray,
     ambiguous_within: float,
-    held: BoolArray | None = None,
+    at_boundary: BoolArray | None = None,
     *,
     unordered: BoolArray | None = None,
     ambiguous_rows: int = 0,
 ) -> StatusArray:
     """Return the status (B,).
 
-    ambiguous: another fix is within ``ambiguous_within`` nats; or, where ``unordered`` (B,) says that sensors have
-    several paths in no known order, at most ``ambiguous_rows`` rows fewer agree on it: how many sensors see the source
-    and how many its image in a mirror does not tell which is which.
+    ambiguous: another fix is within ``ambiguous_within`` nats; or, in ``unordered`` (B,) snapshots, where sensors have
+    several paths in unknown order, at most ``ambiguous_rows`` fewer rows agree on it. There the number of rows does
+    not distinguish the source from its mirror image.
 
-    ``candidates`` (B,) tells whether there was any point to start from in the search field; a fix that rests on no row
-    (all are held to be outliers) is none either. ``degenerate`` (B,)
-    whether the rows can't say where the source is, whatever they read, ``held`` (B,) whether the fixes were held back
-    at the edge of the search field.
+    ``candidates`` (B,) marks snapshots with any candidate in the search region; a fix without a direct row (all are
+    outliers) does not count either. ``degenerate`` (B,) marks snapshots that can't determine a position for any values
+    of their rows, ``at_boundary`` (B,) fixes constrained to the edge of the search region.
     """
     status = np.full(candidates.shape, Status.OK, dtype=np.uint8)
     covariance = fixes.covariance
@@ -83,8 +82,8 @@ def ranked_status(
                 rivalled = (others > _CHANCE) & (others >= fixes.n_used[:, 0] - ambiguous_rows)
                 status[unordered & rivalled] = Status.AMBIGUOUS
     status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
-    if held is not None:
-        status[held] = Status.BOUNDARY
+    if at_boundary is not None:
+        status[at_boundary] = Status.BOUNDARY
     status[~np.isfinite(fixes.cost[:, 0])] = Status.NOT_CONVERGED
     status[np.isfinite(fixes.cost[:, 0]) & (fixes.n_used[:, 0] == 0)] = Status.NO_CANDIDATE
     status[~candidates] = Status.NO_CANDIDATE
@@ -115,7 +114,7 @@ def ranked_estimates(
 
 
 def _sound(covariance: SymmetricMatrix) -> BoolArray:
-    """Return which covariances are of an ellipse, with more to their determinant than rounding."""
+    """Return which covariances are positive definite beyond rounding."""
     with ignoring_overflow():
         sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)
         sound &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
@@ -125,13 +124,13 @@ def _sound(covariance: SymmetricMatrix) -> BoolArray:
 def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:
     """Return the flags of the best fix: ``los`` (B, K), which is also ``used``, and columns of numbers (B, K).
 
-    They come in the order of the groups and go in that of the file. A snapshot without an answer uses no row and says
-    nothing of any.
+    The input is in the order of the groups, the result in that of the file. A snapshot without a position uses no row
+    and has no values.
     """
     los = restore_rows(los, groups)
     answered = has_position(status)[:, None]
-    said = np.full(los.shape, None, dtype=object)
-    np.copyto(said, los, where=np.broadcast_to(answered, los.shape))
-    columns: dict[str, npt.NDArray[np.generic]] = {"los": said}
+    flag_values = np.full(los.shape, None, dtype=object)
+    np.copyto(flag_values, los, where=np.broadcast_to(answered, los.shape))
+    columns: dict[str, npt.NDArray[np.generic]] = {"los": flag_values}
     columns.update({name: np.where(answered, restore_rows(values, groups), np.nan) for name, values in numbers.items()})
     return Flags(used=los & answered, columns=columns)

@@ -1,1 +1,1 @@
-"""Iterations that every likelihood shares."""
+"""Optimization shared by all likelihoods."""

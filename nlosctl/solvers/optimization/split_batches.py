@@ -27,13 +27,13 @@ def solve_parts(batch: BatchT, chosen: BoolArray, solve: Callable[[BatchT], Solu
         return solve(batch)
     rows = [np.flatnonzero(~chosen), np.flatnonzero(chosen)]
     solutions = [solve(_take(batch, part)) for part in rows]
-    place = np.concatenate([part[solution.estimates.row] for part, solution in zip(rows, solutions, strict=True)])
-    order = np.argsort(place, kind="stable")
+    index = np.concatenate([part[solution.estimates.row] for part, solution in zip(rows, solutions, strict=True)])
+    order = np.argsort(index, kind="stable")
     joined: dict[str, Any] = {}
     for field in dataclasses.fields(Estimates):
         values = [getattr(solution.estimates, field.name) for solution in solutions]
         joined[field.name] = np.concatenate(values)[order] if isinstance(values[0], np.ndarray) else values[0]
-    joined["row"] = place[order]
+    joined["row"] = index[order]
     flags = None
     if solutions[0].flags is not None and solutions[1].flags is not None:
         both = (solutions[0].flags, solutions[1].flags)
@@ -57,6 +57,6 @@ def _take(batch: BatchT, rows: IntArray) -> BatchT:
 
 def _scatter(rows: list[IntArray], parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     whole = np.empty((sum(part.shape[0] for part in rows), *parts[0].shape[1:]), dtype=parts[0].dtype)
-    for place, part in zip(rows, parts, strict=True):
-        whole[place] = part
+    for index, part in zip(rows, parts, strict=True):
+        whole[index] = part
     return whole

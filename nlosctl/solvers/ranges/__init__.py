@@ -1,1 +1,1 @@
-"""Behind the methods for ranges."""
+"""Solvers for ranges."""

@@ -1,4 +1,4 @@
-"""What range methods do with an optimum and its mirror image: which is the answer, and is it one?"""
+"""The optimum of ranges and its mirror image: which is the answer, and which status has it?"""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
 
 _DISTINCT_STANDARD_DEVIATIONS = 1e-3
-"""Optima nearer to each other than this are one, found twice."""
+"""Optima nearer to each other than this are the same."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ def finish_range_fix(
     min_range_m: float,
     ambiguous_within: float,
 ) -> Solution:
-    """Return the solution of snapshots that have two optima each, which may be the same one found twice.
+    """Return the solution of snapshots that have two optima each, which may coincide.
 
     The better is the answer; the other is its alternative where it is another point with an answer's status. It
-    makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors that all
-    stand at one place are too few. The cost is half the chi-square of the range residuals.
+    makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors at a
+    single point are too few. The cost is half the chi-square of the range residuals.
     """
     best, rest = _order(one, other)
     status, other_status = (_judge(circles, optimum, min_range_m) for optimum in (best, rest))
@@ -123,7 +123,7 @@ def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> 
 
 
 def _single_place(circles: RangeCircles) -> BoolArray:
-    """Return which snapshots (B,) have all their sensors at one place."""
+    """Return which snapshots (B,) have all their sensors at a single point."""
     away = np.hypot(circles.sensor_x - circles.sensor_x[:, :1], circles.sensor_y - circles.sensor_y[:, :1])
     single: BoolArray = max_measurements(away) == 0.0
     return single

@@ -83,7 +83,7 @@ def fit_squared_ranges(
     pull_x, pull_y = -2.0 * sum_measurements(right * dx), -2.0 * sum_measurements(right * dy)
     c1, c2 = cosine * pull_x + sine * pull_y, cosine * pull_y - sine * pull_x
     along, across = _solve(c1, c2, 4.0 * (larger - smaller), right_mean - 2.0 * smaller)
-    lost = ~(larger > 0.0) | ~np.isfinite(along) | ~np.isfinite(across)  # sensors that but for rounding coincide
+    lost = ~(larger > 0.0) | ~np.isfinite(along) | ~np.isfinite(across)  # sensors that coincide up to rounding
     along[lost] = across[lost] = np.nan
     return SquaredRangeFit(
         x=mean_x + cosine * along - sine * across,

@@ -1,1 +1,1 @@
-"""Behind `sequential` and `suppress`: hypotheses grown row by row."""
+"""Sequential estimation: hypotheses extended row by row."""

@@ -14,7 +14,7 @@ from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.sequential.polar_updates import (
     SourceState,
     bootstrap_state,
-    pick_rows,
+    select_rays,
     update_bearings,
     update_ranges,
 )
@@ -70,7 +70,7 @@ def grow_hypotheses(
 
     In each step the row that fits best (its residual in standard deviations) is combined, and kept if all rows of
     the set then stay below their thresholds; or, ``by_likelihood``, if (23) does not get worse. Rows of one group
-    (paths of one sensor) are never together in a set; a pair of one group explains nothing.
+    (paths of one sensor) are never together in a set; a pair from one group is discarded.
     """
     growth = _Growth.start(model, first, second, lognormal)
     range_m = None
@@ -85,7 +85,7 @@ def grow_hypotheses(
 
 @dataclass
 class _Growth:
-    """All sets while they grow; lists hold one array (B, M) for each row."""
+    """All sets while they grow; lists have one array (B, M) for each row."""
 
     model: OutlierModel
     lognormal: bool
@@ -98,12 +98,12 @@ class _Growth:
 
     @classmethod
     def start(cls, model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> _Growth:
-        rows = [pick_rows(model.lines, place, model.measured_m, model.range_std_m) for place in (first, second)]
+        rows = [select_rays(model.lines, index, model.measured_m, model.range_std_m) for index in (first, second)]
         state = bootstrap_state(rows[0], rows[1])
         for row in rows:
             state = update_ranges(state, row, lognormal=lognormal)
-        leaders = [np.take_along_axis(model.leader, place, axis=1) for place in (first, second)]
-        share = [np.take_along_axis(model.share, place, axis=1) for place in (first, second)]
+        leaders = [np.take_along_axis(model.leader, index, axis=1) for index in (first, second)]
+        share = [np.take_along_axis(model.share, index, axis=1) for index in (first, second)]
         alive = state.alive & (leaders[0] != leaders[1]) & (share[0] > 0.0) & (share[1] > 0.0)
         state = SourceState(state.x, state.y, state.covariance, alive)
         count = model.mixture.count
@@ -134,7 +134,7 @@ class _Growth:
         chosen, any_left = self._best_left()
         if not any_left.any():
             return False
-        rows = pick_rows(self.model.lines, chosen, self.model.measured_m, self.model.range_std_m)
+        rows = select_rays(self.model.lines, chosen, self.model.measured_m, self.model.range_std_m)
         trial = update_ranges(update_bearings(self.state, rows), rows, lognormal=self.lognormal)
         bearing, ranges = self.residuals(trial)
         accepted = any_left & trial.alive
@@ -157,13 +157,13 @@ class _Growth:
         shape = self.state.x.shape
         chosen, least = np.zeros(shape, dtype=np.int64), np.full(shape, np.inf)
         for k, left in enumerate(self.left):
-            misfit = self.bearing[k] / self.model.lines.std_rad[:, k, None]
+            residual = self.bearing[k] / self.model.lines.std_rad[:, k, None]
             if self.range and self.model.range_std_m is not None:
                 scaled = self.range[k] / self.model.range_std_m[:, k, None]
-                misfit = np.where(np.isnan(scaled), misfit, np.hypot(misfit, np.nan_to_num(scaled)))
+                residual = np.where(np.isnan(scaled), residual, np.hypot(residual, np.nan_to_num(scaled)))
             with ignoring_invalid():
-                better = left & (misfit < least)
-            np.copyto(least, misfit, where=better)
+                better = left & (residual < least)
+            np.copyto(least, residual, where=better)
             np.copyto(chosen, k, where=better)
         return chosen, np.isfinite(least)
 

@@ -14,8 +14,8 @@ from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.sequential.polar_updates import (
     SourceState,
     bootstrap_state,
-    pick_rows,
     ranged_state,
+    select_rays,
     update_bearings,
     update_ranges,
 )
@@ -48,8 +48,8 @@ class RangedLines:
                 if self.measured_m is not None and self.range_std_m is not None:
                     measured, std = self.measured_m[:, k, None], self.range_std_m[:, k, None]
                     range_m = np.sqrt(dx * dx + dy * dy)
-                    misfit = measured * np.log(measured / range_m) if self.lognormal else measured - range_m
-                    scaled = misfit / std
+                    residual = measured * np.log(measured / range_m) if self.lognormal else measured - range_m
+                    scaled = residual / std
                     total += np.where(np.isnan(measured), 0.0, scaled * scaled)
         return 0.5 * total
 
@@ -58,7 +58,7 @@ class RangedLines:
 class Prior:
     """Where the sources (B,) were expected, about the local origin, with one standard deviation in x and y; metres.
 
-    ``known`` tells in which snapshots there is a prior.
+    ``known`` marks the snapshots that have a prior.
     """
 
     x: FloatArray
@@ -79,10 +79,10 @@ class Run:
 
     def pick(self, best: IntArray) -> tuple[list[SourceState], list[IntArray]]:
         """Return the states (B, 1) and rows (B,) of one run of each snapshot."""
-        place = best[:, None]
+        index = best[:, None]
 
         def take(array: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
-            return np.take_along_axis(array, place, axis=1)
+            return np.take_along_axis(array, index, axis=1)
 
         states = [
             SourceState(
@@ -116,7 +116,7 @@ def run_all_orders(
     states: list[SourceState] = []
     state = start
     for step, row in enumerate(order):
-        rows = pick_rows(ranged.lines, row, ranged.measured_m, ranged.range_std_m)
+        rows = select_rays(ranged.lines, row, ranged.measured_m, ranged.range_std_m)
         updated = update_ranges(update_bearings(state, rows), rows, lognormal=ranged.lognormal)
         if step == 0:
             end = ranged_state(rows) or start
@@ -141,10 +141,10 @@ def _orders(
     keys += np.uint64(2)  # (B, M, K)
     if from_prior is None or not from_prior.all():
         paired = np.ones(first.shape, dtype=bool) if from_prior is None else ~from_prior
-        for rank, place in enumerate((first, second)):
-            old = np.take_along_axis(keys, place[..., None], axis=2)
+        for rank, index in enumerate((first, second)):
+            old = np.take_along_axis(keys, index[..., None], axis=2)
             new = np.where(paired[..., None], np.uint64(rank), old)
-            np.put_along_axis(keys, place[..., None], new, axis=2)
+            np.put_along_axis(keys, index[..., None], new, axis=2)
     order = np.argsort(keys, axis=2, kind="stable").astype(np.int64)
     return [np.asfortranarray(order[..., step]) for step in range(count)]
 

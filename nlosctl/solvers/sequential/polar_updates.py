@@ -15,11 +15,11 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 
 __all__ = [
-    "PickedRows",
+    "SelectedRays",
     "SourceState",
     "bootstrap_state",
-    "pick_rows",
     "ranged_state",
+    "select_rays",
     "update_bearings",
     "update_ranges",
 ]
@@ -49,10 +49,10 @@ class SourceState:
 
 
 @dataclass(frozen=True)
-class PickedRows:
+class SelectedRays:
     """One row for each of the states (B, M): its ray, and its range with the standard deviation (NaN without).
 
-    The two are None where no row of the batch has a range.
+    The last two are None if no row of the batch has a range.
     """
 
     origin_x: FloatArray
@@ -64,15 +64,15 @@ class PickedRows:
     range_std_m: FloatArray | None
 
 
-def pick_rows(
+def select_rays(
     lines: SightLines, row: IntArray, measured_m: FloatArray | None = None, range_std_m: FloatArray | None = None
-) -> PickedRows:
-    """Return the rows of places ``row`` (B, M) in each snapshot."""
+) -> SelectedRays:
+    """Return the rows of indices ``row`` (B, M) in each snapshot."""
 
     def pick(array: FloatArray) -> FloatArray:
         return np.take_along_axis(array, row, axis=1)
 
-    return PickedRows(
+    return SelectedRays(
         pick(lines.origin_x),
         pick(lines.origin_y),
         pick(lines.cosine),
@@ -83,7 +83,7 @@ def pick_rows(
     )
 
 
-def bootstrap_state(first: PickedRows, second: PickedRows) -> SourceState:
+def bootstrap_state(first: SelectedRays, second: SelectedRays) -> SourceState:
     """Return the crossing of two rays, (15), with the covariance that follows from (16); not alive behind a ray.
 
     It is worked out in the first receiver's polar frame and turned to the common one by (12).
@@ -104,7 +104,7 @@ def bootstrap_state(first: PickedRows, second: PickedRows) -> SourceState:
         )
 
 
-def ranged_state(rows: PickedRows) -> SourceState | None:
+def ranged_state(rows: SelectedRays) -> SourceState | None:
     """Return the ends of rays at their measured ranges, exact in each row's polar frame; dead in rows without a range.
 
     None where no row of the batch has a range.
@@ -121,7 +121,7 @@ def ranged_state(rows: PickedRows) -> SourceState | None:
     )
 
 
-def update_bearings(state: SourceState, rows: PickedRows) -> SourceState:
+def update_bearings(state: SourceState, rows: SelectedRays) -> SourceState:
     """Return the states updated by each row's bearing in its own polar frame, (8)-(14); dead where the range turns."""
     with ignoring_overflow():
         range_m, cosine, sine, polar = _to_polar(state, rows)  # (13), (14)
@@ -137,7 +137,7 @@ def update_bearings(state: SourceState, rows: PickedRows) -> SourceState:
         )  # (8)
 
 
-def update_ranges(state: SourceState, rows: PickedRows, *, lognormal: bool) -> SourceState:
+def update_ranges(state: SourceState, rows: SelectedRays, *, lognormal: bool) -> SourceState:
     """Return the states updated by each row's range, (6) with A = [1 0]; unchanged in rows without one.
 
     Section V-A. With ``lognormal`` the innovation is that of the range's logarithm.
@@ -161,7 +161,7 @@ def update_ranges(state: SourceState, rows: PickedRows, *, lognormal: bool) -> S
     return moved if known.all() else moved.where(known, state)
 
 
-def _to_polar(state: SourceState, rows: PickedRows) -> tuple[FloatArray, FloatArray, FloatArray, SymmetricMatrix]:
+def _to_polar(state: SourceState, rows: SelectedRays) -> tuple[FloatArray, FloatArray, FloatArray, SymmetricMatrix]:
     """Return range, direction cosine and sine, and the covariance of range and bearing; (13), (14)."""
     dx, dy = state.x - rows.origin_x, state.y - rows.origin_y
     range_m = np.sqrt(dx * dx + dy * dy)
@@ -181,7 +181,7 @@ def _to_polar(state: SourceState, rows: PickedRows) -> tuple[FloatArray, FloatAr
 
 def _from_polar(
     state: SourceState,
-    rows: PickedRows,
+    rows: SelectedRays,
     range_m: FloatArray,
     turn_rad: FloatArray,
     cosine: FloatArray,

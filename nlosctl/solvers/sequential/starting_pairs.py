@@ -19,7 +19,7 @@ _WELL_CONDITIONED = 0.5
 
 
 def bootstrap_failure(paths: int, alpha: float, bootstraps: int) -> float:
-    """Return the probability that each of ``bootstraps`` different pairs holds an outlier; (27) as corrected.
+    """Return the probability that each of ``bootstraps`` different pairs contains an outlier; (27) as corrected.
 
     C(K, M) / C(P, M) with P all pairs of ``paths`` and K those that are not both of the floor((1-alpha) paths) direct
     ones (printed upside down).
@@ -28,7 +28,7 @@ def bootstrap_failure(paths: int, alpha: float, bootstraps: int) -> float:
     bad = pairs - math.comb(math.floor((1.0 - alpha) * paths + 1e-9), 2)
     if bootstraps > bad:
         return 0.0
-    return math.prod((bad - place) / (pairs - place) for place in range(bootstraps))
+    return math.prod((bad - index) / (pairs - index) for index in range(bootstraps))
 
 
 def count_bootstraps(paths: int, alpha: float, failure_probability: float) -> int:
@@ -57,7 +57,7 @@ def conditioned_pairs(seed: SeedArray, lines: SightLines, wanted: int, most: int
     first, second = shuffled_pairs(seed, count, most)
     crossings = cross_rays(lines, first, second)
     c1, s1, c2, s2 = (
-        np.take_along_axis(part, place, axis=1) for place in (first, second) for part in (lines.cosine, lines.sine)
+        np.take_along_axis(part, index, axis=1) for index in (first, second) for part in (lines.cosine, lines.sine)
     )
     well = crossings.valid & (np.abs(s1 * c2 - c1 * s2) >= _WELL_CONDITIONED)
     order = np.argsort(np.where(well, 0, np.where(crossings.valid, 1, 2)), axis=1, kind="stable")

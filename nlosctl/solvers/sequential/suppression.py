@@ -96,7 +96,7 @@ def suppress_outliers(
 def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
     """Return the pairs (B, P) with those in front that may both be direct: not of one group, and of some share."""
     leaders, shares = (
-        [np.take_along_axis(values, place, axis=1) for place in (first, second)]
+        [np.take_along_axis(values, index, axis=1) for index in (first, second)]
         for values in (model.leader, model.share)
     )
     impossible = (leaders[0] == leaders[1]) | (shares[0] <= 0.0) | (shares[1] <= 0.0)
@@ -118,20 +118,20 @@ def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
     snapshot = np.arange(size)
     fixes = found.fixes
     for t in range(min(_KEPT, cost.shape[1])):
-        place = np.argmin(cost, axis=1)
-        here = np.isfinite(cost[snapshot, place])
+        index = np.argmin(cost, axis=1)
+        here = np.isfinite(cost[snapshot, index])
         if not here.any():
             break
-        rows, place = snapshot[here], place[here]
-        fixes.x[rows, t], fixes.y[rows, t] = state.x[rows, place], state.y[rows, place]
-        fixes.covariance.put((rows, t), state.covariance.at(rows, place))
+        rows, index = snapshot[here], index[here]
+        fixes.x[rows, t], fixes.y[rows, t] = state.x[rows, index], state.y[rows, index]
+        fixes.covariance.put((rows, t), state.covariance.at(rows, index))
         fixes.cost[rows, t] = _exact_cost(model, rows, fixes.x[rows, t], fixes.y[rows, t])
-        used = np.stack([part[rows, place] for part in grown.used], axis=1)
+        used = np.stack([part[rows, index] for part in grown.used], axis=1)
         fixes.n_used[rows, t] = np.count_nonzero(used, axis=1)
         if t == 0:
             found.used[rows] = used
         cost[_near(state.x, state.y, fixes, t) | ~np.isfinite(cost)] = np.inf
-        cost[rows, place] = np.inf
+        cost[rows, index] = np.inf
     return found
 
 

@@ -1,1 +1,1 @@
-"""Behind the methods for triplets."""
+"""Solvers for triplets."""

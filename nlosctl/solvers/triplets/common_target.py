@@ -1,14 +1,14 @@
 """Which paths of a snapshot belong to a common target: hypotheses of it, weighed by their likelihood.
 
 The model of a snapshot with the target at p: every path is direct with probability 1 - ``prior_indirect``, its triplet
-then normal about what p foretells; or it is indirect, its angles then uniform and its length in excess of the direct
-path's by an exponential law. For no detour is shorter than the direct path: hypotheses of mirror images, which the
-paths over one wall agree on, have the shorter true paths against them. A ``clutter`` share of the indirect paths may
-have any length (they are over something else).
+then normal about what p predicts; or it is indirect, its angles then uniform and its length in excess of the direct
+path's by an exponential law: no detour is shorter than the direct path. The paths over one wall agree on a mirror
+image, but the shorter true paths contradict it. A ``clutter`` share of the indirect paths may have any length (they
+are over something else).
 
 Every path proposes a target. Each proposal is refined on all paths by expectation-maximization, and weighed by its
-likelihood times the volume of its peak (Laplace's approximation, flat prior about the size of the paths). No proposal
-is ever chosen for good: one wrong choice would condemn every direct path.
+likelihood times the volume of its peak (Laplace's approximation, flat prior about the size of the paths). Hypotheses
+are averaged, not selected: one wrong choice would flag every direct path.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SAME = 9.0
 
 @dataclass(frozen=True, kw_only=True)
 class TargetModel:
-    """What is assumed before the data: shares of paths, and how many targets there may be."""
+    """Prior assumptions: shares of paths, and the largest number of targets."""
 
     prior_indirect: float
     clutter: float
@@ -49,7 +49,7 @@ class TargetModel:
 
 @dataclass(frozen=True)
 class CommonTargets:
-    """What is known of the targets of B snapshots of K paths; T targets at most.
+    """The posterior of the targets of B snapshots of K paths; at most T targets.
 
     ``direct`` (B, K) is the probability that a path is direct, over all hypotheses. Of the best set of targets:
     ``x``, ``y`` (T, B) about the local origin, their ``information``, NaN where the set has fewer, and which paths
@@ -167,7 +167,7 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
         direct.append(log_direct.reshape(shape))
         indirect.append(log_indirect.reshape(shape))
     # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long. None where a
-    # hypothesis is on a station but for rounding.
+    # hypothesis is on a station up to rounding.
     ridge = 1.0 / (scales * scales)
     with ignoring_overflow():
         determinant = information.add_to_diagonal(ridge).determinant
@@ -221,8 +221,8 @@ def _combine(hypotheses: _Hypotheses, model: TargetModel) -> CommonTargets:
             total = total * old + new
             direct = direct * old[:, None] + share * new[:, None]
             top = highest
-            for place in range(model.targets):
-                members[place, ahead] = chosen[place] if place < targets else -1
+            for index in range(model.targets):
+                members[index, ahead] = chosen[index] if index < targets else -1
     with ignoring_division():
         direct = np.asfortranarray(np.where(total[:, None] > 0.0, direct / total[:, None], 0.0))
         lead = np.where(np.isfinite(top), top - second, 0.0)
@@ -232,13 +232,13 @@ def _combine(hypotheses: _Hypotheses, model: TargetModel) -> CommonTargets:
 def _weigh_set(hypotheses: _Hypotheses, chosen: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
     """Return log-evidence (B,) of a set of targets, and each path's probability (B, K) to be direct to one of it."""
     direct, indirect = hypotheses.log_direct[chosen[0]], hypotheses.log_indirect[chosen[0]]
-    for place in chosen[1:]:
-        direct = np.logaddexp(direct, hypotheses.log_direct[place])
-        indirect = np.logaddexp(indirect, hypotheses.log_indirect[place])
+    for index in chosen[1:]:
+        direct = np.logaddexp(direct, hypotheses.log_direct[index])
+        indirect = np.logaddexp(indirect, hypotheses.log_indirect[index])
     path = np.logaddexp(direct, indirect)
     score = sum_measurements(path) - direct.shape[1] * math.log(len(chosen))
-    for place in chosen:
-        score = score + hypotheses.volume[place]
+    for index in chosen:
+        score = score + hypotheses.volume[index]
     share = np.exp(direct - path)
     return np.where(np.isnan(score), -np.inf, score), np.where(np.isnan(share), 0.0, share)
 

@@ -1,4 +1,4 @@
-"""What flags of triplets can show of how a path looks: its three points, the six differences, their thresholds."""
+"""Detail columns of the flags of triplets: three points, six differences and their thresholds; reasons."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def detail_columns(
 ) -> dict[str, FloatArray]:
     """Return the details (B, K) by name: points in global coordinates, lambda and thresholds in the baseline frame.
 
-    Metres; NaN where a point does not exist. ``law`` is Gaussian unless given; ``eta_m`` as in `decide`.
+    Metres; NaN where a point does not exist. ``law`` is Gaussian by default; ``eta_m`` as in `decide`.
     """
     law = law or GaussianErrors()
     flat: dict[str, FloatArray] = {}
@@ -45,16 +45,16 @@ def detail_columns(
 
 
 def reasons(shape: tuple[int, ...], *parts: tuple[str, BoolArray]) -> Words:
-    """Return the words of rows: the words of all ``parts`` that hold for a row, in order, joined by a comma.
+    """Return the reasons of each row: the words of all ``parts`` that apply, in order, joined by a comma.
 
-    An empty text where none holds; eight words at most. ``parts`` are a word and where it holds, each of ``shape``.
+    The text is empty if none applies. ``parts`` (at most eight) are a word and where it applies, each of ``shape``.
     """
-    held = [(word, where) for word, where in parts if where.any()]
+    present = [(word, where) for word, where in parts if where.any()]
     code = np.zeros(shape, dtype=np.uint8)
-    for place, (_, where) in enumerate(held):
-        code += where * np.uint8(1 << place)
-    found = np.flatnonzero(np.bincount(code.ravel(), minlength=1))
-    names = [",".join(word for place, (word, _) in enumerate(held) if value >> place & 1) for value in found]
-    places = np.zeros(1 << len(held), dtype=np.uint8)
-    places[found] = np.arange(found.shape[0])
-    return Words(code=places[code], words=tuple(names))
+    for index, (_, where) in enumerate(present):
+        code += where * np.uint8(1 << index)
+    combinations = np.flatnonzero(np.bincount(code.ravel(), minlength=1))
+    names = [",".join(word for index, (word, _) in enumerate(present) if value >> index & 1) for value in combinations]
+    indices = np.zeros(1 << len(present), dtype=np.uint8)
+    indices[combinations] = np.arange(combinations.shape[0])
+    return Words(code=indices[code], words=tuple(names))

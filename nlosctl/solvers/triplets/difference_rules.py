@@ -20,7 +20,7 @@ BLIND_WITHIN = 3.0
 
 @dataclass(frozen=True)
 class Decision:
-    """What one quantity (N,) says: its value and standard deviation in metres, and its p-value.
+    """The decision by one quantity (N,): its value and standard deviation in metres, and its p-value.
 
     ``weights_m`` are what one standard deviation of each measured value moves it by. All NaN where the quantity does
     not exist.
@@ -60,9 +60,9 @@ def decide(rows: PathRows, quantity: Quantity, law: ErrorLaw, eta_m: float = 0.0
 
 
 def decide_fusion(p_values: list[FloatArray], more_than: int) -> FloatArray:
-    """Return the p-value (N,) of "more than so many of the rules say indirect": the (k+1)-th smallest.
+    """Return the p-value (N,) that more than so many rules decide for indirect: the (k+1)-th smallest.
 
-    A rule whose difference does not exist (parallel rays) says nothing; NaN where all six say nothing.
+    A rule whose difference does not exist (parallel rays) does not count; NaN if none of the six exists.
     """
     block = np.stack(p_values)
     unknown = np.isnan(block).all(axis=0)

@@ -18,7 +18,7 @@ __all__ = ["TargetFits", "fit_paths", "fit_snapshots"]
 
 
 _SAME_BASIN = 0.05
-"""A start whose cost the quadratic at a known minimum foretells this well leads there again."""
+"""An initial point whose cost matches the quadratic model of a known minimum this well converges to it."""
 _SNAPSHOT_STARTS = 5
 """So many of the targets that single paths propose are tried for all paths together."""
 
@@ -28,7 +28,7 @@ class TargetFits:
     """The best target of every problem (N,) about its local origin, metres, and what it leaves over.
 
     ``cost`` is half the chi-square, ``hessian`` its second derivatives. ``runner_up`` is the cost of the best other
-    minimum, infinite where none was found.
+    minimum, infinite if there is none.
     """
 
     x: FloatArray
@@ -59,7 +59,7 @@ def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
     """Fit every path by itself from the three intersections and between them, in its baseline frame.
 
     The chi-square of a direct path has one degree of freedom. One start is not enough: the likelihood of an indirect
-    path has several minima. A start that lies in the basin of a minimum already found is left out.
+    path has several minima. Points in the basin of a known minimum are skipped.
     """
     problem = TripletProblem.of_paths(rows)
     baseline_m = rows.rays.baseline_m
@@ -137,7 +137,7 @@ def _best_of(
 
 
 def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield starts (N,): the middle of points 2 and 3, and both; on an ellipse made longer where there is none."""
+    """Yield starts (N,): the middle of points 2 and 3, and both; on a longer ellipse where there is no ellipse."""
     rays = rows.rays
     longer = replace(rays, path_length_m=np.maximum(rays.path_length_m, rays.baseline_m + rows.path_length_std_m))
     x2, y2, x3, y3 = (longer.coordinate(point, axis).value_m for point in (2, 3) for axis in ("x", "y"))
@@ -147,7 +147,7 @@ def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
 
 
 def _crossings(rows: PathRows) -> tuple[FloatArray, FloatArray]:
-    """Return point 1 (N,); NaN where the lines are nearly parallel or meet behind: then it says nothing."""
+    """Return point 1 (N,); NaN where the lines are nearly parallel or meet behind, where it is uninformative."""
     rays = rows.rays
     x, y = rays.coordinate(1, "x").value_m, rays.coordinate(1, "y").value_m
     with ignoring_overflow():
@@ -163,8 +163,8 @@ def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, 
         dx, dy = start_x - best.x, start_y - best.y
         rise = 0.5 * best.hessian.quadratic_form(dx, dy)
         there = problem.evaluate(start_x, start_y).cost
-        foretold = np.abs(there - best.cost - rise) <= _SAME_BASIN * rise
-    return known & foretold
+        predicted = np.abs(there - best.cost - rise) <= _SAME_BASIN * rise
+    return known & predicted
 
 
 def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:

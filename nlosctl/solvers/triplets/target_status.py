@@ -1,4 +1,4 @@
-"""Fits of single paths as estimates: is a fit an answer, what does it cost, what is left over?"""
+"""Fits of single paths as estimates: status, cost and covariance."""
 
 from __future__ import annotations
 
