@@ -58,7 +58,7 @@ class Estimates:
 
     ``row`` (E,) is the snapshot's index in the batch; every snapshot has at least one estimate, if only to carry
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
-    are NaN exactly where the status says so. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
+    are NaN exactly where the status requires it. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
     states what the covariance accounts for, if the method has more than one kind. ``measurement`` (E,) is set if
     every measurement is solved by itself, for a target of its own: its index in the snapshot.
     """

@@ -21,7 +21,7 @@ __all__ = [
     "all_points",
     "all_reflections",
     "count_reflections",
-    "ray_tube_spread",
+    "ray_tube_width",
     "reflect_at",
     "separatrix",
 ]
@@ -40,7 +40,7 @@ class ReflectedPath:
 
     ``hit_x``, ``hit_y`` is the reflection point about the centre, ``first_leg_m`` its distance from the sensor,
     ``second_leg_m`` from the source, ``bearing_rad`` the direction in which the sensor sees it, in (-pi, pi].
-    ``cosine``, ``sine`` is the direction from it to the source, ``spread_m`` the width of the ray tube there per
+    ``cosine``, ``sine`` is the direction from it to the source, ``tube_width_m`` the width of the ray tube there per
     radian of bearing: negative beyond a focus, zero on a caustic.
     """
 
@@ -51,7 +51,7 @@ class ReflectedPath:
     bearing_rad: FloatArray
     cosine: FloatArray
     sine: FloatArray
-    spread_m: FloatArray
+    tube_width_m: FloatArray
 
     @property
     def length_m(self) -> FloatArray:
@@ -65,11 +65,11 @@ class ReflectedPath:
         what a flat mirror has as distance is here the spread of the ray tube.
         """
         with ignoring_division():
-            inverse = 1.0 / self.spread_m
+            inverse = 1.0 / self.tube_width_m
             return self.sine * inverse, -self.cosine * inverse
 
 
-def ray_tube_spread(first_leg_m: FloatArray, second_leg_m: FloatArray, normal_m: FloatArray) -> FloatArray:
+def ray_tube_width(first_leg_m: FloatArray, second_leg_m: FloatArray, normal_m: FloatArray) -> FloatArray:
     """Return the width per radian of a ray tube after both legs; ``normal_m`` is radius times cos(incidence).
 
     The concave mirror's l1 + l2 - 2 l1 l2 / (R cos i), in the plane of incidence; zero on a caustic.
@@ -179,7 +179,7 @@ def reflect_at(
     first, second = _length(out_x, out_y), _length(back_x, back_y)
     with ignoring_division():
         normal = (out_x * hit_x + out_y * hit_y) / first
-        spread = ray_tube_spread(first, second, normal)
+        spread = ray_tube_width(first, second, normal)
         cosine, sine = back_x / second, back_y / second
     return ReflectedPath(hit_x, hit_y, first, second, np.arctan2(out_y, out_x), cosine, sine, spread)
 

@@ -34,7 +34,7 @@ def solve(batch: BearingBatch, options: FocusedStansfieldOptions) -> Solution:
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     fit = fit_focused(lines, first)
-    weighed_m = lines.spread_m(first.x, first.y)
+    weighed_m = lines.tube_width_m(first.x, first.y)
     return finish_bearings_fix(
         batch,
         lines,

@@ -30,8 +30,8 @@ class ConsistencyOptions:
     )
     rays_miss: bool = option(
         False,
-        meaning="also flag rays that miss each other (reported in reason anyway; the chi-square contains that angle, so "
-        "that no flag changes)",
+        meaning="also flag rays that miss each other (reported in reason anyway; the chi-square contains that angle, "
+        "so that no flag changes)",
     )
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="another optimum this near makes an estimate ambiguous"

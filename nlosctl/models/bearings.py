@@ -66,7 +66,7 @@ class SightLines(RowBlock):
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         return np.sqrt(dx * dx + dy * dy)
 
-    def spread_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def tube_width_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the width of each ray's tube (B, K) per radian of bearing at points (B,): the range, if unfocused."""
         range_m = self.range_m(x, y)
         if self.focusing is None:

@@ -88,7 +88,7 @@ class CircleRows(SelectedRows):
 def locate_circle_rows(
     scene: Scene, reflector: IntArray, sensor_x: FloatArray, sensor_y: FloatArray, bearing_rad: FloatArray
 ) -> CircleRows | None:
-    """Return the circle rows of a block (B, K), centres in the scene's coordinates, or None if there are none.
+    """Return the circle rows of a block (B, K), centres in the scene's coordinates, or None if it has no such rows.
 
     Rows whose sensor is not inside the circle, or under the blocker, get a sensor that is NaN: no path leads to it.
     """

@@ -113,7 +113,7 @@ def _unit_bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray)
     lines = sight_lines(batch)
     local_x, local_y = x - lines.center_x, y - lines.center_y
     with ignoring_division():
-        return replace(lines, std_rad=1.0 / np.abs(lines.spread_m(local_x, local_y))).information(local_x, local_y)
+        return replace(lines, std_rad=1.0 / np.abs(lines.tube_width_m(local_x, local_y))).information(local_x, local_y)
 
 
 def _unit_range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> SymmetricMatrix:

@@ -56,7 +56,7 @@ def draw_ranges(generator: np.random.Generator, snapshots: int, measurements: in
     scale = float(generator.choice(_SCALES_M))
     sensor_xy = generator.uniform(-scale, scale, (*shape, 2))
     source_xy = generator.uniform(-scale, scale, (snapshots, 1, 2))
-    if fault == "one place":
+    if fault == "one point":
         sensor_xy[:] = sensor_xy[:, :1]
     if fault == "on one line":
         sensor_xy[..., 1] = 0.5 * sensor_xy[..., 0]
@@ -77,15 +77,15 @@ def draw_echoes(generator: np.random.Generator, snapshots: int, measurements: in
     """Draw echoes of up to three targets and clutter at four sensors in a round field; equal stds."""
     shape = (snapshots, measurements)
     scale = float(generator.choice((100.0, 400.0)))
-    place = generator.uniform(-scale, scale, (snapshots, _ECHO_SENSORS, 2))
-    if fault == "one place":
-        place[:] = place[:, :1]
+    station_xy = generator.uniform(-scale, scale, (snapshots, _ECHO_SENSORS, 2))
+    if fault == "one point":
+        station_xy[:] = station_xy[:, :1]
     if fault == "on one line":
-        place[..., 1] = 0.5 * place[..., 0]
+        station_xy[..., 1] = 0.5 * station_xy[..., 0]
     sensor = np.tile(np.arange(measurements) % _ECHO_SENSORS, (snapshots, 1))
     target = np.arange(measurements) // _ECHO_SENSORS
     targets = generator.uniform(-0.5 * scale, 0.5 * scale, (snapshots, int(target.max(initial=0)) + 1, 2))
-    sensor_xy = np.take_along_axis(place, sensor[:, :, None], axis=1)
+    sensor_xy = np.take_along_axis(station_xy, sensor[:, :, None], axis=1)
     height = np.zeros(shape)
     std = np.full(shape, 1e-3 * scale)
     range_m = np.abs(predict_ranges(sensor_xy, height, targets[:, target]) + std * generator.normal(size=shape))
@@ -129,7 +129,7 @@ def draw_triplets(generator: np.random.Generator, snapshots: int, measurements: 
     scale = float(generator.choice(_TRIPLET_SCALES_M))
     tx, rx = generator.uniform(-scale, scale, (2, *shape, 2))
     target = generator.uniform(-scale, scale, (snapshots, 1, 2))
-    if fault == "one place":
+    if fault == "one point":
         rx = tx.copy()
     if fault == "on the baseline":
         target = 0.5 * (tx + rx)
@@ -175,15 +175,15 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     scale = float(generator.choice(_SCALES_M))
     scene = _mirror_scene(generator, scale)
     sensor = generator.integers(0, max(2, measurements), shape)
-    place = generator.uniform(-scale, scale, (snapshots, max(2, measurements), 2))
-    sensor_xy = np.take_along_axis(place, sensor[:, :, None], axis=1)
+    station_xy = generator.uniform(-scale, scale, (snapshots, max(2, measurements), 2))
+    sensor_xy = np.take_along_axis(station_xy, sensor[:, :, None], axis=1)
     source_xy = generator.uniform(-0.7 * scale, 0.7 * scale, (snapshots, 1, 2))
     reflector = generator.choice([-1, -1, -1, 0, 1, 0, 1, 2], size=shape)
     reflector[generator.random(snapshots) < 0.3] = -1
     std = np.radians(10.0 ** generator.uniform(-1.0, 0.5, shape))
-    if fault in ("one place", "on a sensor"):
+    if fault in ("one point", "on a sensor"):
         reflector[:] = -1
-    if fault == "one place":
+    if fault == "one point":
         sensor_xy[:] = sensor_xy[:, :1]
     if fault == "on a sensor":
         source_xy[:] = sensor_xy[:, :1]
@@ -249,21 +249,21 @@ def _number_paths(sensor: IntArray) -> IntArray:
 
 _TRIPLET_DRAW = Draw(
     trial=draw_triplets,
-    faults=("one place", "on the baseline", "on a transmitter", "parallel", "no ellipse"),
+    faults=("one point", "on the baseline", "on a transmitter", "parallel", "no ellipse"),
     directions=("dod_rad", "doa_rad"),
 )
 
 DRAWS: dict[tuple[str, str], Draw] = {
     ("bearings", "localize"): Draw(
         trial=draw_bearings,
-        faults=("parallel", "one place", "on a sensor", "behind"),
+        faults=("parallel", "one point", "on a sensor", "behind"),
         directions=("bearing_rad",),
     ),
     ("ranges", "localize"): Draw(
-        trial=draw_ranges, faults=("one place", "on one line", "on a sensor", "do not meet"), directions=()
+        trial=draw_ranges, faults=("one point", "on one line", "on a sensor", "do not meet"), directions=()
     ),
     ("ranges", "identify-los"): Draw(
-        trial=draw_echoes, faults=("one place", "on one line", "clutter alone"), directions=()
+        trial=draw_echoes, faults=("one point", "on one line", "clutter alone"), directions=()
     ),
     ("triplets", "localize"): _TRIPLET_DRAW,
     ("triplets", "detect-ip"): _TRIPLET_DRAW,

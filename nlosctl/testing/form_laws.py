@@ -81,7 +81,7 @@ def sorted_estimates(bench: Bench) -> Iterator[str]:
 
 
 def null(bench: Bench) -> Iterator[str]:
-    """Position, cost and covariance are NaN, and n_used 0, exactly where the status says so."""
+    """Position, cost and covariance are NaN, and n_used 0, exactly where the status requires it."""
     for measurements in bench.usual_measurements:
         estimates = bench.solve(bench.mixed(_SNAPSHOTS, measurements)).estimates
         status, used = estimates.status, estimates.n_used
@@ -109,7 +109,7 @@ def flags(bench: Bench) -> Iterator[str]:
         batch = bench.mixed(_SNAPSHOTS, measurements)
         solution = bench.solve(batch)
         if solution.flags is None:
-            yield "there are none where the batch wants them"
+            yield "missing although the batch wants them"
             return
         declared = bench.spec.flag_columns(bench.options, batch.scene, _columns_of(batch), details=False)
         if set(solution.flags.columns) != set(declared):

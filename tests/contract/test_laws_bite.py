@@ -67,7 +67,7 @@ COMPLAINTS: list[tuple[str, MethodSpec, str]] = [
         toys.toy(toys.other_estimates(lambda e: {"cost": e.cost * np.nan})),
         "the cost is nan where",
     ),
-    ("flags", toys.toy(toys.other_flags(lambda flags: None)), "there are none where the batch wants them"),
+    ("flags", toys.toy(toys.other_flags(lambda flags: None)), "missing although the batch wants them"),
     ("flags", toys.toy(toys.other_flags(lambda f: Flags(used=f.used * 1.0, columns=f.columns))), "used is float64"),
     ("flags", toys.toy(toys.other_flags(lambda f: Flags(used=f.used[:1], columns=f.columns))), "used has shape"),
     (

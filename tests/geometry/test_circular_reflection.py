@@ -137,7 +137,7 @@ def test_two_paths_coincide_on_the_separatrix(sensor):
     sides = [count_reflections(*pair, *parts(curve + shift * normal), np.ones(curve.shape)) for shift in (-1e-7, 1e-7)]
     assert {tuple(sorted(two)) for two in np.array(sides).T} == {(2, 4)}
     path = all_reflections(*pair, *parts(curve), np.ones(curve.shape))
-    assert np.nanmin(np.abs(path.spread_m), axis=0).max() < 1e-5
+    assert np.nanmin(np.abs(path.tube_width_m), axis=0).max() < 1e-5
 
 
 def test_a_source_on_the_separatrix_has_three_paths():
@@ -179,10 +179,12 @@ def test_singular_gradients_give_no_warning():
     """On a caustic the bearing's gradient is infinite; at the reflection point there is no direction. No warnings."""
     hit = (np.full(2, 0.6), np.full(2, 0.8))
     there, elsewhere = (np.array([0.6, 0.1]), np.array([0.8, 0.2])), (np.zeros(2), np.full(2, 0.5))
-    assert np.isfinite(reflect_at(*hit, *there, *elsewhere).spread_m).tolist() == [False, True]
+    assert np.isfinite(reflect_at(*hit, *there, *elsewhere).tube_width_m).tolist() == [False, True]
     path = reflect_at(*hit, *elsewhere, *there)
     assert np.isfinite(path.cosine).tolist() == [False, True]
-    caustic = dataclasses.replace(path, spread_m=np.zeros(2), cosine=np.array([0.6, 1.0]), sine=np.array([0.8, 0.0]))
+    caustic = dataclasses.replace(
+        path, tube_width_m=np.zeros(2), cosine=np.array([0.6, 1.0]), sine=np.array([0.8, 0.0])
+    )
     by_x, by_y = caustic.bearing_gradient()
     assert np.isposinf(by_x).tolist() == [True, False]
     assert np.isneginf(by_y).all()
@@ -210,7 +212,7 @@ def test_the_short_arc_path_is_unblocked():
         free = unblocked_points(sensor[row], source[row], IONOSPHERE_M, EARTH_M)
         assert len(free) == 1
         assert abs(np.angle(free[0] / (path.hit_x[row] + 1j * path.hit_y[row]))) < 1e-8
-    assert path.spread_m.min() > 0.0
+    assert path.tube_width_m.min() > 0.0
 
 
 def test_newton_steps_solve_nearly_every_short_arc(monkeypatch):
@@ -247,7 +249,7 @@ def test_gradient_agrees_with_finite_differences():
         bearings = [short_path(sensor, source + turn * step * n).bearing_rad for n in (-2, -1, 1, 2)]
         steps = [np.angle(np.exp(1j * (b - path.bearing_rad))) for b in bearings]
         numeric = (8.0 * (steps[2] - steps[1]) - (steps[3] - steps[0])) / (12.0 * step)
-        size = 1.0 / np.abs(path.spread_m)
+        size = 1.0 / np.abs(path.tube_width_m)
         usable = np.abs(source) < IONOSPHERE_M - 2e3
         assert (np.abs(numeric - slope) / size)[usable].max() < 1e-8
 
@@ -268,8 +270,8 @@ def test_gradient_agrees_with_implicit_differentiation():
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = np.stack([-bearing_by_theta * by_x / by_theta, -bearing_by_theta * by_y / by_theta])
     found = np.stack(path.bearing_gradient())
-    clear = np.abs(path.spread_m) > 1e-3  # nearer to the caustic both lose their digits
-    error = np.abs(found - expected) * np.abs(path.spread_m)
+    clear = np.abs(path.tube_width_m) > 1e-3  # nearer to the caustic both lose their digits
+    error = np.abs(found - expected) * np.abs(path.tube_width_m)
     assert np.count_nonzero(clear) > 8000
     assert error[:, clear].max() < 1e-8
 

@@ -43,7 +43,7 @@ def test_fixes_more_uncertain_than_distant_are_degenerate(method: MethodSpec) ->
 
 
 @pytest.mark.parametrize("measurements", [2, 3, 8])
-@pytest.mark.parametrize("fault", ["parallel", "one place", "on a sensor"])
+@pytest.mark.parametrize("fault", ["parallel", "one point", "on a sensor"])
 def test_lines_that_cross_nowhere_but_on_a_sensor_are_degenerate(
     method: MethodSpec, fault: str, measurements: int
 ) -> None:

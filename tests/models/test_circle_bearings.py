@@ -58,7 +58,7 @@ def test_rays_go_through_the_source() -> None:
     path = lines.circles.paths_from(x, y)
     length = lines.circles.pick_from(lines.range_m(x, y))
     np.testing.assert_allclose(length, path.length_m, rtol=1e-12)
-    np.testing.assert_allclose(lines.circles.pick_from(lines.spread_m(x, y)), path.spread_m, rtol=1e-9)
+    np.testing.assert_allclose(lines.circles.pick_from(lines.tube_width_m(x, y)), path.tube_width_m, rtol=1e-9)
     assert np.abs(lines.bearing_residual_rad(x, y)).max() < 1e-10
 
 
@@ -71,7 +71,7 @@ def test_the_spread_is_the_derivative_of_the_ray() -> None:
     moved_x = source[:, 0] - turned.center_x
     moved_y = source[:, 1] - turned.center_y
     across = turned.sine * (moved_x[:, None] - turned.origin_x) - turned.cosine * (moved_y[:, None] - turned.origin_y)
-    spread = sight_lines(batch).spread_m(x, y)
+    spread = sight_lines(batch).tube_width_m(x, y)
     np.testing.assert_allclose(np.abs(across) / turn, spread, rtol=2e-4)
 
 
@@ -121,7 +121,7 @@ def test_taking_snapshots_keeps_their_rows() -> None:
     rows = np.array([3, 3, 11, 0, 7, 3])
     taken = lines.take(rows)
     x, y = lines.center_x * 0.0 + 0.01 * trial.size_m, lines.center_y * 0.0
-    for name in ("residual_rad", "spread_m", "unseen", "outside_scene"):
+    for name in ("residual_rad", "tube_width_m", "unseen", "outside_scene"):
         np.testing.assert_array_equal(getattr(taken, name)(x[rows], y[rows]), getattr(lines, name)(x, y)[rows])
 
 

@@ -91,7 +91,7 @@ def test_a_thousand_geometries_keep_the_contract(entry: registry.MethodEntry) ->
 def test_echoes_of_nearly_coincident_sensors() -> None:
     """A hundred echoes of sensors 1e-16 of their spread apart, which gave zero times infinity."""
     entry = next(entry for entry in BUILT_IN if entry.full_name == "ranges.assignment")
-    assert_keeps_the_contract(entry, 121947022, 0.0, 0.0, 100, "one place", -16.0)
+    assert_keeps_the_contract(entry, 121947022, 0.0, 0.0, 100, "one point", -16.0)
 
 
 def assert_keeps_its_frame(
@@ -193,7 +193,7 @@ def test_covariances_are_calibrated_at_any_size(method: str, size_m: float, offs
     ("fault", "words"),
     [
         ("parallel", {"degenerate", "behind"}),
-        ("one place", {"degenerate"}),
+        ("one point", {"degenerate"}),
         ("behind", {"behind", "degenerate"}),
     ],
 )

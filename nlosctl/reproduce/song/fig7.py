@@ -92,7 +92,7 @@ def _spread_per_distance(results: Results) -> float:
 
 def _formula_ratio() -> float:
     path = _path()
-    return float(path.spread_m[0] / path.length_m[0])
+    return float(path.tube_width_m[0] / path.length_m[0])
 
 
 def _cone(flat: bool, sigmas: float) -> tuple[FloatArray, FloatArray]:

@@ -123,5 +123,5 @@ def bearing_problem(lines: SightLines) -> BearingLikelihood:
 def _linearize_circles(circles: CircleRows, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     path = circles.paths_from(x, y)
     gradient_x, gradient_y = path.bearing_gradient()
-    beyond_focus = ~(path.spread_m > 0.0) & ~circles.takes_any_path
+    beyond_focus = ~(path.tube_width_m > 0.0) & ~circles.takes_any_path
     return np.where(beyond_focus, np.nan, circles.residual_rad(path)), -gradient_x, -gradient_y

@@ -53,7 +53,7 @@ def fit_focused(lines: SightLines, first: LineFit) -> LineFit:
     The same as Stansfield's where no row is seen on a circle. x and y are not finite where ``first`` is not, or lies
     on a focus.
     """
-    return _solve_weighted(lines.spread_m(first.x, first.y), lines)
+    return _solve_weighted(lines.tube_width_m(first.x, first.y), lines)
 
 
 def sandwich_covariance(
@@ -65,7 +65,7 @@ def sandwich_covariance(
     weights are 1 (least squares), or 1 / (std ``weighed_m``)^2 with the ranges or spreads (B, K) taken at a first fix
     (Stansfield). With ``extra_m2`` (B,) the squared spreads at the fit are that much larger.
     """
-    spread = lines.spread_m(fit.x, fit.y)
+    spread = lines.tube_width_m(fit.x, fit.y)
     if extra_m2 is not None:
         spread = np.sqrt(spread * spread + extra_m2[:, None])
     spread = lines.std_rad * spread
@@ -87,9 +87,9 @@ def inflated_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | N
     return inflated
 
 
-def _solve_weighted(spread_m: FloatArray, lines: SightLines) -> LineFit:
+def _solve_weighted(tube_width_m: FloatArray, lines: SightLines) -> LineFit:
     with ignoring_division():
-        weight = 1.0 / (lines.std_rad * spread_m)
+        weight = 1.0 / (lines.std_rad * tube_width_m)
         return _solve(weight * lines.sine, -weight * lines.cosine, lines)
 
 

@@ -33,7 +33,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Scores:
-    """Candidates (B, P) and their cost in nats, infinite where there is none; the cost is modified in place."""
+    """Candidates (B, P) and their cost in nats, infinite for invalid ones; the cost is modified in place."""
 
     x: FloatArray
     y: FloatArray

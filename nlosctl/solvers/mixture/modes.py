@@ -86,7 +86,7 @@ def _score(
     rows: IntArray,
     points: int,
 ) -> Scores:
-    """Return the candidates of some snapshots with their cost, infinite where there is none."""
+    """Return the candidates of some snapshots with their cost, infinite for invalid ones."""
     scored = []
     block = max(1, _POINTS // points)
     for first in range(0, rows.shape[0], block):
@@ -101,7 +101,7 @@ def _score(
 
 @dataclass(frozen=True)
 class _Descents:
-    """The descents (B, T): initial points, whether usable, and final points, whose cost is infinite if there is none.
+    """The descents (B, T): initial points, whether usable, and final points, of infinite cost if invalid.
 
     ``settled`` marks final points that are smooth minima, ``at_boundary`` (B,) snapshots constrained to the search
     region.

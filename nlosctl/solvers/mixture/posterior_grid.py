@@ -24,7 +24,7 @@ _POINTS = 32768
 def posterior_covariance(
     mixture: Mixture, modes: Modes, allowed: Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 ) -> SymmetricMatrix:
-    """Return the second moments (B, T) of the posterior about each mode, in square metres; NaN where there is none.
+    """Return the second moments (B, T) of the posterior about each mode, in square metres; NaN for missing modes.
 
     The posterior is flat-prior within the search field and is integrated over grids about all modes, each point
     counted for the mode that it is nearest to. So the moment about the best mode includes the chance that another

@@ -28,7 +28,7 @@ _ROUNDING = 1e-10
 
 @dataclass(frozen=True)
 class RankedFixes:
-    """Up to T fixes (B, T) of each snapshot, the most likely first; ``cost`` is infinite where there is none."""
+    """Up to T fixes (B, T) of each snapshot, the most likely first; ``cost`` is infinite for missing ones."""
 
     x: FloatArray
     y: FloatArray

@@ -19,7 +19,7 @@ Point = tuple[FloatArray, ...]
 """The coordinates of points, as D arrays (B,)."""
 
 _ROUNDING_DECREASE = 1e-8
-"""A nearly full step shorter than 1e-4 standard deviations is accepted whatever the cost: the decrease that it
+"""A nearly full step shorter than 1e-4 standard deviations is accepted at any cost: the decrease that it
 promises may be below the rounding of the cost."""
 
 _ROUNDING_STEP = 1e-13

@@ -28,7 +28,7 @@ class TargetFits:
     """The best target of every problem (N,) about its local origin, metres, and what it leaves over.
 
     ``cost`` is half the chi-square, ``hessian`` its second derivatives. ``runner_up`` is the cost of the best other
-    minimum, infinite if there is none.
+    minimum, infinite without one.
     """
 
     x: FloatArray
