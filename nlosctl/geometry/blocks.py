@@ -30,7 +30,7 @@ def rows_of(value: ValueT, rows: IntArray) -> ValueT:
     """Return the given rows of an array, of every item of a tuple, or of an object that has ``take``."""
     taken: Any = value
     if isinstance(value, np.ndarray):
-        taken = gather_rows(value, rows)
+        taken = value[rows] if value.ndim == 1 else gather_rows(value, rows)
     elif isinstance(value, tuple):
         items = [rows_of(item, rows) for item in value]
         taken = type(value)(*items) if hasattr(value, "_fields") else tuple(items)

@@ -60,6 +60,11 @@ class SymmetricMatrix:
     def __mul__(self, factor: FloatArray) -> SymmetricMatrix:
         return SymmetricMatrix(*(part * factor for part in self.parts))
 
+    def add_scaled(self, other: SymmetricMatrix, factor: FloatArray) -> None:
+        """Add other matrices times a factor in place, part by part, which keeps temporaries in the near caches."""
+        for mine, theirs in zip(self.parts, other.parts, strict=True):
+            mine += theirs * factor
+
     @property
     def dimension(self) -> int:
         """The number of rows, D."""
@@ -140,12 +145,12 @@ class SymmetricMatrix:
     def quadratic_form(self, *vector: FloatArray) -> FloatArray:
         """Return ``v^T self v`` for vectors v, given as D arrays."""
         with ignoring_overflow():
-            terms = []
-            for i, right in enumerate(vector):
-                for j, left in enumerate(vector[: i + 1]):
-                    entry = self.entry(i, j)
-                    terms.append((entry if i == j else 2.0 * entry) * left * right)
-            return _add(terms)
+            total = self.xx * vector[0] * vector[0]
+            for i, right in enumerate(vector[1:], 1):
+                for j, left in enumerate(vector[:i]):
+                    total += 2.0 * self.entry(i, j) * left * right
+                total += self.entry(i, i) * right * right
+        return total
 
     def eigenvalues(self) -> tuple[FloatArray, FloatArray]:
         """Return the smallest and the largest eigenvalues, for matrices that are not negative.
@@ -225,9 +230,9 @@ def _products(vector: tuple[FloatArray, ...], weight: FloatArray | None) -> Iter
 
 def _add(terms: Sequence[FloatArray]) -> FloatArray:
     """Return the sum of the terms, added one by one in order."""
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
+    total = terms[0] + terms[1]
+    for term in terms[2:]:
+        total += term
     return total
 
 

@@ -146,7 +146,7 @@ class Mixture(RowBlock):
             direct /= evidence
             information = SymmetricMatrix.full(x.shape, 0.0)
             for k, row in enumerate(rows):
-                information += row.gauss * direct[:, k]
+                information.add_scaled(row.gauss, direct[:, k])
         return direct, information
 
     def _evidence(self, direct: FloatArray) -> FloatArray:
@@ -186,7 +186,7 @@ class _Totals:
         for part in moved:
             part *= 1.0 - share
         _add_curvature(self.exact, share, moved, row)
-        self.gauss += row.gauss * share
+        self.gauss.add_scaled(row.gauss, share)
 
     def add_group(self, group: _Group, closes: BoolArray) -> None:
         """Add a group that is complete where ``closes`` (B,)."""
@@ -196,7 +196,7 @@ class _Totals:
         for total, part in zip(self.gradient, moved, strict=True):
             total += part
         self.exact += group.curvature * scale + SymmetricMatrix.outer(*moved)
-        self.gauss += group.gauss * scale
+        self.gauss.add_scaled(group.gauss, scale)
 
 
 @dataclass
@@ -219,7 +219,7 @@ class _Group:
         for total, part in zip(self.gradient, moved, strict=True):
             total += part
         _add_curvature(self.curvature, direct, moved, row)
-        self.gauss += row.gauss * direct
+        self.gauss.add_scaled(row.gauss, direct)
 
     def clear(self, closes: BoolArray, obstructed: FloatArray) -> None:
         self.evidence = np.where(closes, obstructed, self.evidence)

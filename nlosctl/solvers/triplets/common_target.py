@@ -144,7 +144,7 @@ def _refine(
             share = np.exp(log_direct - total)
             gradient_x += share * sums.gradient_x
             gradient_y += share * sums.gradient_y
-            information += sums.gauss * share
+            information.add_scaled(sums.gauss, share)
         better = likelihood > best
         best_x, best_y, best = np.where(better, x, best_x), np.where(better, y, best_y), np.fmax(best, likelihood)
         step_x, step_y = information.solve(-gradient_x, -gradient_y)
@@ -163,7 +163,7 @@ def _score(problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetM
         total = np.logaddexp(log_direct, log_indirect)
         share = np.exp(log_direct - total)
         likelihood += total
-        information += sums.gauss * share
+        information.add_scaled(sums.gauss, share)
         direct.append(log_direct.reshape(shape))
         indirect.append(log_indirect.reshape(shape))
     # The volume of the peak as a share of the prior's: a normal one, as wide as the paths are long. None where a
