@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nlosctl.version import __version__
 
-TYPE_CHECKING = False  # as of typing, without importing it: an interrupt at the very start would be a traceback
+TYPE_CHECKING = False  # instead of importing typing: an interrupt during that import would print a traceback
 if TYPE_CHECKING:
     from typing import Any
 
@@ -33,7 +33,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import the functions when they are asked for: the command line must start without numpy and pyarrow."""
+    """Import the functions on first use: the command line must start without numpy and pyarrow."""
     if name in __all__:
         from nlosctl import api
 

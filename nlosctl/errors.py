@@ -1,4 +1,7 @@
-"""Every exception that nlosctl raises on purpose. Each knows the exit code of the command line."""
+"""The exceptions that nlosctl raises on purpose, with the exit codes of the command line, and text of messages.
+
+A message names a setting in backquotes: ```overwrite```, which the command line prints as ``--overwrite``.
+"""
 
 from __future__ import annotations
 
@@ -24,35 +27,35 @@ _MOST_WORDS = 10_000
 
 
 class NlosctlError(Exception):
-    """Base of all; its text is the one line (or few lines) that a user reads."""
+    """Base class; the text is the one line (or the few lines) that a user reads."""
 
     exit_code = 1
 
 
 class DataError(NlosctlError):
-    """The data are at fault: a bad file, a bad row, an output that can't be written."""
+    """A fault of the data: a bad file, a bad row, an output that cannot be written."""
 
     exit_code = 1
 
 
 class GatheredError(DataError):
-    """Several faults of the data, each a line of the text."""
+    """Several faults of the data, one per line of the text."""
 
 
 class UsageError(NlosctlError):
-    """The words of the command line (or the arguments of a function) are at fault."""
+    """A usage error: invalid options of the command line or arguments of a function."""
 
     exit_code = 2
 
 
 class MethodError(NlosctlError):
-    """A method broke its contract or could not be loaded; the text names the method and its distribution."""
+    """A method that broke its contract or could not be loaded; the text names the method and its distribution."""
 
     exit_code = 1
 
 
 class MissingExtraError(NlosctlError):
-    """A job needs a library of an optional extra that is not installed; the text has the line that installs it."""
+    """A library of an optional extra that is not installed; the text contains the command that installs it."""
 
     exit_code = 1
 
@@ -63,24 +66,24 @@ class MissingExtraError(NlosctlError):
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return `` (did you mean 'x'?)`` for the nearest of ``known``, or an empty string where none is near."""
+    """Return `` (did you mean 'x'?)`` for the closest of ``known``, or an empty string if none is close."""
     candidates = [name for name in islice(known, _MOST_WORDS) if len(name) <= _LONGEST_WORD]
     near = get_close_matches(word, candidates, n=1, cutoff=0.6) if len(word) <= _LONGEST_WORD else []
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def printable(text: str) -> str:
-    """Return text that a terminal shows as it is, in one line: control characters escaped, a long middle cut.
+    """Return text in one printable line: control characters escaped, a long middle cut.
 
-    What stands in files comes to messages and tables; an escape sequence in it must not reach the terminal.
+    Messages and tables contain text of input files; an escape sequence in it must not reach the terminal.
     """
     return _shortened(text) if text.isprintable() else _escaped(text)
 
 
 def in_one_line(error: BaseException) -> str:
-    """Return what somebody else's exception says, in one line, after its type."""
-    said = " ".join(str(error).split())
-    return f"{type(error).__name__}: {said}" if said else type(error).__name__
+    """Return the type and the text of any exception in one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 def _escaped(line: str) -> str:

@@ -1,4 +1,4 @@
-"""Which methods and formats there are, and loading one. The only reader of entry points; imports no numpy."""
+"""The installed methods and formats, from their entry points, and loading them; imports no numpy."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DISTRIBUTION = "nlosctl"
 
 @dataclass(frozen=True, kw_only=True)
 class MethodEntry:
-    """A method or format that is installed, not imported yet; the ``kind`` of a format is import or export."""
+    """An installed method or format, not imported yet; the ``kind`` of a format is import or export."""
 
     kind: str
     name: str
@@ -47,7 +47,7 @@ class MethodEntry:
 
 
 def entries() -> list[MethodEntry]:
-    """Return all methods, ordered by kind and name; ``NLOSCTL_NO_PLUGINS=1`` leaves out those of others."""
+    """Return all methods, ordered by kind and name; ``NLOSCTL_NO_PLUGINS=1`` omits those of other distributions."""
     return _entries(GROUP)
 
 
@@ -66,7 +66,7 @@ def _entries(group: str) -> list[MethodEntry]:
 def resolve(name: str, kind: str, job: str | None = None) -> MethodSpec:
     """Return the loaded method ``name`` for a kind of measurement (``kind.name`` is accepted too).
 
-    Raises UsageError where there is none, or more than one, with the nearest names and the kinds it exists for.
+    Raises UsageError if it does not exist or is ambiguous, with the closest name and the kinds that have it.
     """
     known = entries()
     wanted = name if "." in name else f"{kind}.{name}"
@@ -75,14 +75,14 @@ def resolve(name: str, kind: str, job: str | None = None) -> MethodSpec:
         raise UsageError(_unknown(name, kind, known))
     spec = load(_single(matches, f"method {wanted!r}"))
     if job is not None and spec.job != job:
-        raise UsageError(f"method {name!r} does the job of '{spec.job}', not of '{job}'")
+        raise UsageError(f"method {name!r} is for '{spec.job}', not for '{job}'")
     return spec
 
 
 def resolve_format(name: str, way: str) -> ImporterSpec | ExporterSpec:
     """Return the loaded importer or exporter ``name``; ``way`` is import or export.
 
-    Raises UsageError where there is none, or more than one, with the nearest name.
+    Raises UsageError if it does not exist or is ambiguous, with the closest name.
     """
     known = [entry for entry in format_entries() if entry.kind == way]
     matches = [entry for entry in known if name in (entry.name, entry.full_name)]
@@ -93,7 +93,7 @@ def resolve_format(name: str, way: str) -> ImporterSpec | ExporterSpec:
 
 
 def load(entry: MethodEntry) -> MethodSpec:
-    """Import a method and check that it is what its entry point says; raises MethodError that tells the fault."""
+    """Import a method and check it against its entry point; raises MethodError with the fault."""
     from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec, contract_fault
 
     spec: MethodSpec = _load(entry, "method", MethodSpec, CONTRACT_VERSION, contract_fault)
@@ -101,7 +101,7 @@ def load(entry: MethodEntry) -> MethodSpec:
 
 
 def is_built_in(spec: MethodSpec) -> bool:
-    """Whether a method comes with nlosctl, and so needs to state no version of the contract."""
+    """Whether a method comes with nlosctl, and therefore need not state a version of the contract."""
     own = [entry for entry in entries() if entry.distribution == DISTRIBUTION and entry.full_name == spec.full_name]
     return any(load(entry) is spec for entry in own)
 
@@ -123,13 +123,13 @@ def _load(
     where = f"{what} {entry.full_name!r} of {entry.distribution} {entry.version}"
     try:
         spec = entry.entry_point.load()
-    except (Exception, SystemExit) as error:  # whatever a plugin raises on import is its fault, not ours
+    except (Exception, SystemExit) as error:  # any exception on import is a fault of the plugin
         hint = f" (this nlosctl has contract version {version})" if _touches_contract(error, wanted) else ""
         raise MethodError(f"{where} can't be loaded: {in_one_line(error)}{hint}") from error
     if not isinstance(spec, wanted):
         raise MethodError(f"{where} is a {type(spec).__name__}, not a {wanted.__module__}.{wanted.__name__}")
     if spec.full_name != entry.full_name:
-        raise MethodError(f"{where} calls itself {spec.full_name!r}; entry point and spec must agree")
+        raise MethodError(f"{where} has the name {spec.full_name!r} in its spec; entry point and spec must agree")
     built_in = entry.distribution == DISTRIBUTION and spec.contract_version is None
     fault = "" if built_in else find_fault(spec.contract_version)
     if fault:
@@ -138,7 +138,7 @@ def _load(
 
 
 def _touches_contract(error: BaseException, wanted: type[Any]) -> bool:
-    """Whether what went wrong may come from another version of the contract: a name or an argument that it lacks."""
+    """Whether an error may come from another version of the contract, which lacks a name or an argument."""
     missing = isinstance(error, ImportError) and str(error.name).startswith(DISTRIBUTION)
     return missing or (isinstance(error, TypeError) and wanted.__name__ in str(error))
 
@@ -146,7 +146,7 @@ def _touches_contract(error: BaseException, wanted: type[Any]) -> bool:
 def _single(matches: list[MethodEntry], what: str) -> MethodEntry:
     if len(matches) > 1:
         owners = " and ".join(sorted(entry.distribution for entry in matches))
-        raise UsageError(f"{what} is provided more than once, by {owners}; uninstall one of them")
+        raise UsageError(f"{what} is provided by {owners}; uninstall one of them")
     return matches[0]
 
 

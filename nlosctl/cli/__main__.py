@@ -1,4 +1,4 @@
-"""The entry of the program: an interrupt is met in one line even while the rest is being imported."""
+"""Entry point of the program: an interrupt is reported in one line even during the imports."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import sys
 __all__ = ["main"]
 
 _THREADS_OF_LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Held to one unless the user says otherwise: ``--jobs`` is what uses the cores, and threads of threads slow it."""
+"""Set to 1 by default: ``--jobs`` uses the cores, and more threads in each worker would slow it down."""
 
 
 def main() -> int:
     """Run the program and return its exit code.
 
-    Once interrupted and tidied up it leaves at once: threads of the libraries may still wait for an input that never
-    ends, and the interpreter would wait for them.
+    After an interrupt and its clean-up the process exits immediately: threads of the libraries may be blocked on an
+    input that never ends, and the interpreter would wait for them.
     """
     for variable in _THREADS_OF_LIBRARIES:
         os.environ.setdefault(variable, "1")

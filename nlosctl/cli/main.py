@@ -132,7 +132,7 @@ def _program(
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the program with ``arguments`` (those of the process unless given) and return its exit code."""
+    """Run the program with ``arguments`` (default: those of the process) and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     came: list[int] = []
     if arguments is None:

@@ -1,4 +1,4 @@
-"""The search field: where a source may be. Frozen words of the command line; the arrays are in geometry/regions."""
+"""The search region: where a source may be. `nlosctl.geometry.regions` has the arrays."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CircleField:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorsField:
-    """Each snapshot's own box of sensors, grown by ``factor`` times its larger side on every side."""
+    """The bounding box of each snapshot's sensors, extended on every side by ``factor`` times its larger side."""
 
     factor: float = 1.0
 
@@ -50,7 +50,7 @@ class SensorsField:
 
 @dataclass(frozen=True, kw_only=True)
 class PolygonField:
-    """A simple polygon; ``vertices_m`` are x, y in metres in order, the last one joined to the first."""
+    """A simple polygon; ``vertices_m`` are x, y in metres in order, without the first repeated at the end."""
 
     vertices_m: tuple[tuple[float, float], ...]
 
@@ -59,43 +59,43 @@ class PolygonField:
 
 
 Field = BoxField | CircleField | SensorsField | PolygonField
-"""Any kind of search field."""
+"""Any kind of search region."""
 
 
 def parse_field(text: str) -> Field:
-    """Return the field that the words of ``field`` mean.
+    """Return the search region that a text such as ``circle:0,0,100`` describes.
 
-    Raises UsageError for words that mean none, DataError for a polygon file (lines ``x,y`` in metres, ``#`` and a
-    header ``x_m,y_m`` allowed) that can't be read.
+    Raises UsageError for an invalid description, DataError for a polygon file (lines ``x,y`` in metres, ``#`` comments
+    and a header ``x_m,y_m`` allowed) that cannot be read.
     """
     form, colon, rest = text.partition(":")
     if not colon:
         xmin, xmax, ymin, ymax = _numbers(text, text, 4)
         if not (xmin < xmax and ymin < ymax):
-            raise UsageError(f"field {text!r} is empty: it needs xmin < xmax and ymin < ymax")
+            raise UsageError(f"field {text!r} requires xmin < xmax and ymin < ymax")
         return BoxField(xmin_m=xmin, xmax_m=xmax, ymin_m=ymin, ymax_m=ymax)
     if form == "circle":
         x, y, radius = _numbers(rest, text, 3)
         if radius <= 0.0:
-            raise UsageError(f"field {text!r} is empty: it needs a radius above 0")
+            raise UsageError(f"field {text!r} requires a radius above 0")
         return CircleField(x_m=x, y_m=y, radius_m=radius)
     if form == "sensors":
         (factor,) = _numbers(rest, text, 1)
         if factor < 0.0:
-            raise UsageError(f"field {text!r}: the factor must be 0 or more")
+            raise UsageError(f"field {text!r} requires a factor of 0 or more")
         return SensorsField(factor=factor)
     if form == "polygon":
         return PolygonField(vertices_m=_read_vertices(rest))
-    raise UsageError(f"field {text!r} is not understood; it must be {_FORMS}")
+    raise UsageError(f"field {text!r} is invalid; expected {_FORMS}")
 
 
 def _numbers(words: str, text: str, count: int) -> tuple[float, ...]:
     try:
         numbers = tuple(float(word) for word in words.split(","))
     except ValueError:
-        raise UsageError(f"field {text!r} is not understood; it must be {_FORMS}") from None
+        raise UsageError(f"field {text!r} is invalid; expected {_FORMS}") from None
     if len(numbers) != count or not all(abs(number) <= LARGEST_NUMBER for number in numbers):
-        raise UsageError(f"field {text!r} needs {count} finite numbers within {LARGEST_NUMBER:g}; a field is {_FORMS}")
+        raise UsageError(f"field {text!r} requires {count} numbers within {LARGEST_NUMBER:g}; expected {_FORMS}")
     return numbers
 
 
@@ -103,7 +103,7 @@ def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
     try:
         lines = read_limited(Path(name), f"polygon file {name!r}").splitlines()
     except OSError as error:
-        raise DataError(f"polygon file {name!r} can't be read: {error.strerror}") from None
+        raise DataError(f"polygon file {name!r} cannot be read: {error.strerror}") from None
     vertices: list[tuple[float, float]] = []
     for number, line in enumerate(lines, start=1):
         words = [word.strip() for word in line.partition("#")[0].split(",")]

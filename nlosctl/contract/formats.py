@@ -1,4 +1,4 @@
-"""The specification of an importer or exporter of files: what a plugin's entry point in `nlosctl.formats` must name."""
+"""The specification of importers and exporters of files, to which the entry points in `nlosctl.formats` refer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 FORMATS_VERSION = 1
-"""The version of this contract, raised with every addition; plugins say for which they were written."""
+"""The version of this contract, incremented with every addition; a plugin states the version it was written for."""
 
 OLDEST_FORMATS_VERSION = 1
 """The oldest version whose plugins still work."""
@@ -34,7 +34,7 @@ OLDEST_FORMATS_VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignFile:
-    """A file of another program: its name, for messages, its bytes, and the scene that goes with it."""
+    """A file of another program: its name for messages, its bytes and its scene."""
 
     name: str
     stream: IO[bytes]
@@ -43,10 +43,10 @@ class ForeignFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A measurement: ``values`` by the names of the contract's columns (or other spellings of them), or further ones.
+    """A measurement: ``values`` by the names of standard columns, or their other spellings, or further columns.
 
-    ``line`` is where it begins, ``epoch`` and ``group`` are for `nlosctl.formats.epochs` alone: the time in seconds,
-    and what else parts snapshots (a frequency, a tag).
+    ``line`` is its first line. ``epoch_s`` and ``group`` are for `nlosctl.formats.epochs` only: the time in seconds,
+    and what else separates snapshots (a frequency, a tag).
     """
 
     line: int
@@ -57,7 +57,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class BadLine:
-    """A line that does not fit: what came and what was expected, the field by its name where it is one, the text."""
+    """A line with a fault: what was read and what was expected, the name of the column if known, and the text."""
 
     line: int
     fault: str
@@ -66,7 +66,7 @@ class BadLine:
 
 
 class UnfitError(Exception):
-    """Raised by an importer while it takes a line apart: ``fault`` and ``column`` as in `BadLine`."""
+    """Raised by an importer while it parses a line; ``fault`` and ``column`` are those of `BadLine`."""
 
     def __init__(self, fault: str, column: str | None = None) -> None:
         super().__init__(fault)
@@ -75,12 +75,12 @@ class UnfitError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class ImporterSpec:
-    """An importer, frozen.
+    """An importer.
 
-    ``reference`` is the document that the format was taken from, ``options`` a frozen dataclass whose fields
-    (`nlosctl.contract.options.option`) are the parameters. ``rows(file, options)`` yields the rows of a snapshot
-    together, and a `BadLine` for each line that does not fit; it raises DataError where the whole file is of no use.
-    ``kind(options)`` is the kind of measurement, ``extra`` the type of columns that the contract does not know.
+    ``reference`` is the document that defines the format, ``options`` a frozen dataclass whose fields
+    (`nlosctl.contract.options.option`) are the parameters. ``rows(file, options)`` yields the rows of each snapshot
+    consecutively, and a `BadLine` for each line with a fault; it raises DataError if the file cannot be used at all.
+    ``kind(options)`` is the kind of measurement, ``extra`` the types of columns that are not standard.
     """
 
     name: str
@@ -100,13 +100,13 @@ class ImporterSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class Places:
-    """N estimates to put on a map.
+    """N estimates to be shown on a map.
 
-    ``columns`` holds all of their columns as Python values. ``x`` and ``y`` (N,) are longitude and latitude in degrees
-    (metres of the plane where ``on_earth`` is false), NaN where there is no position. ``outline`` (N, V, 2) is the
-    ellipse that holds ``probability`` of Gaussian errors, counter-clockwise, its first point again at the end, NaN
-    where there is no covariance. ``semi_major_m``, ``semi_minor_m`` (N,) are its semi-axes, ``major_azimuth_rad`` (N,)
-    the direction of its major axis, clockwise from true north.
+    ``columns`` has all of their columns as Python values. ``x`` and ``y`` (N,) are longitude and latitude in degrees
+    (metres of the plane unless ``on_earth``), NaN without a position. ``outline`` (N, V, 2) is the error ellipse of
+    ``probability``, counter-clockwise, with the first point repeated at the end, NaN without a covariance.
+    ``semi_major_m``, ``semi_minor_m`` (N,) are its semi-axes, ``major_azimuth_rad`` (N,) the direction of its major
+    axis, clockwise from true north.
     """
 
     columns: Mapping[str, Sequence[Any]]
@@ -121,27 +121,27 @@ class Places:
 
     @property
     def size(self) -> int:
-        """How many there are."""
+        """The number of estimates."""
         return int(self.x.shape[0])
 
 
 class PlacesWriter(Protocol):
-    """Writes a file of places."""
+    """Writes estimates to a map file."""
 
     def write(self, places: Places) -> None:
-        """Write some."""
+        """Write some of the estimates."""
 
     def close(self) -> None:
-        """End the file; the sink stays open."""
+        """Complete the file; the sink stays open."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExporterSpec:
-    """An exporter of estimates, frozen.
+    """An exporter of estimates.
 
-    ``start(sink, options)`` begins a file and returns what takes the places, in pieces that nothing may depend on, and
-    ends the file when closed; the sink stays open. ``options`` are as in `ImporterSpec`; those named ``ellipse``,
-    ``vertices`` and ``metres`` say what the places are to hold. ``name`` is the extension of such files too.
+    ``start(sink, options)`` begins a file and returns its writer, which receives the estimates in batches of any size;
+    the file must not depend on the sizes. ``options`` are as in `ImporterSpec`; those named ``ellipse``, ``vertices``
+    and ``metres`` determine the contents of `Places`. ``name`` is also the extension of the files.
     """
 
     name: str
@@ -158,5 +158,5 @@ class ExporterSpec:
 
 
 def formats_fault(version: int | None) -> str:
-    """Return in words why a plugin written for a version can't be used here; empty where it can."""
+    """Return why a plugin written for a version cannot be used here, or an empty string."""
     return version_fault(version, FORMATS_VERSION, OLDEST_FORMATS_VERSION, "spec")

@@ -16,7 +16,7 @@ __all__ = ["describe_options", "option", "parse_options"]
 OptionsT = TypeVar("OptionsT")
 
 _LARGEST_INTEGER = 2**53
-"""Up to here integers and floats are the same numbers, and all of them fit an array."""
+"""Up to this integer, every integer is also a float and fits in an array."""
 
 
 def option(
@@ -31,7 +31,7 @@ def option(
     """Declare a field of an options dataclass.
 
     ``minimum`` and ``maximum`` bound a number; with ``exclusive`` the bounds themselves are not allowed. Without
-    ``default`` the option must be given. The annotation of the field is its type: bool, int, float, str,
+    ``default`` the option is required. The annotation of the field is its type: bool, int, float, str,
     ``Literal[...]``, a tuple of these, or any of them ``| None``.
     """
     metadata = {

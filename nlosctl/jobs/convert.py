@@ -42,7 +42,7 @@ class _Source:
 
     @property
     def scene(self) -> str | None:
-        """The scene as TOML, None if there is none."""
+        """The scene as TOML, or None."""
         return self.metadata.get("nlosctl.scene")
 
 

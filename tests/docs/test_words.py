@@ -16,9 +16,9 @@ LEFT_OUT = ("docs/papers.md", "docs/commands.md", "tests/docs/test_words.py")
 CLEAN = (
     *("README.md", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "docs", "benchmarks", "fixtures/builders"),
     *("nlosctl/contract/tables", "nlosctl/evaluation", "nlosctl/formats", "nlosctl/plotting", "nlosctl/reproduce"),
-    "nlosctl/scenarios",
+    *("nlosctl/scenarios", "nlosctl/cli", "nlosctl/jobs", "nlosctl/api.py", "nlosctl/errors.py", "nlosctl/registry.py"),
     *(f"nlosctl/io/{room}" for room in ("conversion", "parts", "paths", "readers", "results", "scenes", "writers")),
-    *(f"nlosctl/pipeline/{room}" for room in ("convert", "evaluate", "simulate")),
+    *(f"nlosctl/pipeline/{room}" for room in ("convert", "engine", "evaluate", "simulate")),
     *(f"tests/{room}" for room in ("docs", "io", "papers", "scenarios", "support")),
 )
 # Pattern (any case, except within (?-i:...)): what to write instead.

@@ -1,4 +1,4 @@
-"""``nlosctl config``: which settings hold, and where each comes from."""
+"""``nlosctl config``: the effective settings and their sources."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from nlosctl.cli.options.settings import (
     CONFIG_VARIABLE,
     Setting,
     SettingsCommand,
+    add_source,
     command_settings,
     long_name,
     options_of,
-    tell_source,
     variable_name,
 )
 from nlosctl.cli.terminal import print_json, print_message, print_table
@@ -29,7 +29,7 @@ __all__ = ["config_app"]
 
 _OTHER_VARIABLES = (CONFIG_VARIABLE, "NLOSCTL_DEBUG", "NLOSCTL_NO_PLUGINS")
 
-config_app = typer.Typer(help="Tell which settings hold, and where each comes from.", no_args_is_help=True)
+config_app = typer.Typer(help="Show the effective settings and their sources.", no_args_is_help=True)
 
 
 @config_app.command("show", context_settings={"ignore_unknown_options": True})
@@ -37,10 +37,10 @@ def show(
     context: typer.Context,
     command: Annotated[
         str | None,
-        typer.Argument(metavar="[COMMAND]", autocompletion=complete_command, help="A command; none: all of them."),
+        typer.Argument(metavar="[COMMAND]", autocompletion=complete_command, help="A command; default: all of them."),
     ] = None,
     flags: Annotated[
-        list[str] | None, typer.Argument(metavar="[FLAGS]...", help="Flags of the command, as they would be given.")
+        list[str] | None, typer.Argument(metavar="[FLAGS]...", help="Flags of the command, as they would be passed.")
     ] = None,
     config: Annotated[
         str | None,
@@ -51,8 +51,8 @@ def show(
 ) -> None:
     """Show the settings of a command with their sources: flag > environment > config > default.
 
-    Without COMMAND the settings of all commands that are not defaults. FLAGS that this command has too (--json,
-    --config, --debug) go after a '--'.
+    Without COMMAND, show the settings of all commands that differ from the defaults. Put FLAGS that this command has
+    too (--json, --config, --debug) after '--'.
     """
     root = context.find_root()
     everything: dict[str, Any] = root.command.commands  # type: ignore[attr-defined]
@@ -62,10 +62,10 @@ def show(
     rows: list[dict[str, Any]] = []
     for name in commands if command is None else [command]:
         inner = type(context)(commands[name], info_name=name, parent=root)
-        told = list(_settings(inner, flags or [], config))
-        rows += told if command is not None else [row for row in told if row["source"] != "default"]
+        settings = list(_settings(inner, flags or [], config))
+        rows += settings if command is not None else [row for row in settings if row["source"] != "default"]
     if command is None:
-        _remark_on_variables(commands)
+        _report_unknown_variables(commands)
     if json:
         print_json(rows)
     elif not rows:
@@ -75,7 +75,7 @@ def show(
 
 
 def _settings(context: Any, flags: Sequence[str], config: str | None) -> Iterator[dict[str, Any]]:
-    """Yield a row for each option of the context's command, its value checked as the command would."""
+    """Yield a row for each option of the context's command, with its value checked as the command does."""
     given, _, _ = context.command.make_parser(context).parse_args(args=list(flags))
     known = command_settings(context, config)
     if config is not None and "config" not in known:
@@ -97,11 +97,11 @@ def _settings(context: Any, flags: Sequence[str], config: str | None) -> Iterato
 
 
 def _checked(parameter: Any, context: Any, value: Any) -> Any:
-    """Return the value in the option's type; a fault is told with the value's source, as the command tells it."""
+    """Return the value in the option's type; an error names the source of the value, as the command does."""
     try:
         return parameter.process_value(context, value)
     except Exception as error:
-        tell_source(error, context)
+        add_source(error, context)
         raise
 
 
@@ -111,8 +111,8 @@ def _shown(value: Any) -> str:
     return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _remark_on_variables(commands: dict[str, Any]) -> None:
-    """Tell of variables that begin as ours do and set nothing: a misspelt one would go unnoticed."""
+def _report_unknown_variables(commands: dict[str, Any]) -> None:
+    """Print the variables NLOSCTL_... that set nothing: a misspelt name would go unnoticed."""
     known = {variable_name(name, option) for name, command in commands.items() for option in options_of(command)}
     known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS), map(size_variable, SIZES))
     for variable in sorted(os.environ):

@@ -59,7 +59,7 @@ def list_methods(
     else:
         print_table(rows, ["kind", "name", "distribution", "version", *(["check"] if check else [])])
     if failed:
-        raise MethodError(f"{failed} of {len(entries)} methods can't be used")
+        raise MethodError(f"{failed} of {len(entries)} methods cannot be used")
 
 
 @methods_app.command("show")

@@ -167,7 +167,7 @@ def plot(
 
 @contextmanager
 def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[PlotInput]]:
-    """Open the inputs; nothing heavy is imported if there are none."""
+    """Open the inputs; without inputs, import nothing heavy."""
     if not inputs:
         yield []
         return

@@ -1,4 +1,4 @@
-"""``nlosctl schema``: what the tables look like."""
+"""``nlosctl schema``: the columns of the tables."""
 
 from __future__ import annotations
 
@@ -18,12 +18,18 @@ __all__ = ["schema"]
 def schema(
     table: Annotated[
         str | None,
-        typer.Argument(metavar="TABLE", autocompletion=complete_table, help="Name of a table; none: list them."),
+        typer.Argument(metavar="TABLE", autocompletion=complete_table, help="Name of a table; without it, list them."),
+    ] = None,
+    write: Annotated[
+        str | None,
+        typer.Option(
+            "--write",
+            metavar="FOLDER",
+            rich_help_panel="Output",
+            help="Write all tables as Frictionless schemas (JSON).",
+        ),
     ] = None,
     json: Json = False,
-    write: Annotated[
-        str | None, typer.Option("--write", metavar="FOLDER", help="Write all tables as Frictionless schemas (JSON).")
-    ] = None,
     debug: Debug = False,
 ) -> None:
     """Show the columns of a table: name, type, unit, meaning; with --json as a Frictionless Table Schema."""
@@ -72,6 +78,6 @@ def _write(folder: str) -> None:
     try:
         written = write_schemas(Path(folder))
     except OSError as error:
-        raise DataError(f"--write {folder}: can't be written: {error.strerror}") from error
+        raise DataError(f"--write {folder}: cannot be written: {error.strerror}") from error
     for path in written:
         typer.echo(str(path))

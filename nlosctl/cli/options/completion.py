@@ -1,4 +1,4 @@
-"""What the shell offers after an option: names of methods, parameters, columns, formats. Imports nothing heavy."""
+"""Shell completion: names of methods, parameters, columns and formats. Imports light modules only."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = [
 Offer = tuple[str, str]
 
 _WIDTH = 70
-"""Longer helps would be wrapped, and fish and zsh would offer the words of their second line."""
+"""Longer help would be wrapped, and fish and zsh would offer the words of its second line."""
 
 
 def complete_method(ctx: typer.Context, incomplete: str) -> list[Offer]:
-    """Offer the methods that do the command's job, of the kind that ``--kind`` names if it does."""
+    """Offer the methods for the command's job, of the kind in ``--kind`` if given."""
     return sorted(set(_starting(incomplete, _methods(ctx.info_name or "", ctx.params.get("kind")))))
 
 
@@ -39,7 +39,7 @@ def complete_method_name(incomplete: str) -> list[Offer]:
 
 
 def complete_parameter(ctx: typer.Context, incomplete: str) -> list[Offer]:
-    """Offer ``KEY=`` for the parameters of the methods, or of the scenario, that the words so far name."""
+    """Offer ``KEY=`` for the parameters of the methods, or of the scenario, named so far."""
     from nlosctl.cli.options.source_index import glance
 
     offers: dict[str, str] = {}
@@ -87,7 +87,7 @@ def complete_kind(incomplete: str) -> list[Offer]:
 
 
 def complete_column(ctx: typer.Context, incomplete: str) -> list[Offer]:
-    """Offer ``NAME=`` for the columns of measurement files, of the kind that ``--kind`` names if it does."""
+    """Offer ``NAME=`` for the columns of measurement files, of the kind in ``--kind`` if given."""
     from nlosctl.contract.tables import KINDS
 
     kind = ctx.params.get("kind")
@@ -126,7 +126,7 @@ def _starting(incomplete: str, offers: Iterable[Offer]) -> Iterator[Offer]:
 
 
 def _methods(job: str, kind: str | None) -> Iterator[Offer]:
-    """Yield the methods of a kind that do a job; one whose source doesn't tell its job is not left out."""
+    """Yield the methods of a kind for a job, and those whose source does not state a job."""
     from nlosctl import registry
     from nlosctl.cli.options.source_index import glance
 
@@ -138,11 +138,11 @@ def _methods(job: str, kind: str | None) -> Iterator[Offer]:
 
 
 def _specs(ctx: typer.Context) -> Iterator[tuple[str, str]]:
-    """Yield module and attribute of each method or scenario that is named."""
+    """Yield module and attribute of each method or scenario named."""
     from nlosctl import registry
     from nlosctl.scenarios.catalogue import scenario_module
 
-    if "scenario" in ctx.params:  # an unfinished option leaves the arguments where the parser found them
+    if "scenario" in ctx.params:  # an unfinished option leaves the arguments in ctx.args
         words = [ctx.params["scenario"], *ctx.args]
         yield from ((module, "SCENARIO") for module in map(scenario_module, words) if module is not None)
         return

@@ -25,13 +25,13 @@ __all__ = [
     "CONFIG_VARIABLE",
     "Setting",
     "SettingsCommand",
+    "add_source",
     "command_settings",
     "key_values",
     "long_name",
     "options_of",
     "take_config",
     "takes_options",
-    "tell_source",
     "variable_name",
     "with_flags",
 ]
@@ -39,22 +39,22 @@ __all__ = [
 _CONFIG = "config"
 _SETTING = re.compile(r"`([a-z][a-z0-9_]*)`")
 CONFIG_VARIABLE = "NLOSCTL_CONFIG"
-"""Names the config file of all commands."""
+"""The environment variable with the config file of all commands."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """A value that an option takes where no flag gives one, and where it comes from, in words."""
+    """The value of an option without a flag, and a description of its source."""
 
     value: Any
     source: str
 
 
 class SettingsCommand(TyperCommand):
-    """A command whose options take their defaults from ``NLOSCTL_<COMMAND>_<OPTION>`` and from the config file."""
+    """A command whose options default to ``NLOSCTL_<COMMAND>_<OPTION>``, then to the config file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words of the command line with the environment beneath them; ``--config`` goes beneath that."""
+        """Parse the arguments with defaults from the environment; the callback of ``--config`` adds the config file."""
         if ctx.resilient_parsing:
             return super().parse_args(ctx, args)
         settings = _from_environment(ctx.command, ctx.info_name or "", os.environ)
@@ -62,12 +62,12 @@ class SettingsCommand(TyperCommand):
         try:
             return super().parse_args(ctx, args)
         except Exception as error:
-            tell_source(error, ctx)
+            add_source(error, ctx)
             raise
 
 
 def take_config(context: typer.Context, value: str | None) -> str | None:
-    """Put the config file's settings beneath those of the environment: the callback of ``--config``."""
+    """Add the settings of the config file as defaults after those of the environment: the callback of ``--config``."""
     if value is not None:
         given = {name: setting.value for name, setting in _from_file(context, value).items()}
         context.default_map = {**given, **(context.default_map or {})}
@@ -75,7 +75,7 @@ def take_config(context: typer.Context, value: str | None) -> str | None:
 
 
 def command_settings(context: Any, config: str | None) -> dict[str, Setting]:
-    """Return what the environment and the config file set, by the parameter's name, for the context's command."""
+    """Return the settings of environment and config file for the context's command, by parameter name."""
     from_environment = _from_environment(context.command, context.info_name, os.environ)
     if config is None and _CONFIG in from_environment:
         config = from_environment[_CONFIG].value
@@ -97,8 +97,8 @@ def variable_name(command: str, option: str) -> str:
     return f"NLOSCTL_{command}_{option}".upper().replace("-", "_").replace(" ", "_")
 
 
-def tell_source(error: Exception, context: Any) -> None:
-    """Add to the complaint about a value where it comes from, unless it was given as a flag."""
+def add_source(error: Exception, context: Any) -> None:
+    """Add the source of an invalid value to the error, unless the source is a flag."""
     name = getattr(getattr(error, "param", None), "name", None)
     source = None if name is None else context.get_parameter_source(name)
     if getattr(source, "name", "") != "DEFAULT_MAP" or not hasattr(error, "message"):
@@ -121,15 +121,15 @@ def _from_environment(command: Any, name: str, environment: Mapping[str, str]) -
 
 
 def _words(text: str, variable: str) -> list[str]:
-    """Return the words of a repeatable option's variable, as a shell would part them."""
+    """Split the variable of a repeatable option into words, as a shell does."""
     try:
         return shlex.split(text)
     except ValueError as error:
-        raise UsageError(f"{variable}: {str(error).lower()} in {text!r}; words with blanks go in quotes") from error
+        raise UsageError(f"{variable}: {str(error).lower()} in {text!r}; quote words with blanks") from error
 
 
 def _from_file(context: Any, path: str) -> dict[str, Setting]:
-    """Return the settings of the command's table in a TOML file; every table must be that of a command."""
+    """Return the settings in the command's table of a TOML file; every table must be that of a command."""
     content = _read(path)
     commands = context.find_root().command.commands
     for name in content:
@@ -138,7 +138,7 @@ def _from_file(context: Any, path: str) -> dict[str, Setting]:
     command = context.info_name
     section = content.get(command, {})
     if not isinstance(section, dict):
-        raise UsageError(f"--config {path}: {command}: got {section!r}, expected a table headed [{command}]")
+        raise UsageError(f"--config {path}: {command}: got {section!r}, expected a table [{command}]")
     known = {name: option for name, option in options_of(context.command).items() if name != _CONFIG}
     settings = {}
     for key, value in section.items():

@@ -1,4 +1,4 @@
-"""What the source of a method or scenario says of it, read without importing it: completion has no time for numpy."""
+"""The job and options of a method or scenario, parsed from its source: completion is too short to import numpy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DEPTH = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Glance:
-    """The job of a spec, and its options with their meanings; empty where the source doesn't say it plainly."""
+    """The job of a spec, and its options with their meanings; empty if the source does not state them literally."""
 
     job: str = ""
     options: tuple[tuple[str, str], ...] = ()
@@ -25,7 +25,7 @@ class Glance:
 
 @cache
 def glance(module: str, attribute: str) -> Glance:
-    """Return what the assignment of a spec to ``attribute`` says in the source of ``module``."""
+    """Return the job and options of the spec that the source of ``module`` assigns to ``attribute``."""
     words = dict(_keywords(module, attribute, _DEPTH))
     job, options = words.get("job"), words.get("options")
     return Glance(
@@ -44,7 +44,7 @@ def _tree(module: str) -> ast.Module:
 
 
 def _keywords(module: str, attribute: str, depth: int) -> Iterator[tuple[str, ast.expr]]:
-    """Yield the keywords of the call that makes the spec; ``replace(OTHER, ...)`` begins with those of the other."""
+    """Yield the keywords of the call that creates the spec; for ``replace(OTHER, ...)``, those of OTHER first."""
     for statement in _tree(module).body:
         if isinstance(statement, ast.Assign) and [getattr(to, "id", "") for to in statement.targets] == [attribute]:
             call = statement.value
@@ -55,7 +55,7 @@ def _keywords(module: str, attribute: str, depth: int) -> Iterator[tuple[str, as
 
 
 def _fields(module: str, name: str, depth: int) -> Iterator[tuple[str, str]]:
-    """Yield the fields of an options class with their meanings, as a dataclass has them: the last base's first."""
+    """Yield the fields of an options class with their meanings, in dataclass order: those of the last base first."""
     for statement in _tree(module).body:
         if isinstance(statement, ast.ImportFrom) and statement.module and depth:
             for alias in statement.names:

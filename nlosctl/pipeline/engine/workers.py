@@ -1,7 +1,7 @@
-"""Work on a stream of chunks with several processes or threads, results in the order of the stream.
+"""Parallel maps over a stream of items by processes or threads, with results in the order of the stream.
 
-Processes where they can be forked: the many short NumPy calls of a method hold the interpreter's lock for so long that
-threads lose more by waiting for it than they win (see docs/performance.md). Threads elsewhere.
+Processes are used if they can be forked: a method's many short NumPy calls hold the interpreter's lock for so long that
+threads spend more time waiting for it than they save (see docs/performance.md). Otherwise threads are used.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
 CAN_FORK = sys.platform == "linux"
-"""Whether processes can share what is in memory: elsewhere the system's libraries don't bear being forked."""
+"""Whether processes can be forked; on other systems the system libraries do not support it."""
 
 _inherited: Callable[[Any], Any]
 
@@ -38,8 +38,8 @@ _inherited: Callable[[Any], Any]
 def map_in_order(function: Callable[[ItemT], ResultT], items: Iterable[ItemT], jobs: int) -> Iterator[ResultT]:
     """Yield ``function(item)`` for each item in order, with up to ``jobs`` threads.
 
-    At most ``jobs`` + 1 items are held at a time. With one job no thread is made. The first error, of the function or
-    of the stream, is raised where its result would have stood, and nothing more is begun.
+    At most ``jobs`` + 1 items are in memory at a time. With one job no thread is started. The first error, of the
+    function or of the stream, is raised in the position of its result, and no further item is started.
     """
     if jobs == 1:
         yield from map(function, items)
@@ -51,10 +51,10 @@ def map_in_order(function: Callable[[ItemT], ResultT], items: Iterable[ItemT], j
 def map_in_processes(
     function: Callable[[ItemT], ResultT], items: Iterable[ItemT], jobs: int
 ) -> Generator[ResultT, None, None]:
-    """As `map_in_order`, with processes that inherit ``function``; items and results are sent to and fro.
+    """Yield as `map_in_order` does, by processes that inherit ``function``; items and results are pickled.
 
-    A single item is done here. Where processes can't be forked there are threads. Raises MethodError where a process
-    dies; none outlives this one, or the end of the iteration.
+    This process does a single item itself, and uses threads if it cannot fork. Raises MethodError if a process dies.
+    All processes end with the iteration, or with this process.
     """
     iterator = iter(items)
     first = list(islice(iterator, 1 if jobs == 1 or not CAN_FORK else 2))
@@ -78,7 +78,7 @@ def _in_order(
         while pending:
             yield pending.popleft().result()
     except BrokenProcessPool as error:
-        raise MethodError("a worker process was killed, perhaps for want of memory; try fewer `jobs`") from error
+        raise MethodError("a worker process was killed, perhaps for lack of memory; reduce `jobs`") from error
     finally:
         for future in pending:
             future.cancel()
@@ -88,12 +88,12 @@ def _in_order(
 
 @contextmanager
 def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor]:
-    """Give a pool whose processes are stopped at once where the block does not end well, or not all can be made."""
+    """Provide a pool whose processes are killed if the block raises an exception or not all can be started."""
     context = multiprocessing.get_context("fork")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_work, initargs=(function,))
     try:
         _start(pool)
-        # With our end for writing closed, a result that a kill cuts off ends; else the rest of it would be waited for.
+        # Close our write end: reading a result that a kill truncated then fails instead of waiting for the rest.
         cast(Any, pool._result_queue)._writer.close()
         yield pool
     except BaseException:
@@ -106,36 +106,36 @@ def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor
 
 def _start(pool: ProcessPoolExecutor) -> None:
     try:
-        with warnings.catch_warnings(), _signals_put_off():
-            warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads, from Python 3.12 on
+        with warnings.catch_warnings(), _deferred_signals():
+            warnings.simplefilter("ignore", DeprecationWarning)  # about forking with threads, since Python 3.12
             pool.submit(os.getpid).result()
     except OSError as error:
-        raise MethodError(f"no processes can be made: {error.strerror or error}; try fewer `jobs`") from error
+        raise MethodError(f"no process can be started: {error.strerror or error}; reduce `jobs`") from error
 
 
 @contextmanager
-def _signals_put_off() -> Iterator[None]:
-    """Let Ctrl-C and its like take effect at the end of the block: an exception raised while forking would be lost."""
+def _deferred_signals() -> Iterator[None]:
+    """Defer Ctrl-C and similar signals to the end of the block: an exception raised while forking would be lost."""
     if threading.current_thread() is not threading.main_thread():
         yield  # no handler runs in this thread
         return
-    came: list[int] = []
+    received: list[int] = []
     interrupts = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU, signal.SIGALRM)
     handlers = {number: signal.getsignal(number) for number in interrupts}
     handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     for number in handlers:
-        signal.signal(number, lambda number, frame: came.append(number))
+        signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for caught in came:
-            signal.raise_signal(caught)
+        for signal_number in received:
+            signal.raise_signal(signal_number)
 
 
 def _begin_work(function: Callable[[Any], Any]) -> None:
-    """Keep what is to be done, leave Ctrl-C to the parent, and end when it is gone."""
+    """Store the function, leave Ctrl-C to the parent process, and exit when it does."""
     global _inherited
     _inherited = function
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -157,7 +157,7 @@ def _call_inherited(item: Any) -> Any:
 
 
 def _until_failure(items: Iterable[ItemT], failures: list[Exception]) -> Iterator[ItemT]:
-    """Yield the items until the stream fails; then put its error into ``failures`` and end."""
+    """Yield the items until the stream fails; then append its error to ``failures`` and end."""
     iterator = iter(items)
     while True:
         try:

@@ -23,23 +23,23 @@ PROVENANCE_KEY = "nlosctl"
 
 
 class Sink(Protocol):
-    """Takes one of the tables of a run."""
+    """Receives one of the tables of a run."""
 
     def write(self, table: Any) -> None:
-        """Take rows."""
+        """Receive rows."""
 
     def set_metadata(self, metadata: Mapping[str, str]) -> None:
-        """Take what there is to say of the whole table."""
+        """Receive the metadata of the whole table."""
 
 
 class Report(Protocol):
-    """What a run did, as counts that can be added up and as words."""
+    """Counts of a run that can be added up, and the summary."""
 
     notes: list[str]
 
     @property
     def snapshots(self) -> int:
-        """How many snapshots there were."""
+        """The number of snapshots."""
 
     def counts(self) -> dict[str, Any]:
         """Return all counts as plain values, for `take`."""
@@ -59,21 +59,21 @@ class Run(Protocol):
 
     @property
     def reader(self) -> MeasurementReader:
-        """What the run reads."""
+        """The reader of the measurements."""
 
     @property
     def report(self) -> Report:
-        """What the run did; complete when ``tables`` has ended."""
+        """The report of the run; complete when ``tables`` has ended."""
 
     @property
     def schemas(self) -> Mapping[str, Any]:
-        """The Arrow schema of every table that can be asked for, by its name."""
+        """The Arrow schema of each wanted table by its name."""
 
     def provenance(self) -> dict[str, Any]:
-        """Return what makes the results, as plain values."""
+        """Return what determines the results, as plain values."""
 
     def choices(self) -> dict[str, Any]:
-        """Return what else must be the same for two runs to write the same tables, as plain values."""
+        """Return the other options that two runs must share to write equal tables, as plain values."""
 
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files."""
@@ -82,7 +82,7 @@ class Run(Protocol):
         """Yield the results chunk by chunk, in input order, solved by ``jobs`` processes."""
 
     def add_notes(self, remarks: Sequence[str]) -> None:
-        """Add to the report what its counts say, and the reader's remarks."""
+        """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
 
 
 def write_tables(
@@ -91,9 +91,9 @@ def write_tables(
     metadata: Callable[[], Mapping[str, str]],
     progress: Callable[[int], None],
 ) -> None:
-    """Hand each table to the sink of its name, and the metadata when all is known.
+    """Pass each table to the sink of its name, and at the end the metadata.
 
-    ``progress`` is told how many rows of the input have been done.
+    ``progress`` receives the number of rows of the input done so far.
     """
     rows = 0
     for chunk in tables:
@@ -108,14 +108,14 @@ def write_tables(
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
-    """The Arrow tables of one chunk by name, those that are wanted; ``rows`` is how many input rows they answer."""
+    """The wanted Arrow tables of one chunk by name; ``rows`` is the number of rows of the chunk."""
 
     named: Mapping[str, Any]
     rows: int
 
 
 def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dict[str, str]:
-    """Return the metadata of a result file: the provenance as JSON, and the scene as TOML where there is one."""
+    """Return the metadata of a result file: the provenance as JSON, and the scene as TOML if there is one."""
     provenance = {"version": __version__, "command": command, **content}
     metadata = {PROVENANCE_KEY: provenance_text(provenance)}
     if scene != Scene():
@@ -124,7 +124,7 @@ def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dic
 
 
 def describe_inputs(inputs: Sequence[Input], rows: Mapping[str, int], *, with_hash: bool) -> list[dict[str, Any]]:
-    """Return name, size, number of rows (where it is known) and, if wanted, SHA-256 of every input file."""
+    """Return name, size, number of rows (if known) and, if wanted, SHA-256 of every input file."""
     described = []
     for part in (part for given in inputs for part in given.parts):
         entry: dict[str, Any] = {"name": part.name}
