@@ -72,6 +72,16 @@ def test_without_a_word_the_plane_touches_the_first_place(tmp_path: Path) -> Non
     np.testing.assert_array_equal(cut, whole)
 
 
+def test_coordinates_may_be_in_folder_names(tmp_path: Path) -> None:
+    """A latitude in a folder name and a longitude in the file give the same x and y as two columns."""
+    name = write(tmp_path, HEADER + "1,a,47.37,8.54,10,1\n1,b,47.37,8.6,20,1\n")
+    folder = tmp_path / "drive" / "sensor_lat_deg=47.37"
+    folder.mkdir(parents=True)
+    write(folder, "snapshot,sensor,sensor_lon_deg,azimuth_deg,bearing_std_deg\n1,a,8.54,10,1\n1,b,8.6,20,1\n", "a.csv")
+    for column, values in read(name)[1].items():
+        np.testing.assert_array_equal(read(str(tmp_path / "drive"))[1][column], values)
+
+
 def test_parts_of_a_folder_share_the_plane_of_the_first(tmp_path: Path) -> None:
     """Several files are one table in one plane."""
     folder = tmp_path / "drive"

@@ -62,7 +62,7 @@ class MeasurementReader:
     Bad rows go to the sink ``bad_rows``. Without it no chunk follows the first bad row, the rest is read for further
     problems, and a DataError lists them at the end. Raises DataError or UsageError for a fault of a whole file.
 
-    ``found`` is the survey of an earlier reader of the same inputs, which is not repeated. ``only`` (index of the
+    ``survey`` is that of an earlier reader of the same inputs, which is not repeated. ``only`` (index of the
     input, index of the part within) restricts the reader to snapshots that begin in that part.
     """
 
@@ -72,13 +72,13 @@ class MeasurementReader:
         options: InputOptions | None = None,
         bad_rows: BadRowSink | None = None,
         *,
-        found: InputSurvey | None = None,
+        survey: InputSurvey | None = None,
         only: tuple[int, int] | None = None,
     ) -> None:
         self.options = options or InputOptions()
         self._inputs = tuple(inputs)
         self._only = only
-        self._survey = found or survey_inputs(self._inputs, self.options)
+        self._survey = survey or survey_inputs(self._inputs, self.options)
         self.spans: list[IdSpan] = []
         self.report = ReadReport(remarks=list(self._survey.remarks))
         self._tally = RowTally(log=ProblemLog(bad_rows), report=self.report)
@@ -125,7 +125,7 @@ class MeasurementReader:
         """Send bad rows to ``sink`` and continue with the others; call it before the first chunk."""
         self._tally.log = ProblemLog(sink)
 
-    def found(self) -> InputSurvey:
+    def survey(self) -> InputSurvey:
         """Return the survey of the inputs, without open files, for further readers of them."""
         self.close()
         return self._survey

@@ -10,8 +10,7 @@ from typing import Any
 from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, MethodError, UsageError
 from nlosctl.io.measurements.reader import MeasurementReader
-from nlosctl.io.parts.part_names import part_names
-from nlosctl.io.parts.row_group_slices import sliced
+from nlosctl.io.parts.part_files import part_names, sliced
 from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat
@@ -86,7 +85,7 @@ class FolderRun:
             command=self._command,
             inputs=self._inputs,
             options=reader.options,
-            found=reader.found(),
+            survey=reader.survey(),
             start=self._start,
             roots=self._folder.roots,
             names=tuple(self._names),
@@ -196,7 +195,7 @@ def _made_from_slices(
     reader = work.reader(number)
     run = work.start(reader)
     pieces = SliceWork(
-        inputs=slices, options=work.options, found=work.found, start=work.start, positions=tuple(positions)
+        inputs=slices, options=work.options, survey=work.survey, start=work.start, positions=tuple(positions)
     )
     spans: list[dict[str, Any]] = []
     return work.write(number, reader, run, pieces.tables(run, engine, spans), lambda: _joined(spans))

@@ -34,7 +34,7 @@ class PartWork:
     command: str
     inputs: tuple[Input, ...]
     options: InputOptions
-    found: InputSurvey
+    survey: InputSurvey
     start: Callable[[MeasurementReader], Run]
     roots: Mapping[str, str]
     names: tuple[str, ...]
@@ -53,7 +53,7 @@ class PartWork:
 
     def reader(self, number: int) -> MeasurementReader:
         """Return a reader of the snapshots that begin in one part."""
-        return MeasurementReader(self.inputs, self.options, found=self.found, only=self.positions[number])
+        return MeasurementReader(self.inputs, self.options, survey=self.survey, only=self.positions[number])
 
     def write(
         self,
@@ -108,7 +108,7 @@ class PartWork:
         return replace(self, inputs=absolute(self.inputs), roots=roots)
 
     def _writer(self, table: str, number: int, run: Run, metadata: Mapping[str, str]) -> TableWriter:
-        schema = BadRowWriter.schema(self.found.schema.names) if table == BAD_ROWS else run.schemas[table]
+        schema = BadRowWriter.schema(self.survey.schema.names) if table == BAD_ROWS else run.schemas[table]
         target = location(self.roots[table]) / self.names[number]
         target.parent.mkdir(parents=True, exist_ok=True)
         return TableWriter(

@@ -15,7 +15,7 @@ from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import MethodError, NlosctlError, UsageError
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.survey import InputSurvey
-from nlosctl.io.parts.row_group_slices import sliced
+from nlosctl.io.parts.part_files import sliced
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat
 from nlosctl.pipeline.engine.workers import CAN_FORK, map_in_processes
@@ -54,13 +54,13 @@ class SliceWork:
 
     inputs: tuple[Input, ...]
     options: InputOptions
-    found: InputSurvey
+    survey: InputSurvey
     start: Callable[[MeasurementReader], Run]
     positions: tuple[tuple[int, int], ...]
 
     def make(self, number: int) -> tuple[list[ChunkTables], dict[str, Any], dict[str, int], dict[str, Any]] | None:
         """Return the tables of a slice, its counts, the rows of its file and the span of its ids; None: a fault."""
-        reader = MeasurementReader(self.inputs, self.options, found=self.found, only=self.positions[number])
+        reader = MeasurementReader(self.inputs, self.options, survey=self.survey, only=self.positions[number])
         run = self.start(reader)
         try:
             tables = list(run.tables())
@@ -130,8 +130,8 @@ def _tables(
 ) -> Iterator[ChunkTables]:
     reader = run.reader
     options = replace(reader.options, use_threads=False)
-    found = reader.found()
-    work = SliceWork(inputs=pieces, options=options, found=found, start=start, positions=positions_of(pieces))
+    survey = reader.survey()
+    work = SliceWork(inputs=pieces, options=options, survey=survey, start=start, positions=positions_of(pieces))
     try:
         yield from work.tables(run, engine)
     except SliceError:
@@ -144,7 +144,7 @@ def _tables(
 
 def _solve_at_once(work: SliceWork, inputs: Sequence[Input]) -> NoReturn:
     """Raise the error of the run over the whole input."""
-    for _ in work.start(MeasurementReader(inputs, work.options, found=work.found)).tables():
+    for _ in work.start(MeasurementReader(inputs, work.options, survey=work.survey)).tables():
         pass
     raise MethodError("the results depend on how the input is cut: the method is not deterministic")
 
@@ -195,7 +195,7 @@ class IdOrder:
         ends.insert(index, (low, high))
 
     def _read_all(self) -> None:
-        reader = MeasurementReader(self.inputs, self.reader.options, lambda rows: None, found=self.reader.found())
+        reader = MeasurementReader(self.inputs, self.reader.options, lambda rows: None, survey=self.reader.survey())
         for _ in reader.chunks():
             pass
         self._sure = True
