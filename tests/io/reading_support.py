@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.measurements.row_checks import BadRow, BadRowSink
@@ -33,7 +34,7 @@ class Whole:
 def read(paths: Sequence[Path | str], bad_rows: BadRowSink | None = None, **options: Any) -> list[Chunk]:
     """Return all chunks of files, on one thread."""
     inputs = expand_inputs([str(path) for path in paths])
-    reader = MeasurementReader(inputs(use_threads=False, **options), bad_rows)
+    reader = MeasurementReader(inputs, InputOptions(use_threads=False, **options), bad_rows)
     return list(reader.chunks())
 
 

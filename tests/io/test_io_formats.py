@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from reading_support import FIXTURES, bearings, pa, read, scene_of, whole
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
@@ -44,7 +45,7 @@ class Trickle(io.RawIOBase):
 def test_json_lines_from_stdin_are_recognized(data: bytes, slow: bool) -> None:
     """Gzipped, or behind a byte order mark, and however slowly they come."""
     stdin = io.BufferedReader(Trickle(data)) if slow else io.BytesIO(data)
-    reader = MeasurementReader(expand_inputs(["-"], stdin=stdin)(scene=SCENE))
+    reader = MeasurementReader(expand_inputs(["-"], stdin=stdin), InputOptions(scene=SCENE))
     assert sum(len(chunk.snapshot) for chunk in reader.chunks()) == 40
 
 
@@ -52,14 +53,14 @@ def test_a_json_array_from_stdin_is_told() -> None:
     """An array is JSON, not CSV, and the error says how to convert it."""
     inputs = expand_inputs(["-"], stdin=io.BytesIO(b"[" + JSON_LINES.replace(b"\n", b",\n") + b"]"))
     with pytest.raises(DataError, match="JSON array"):
-        MeasurementReader(inputs())
+        MeasurementReader(inputs)
 
 
 def test_an_arrow_stream_is_read_where_arrow_is_said() -> None:
     """--input-format arrow in a pipe is what --format arrow writes there."""
     data = (FIXTURES / "good_bearings.arrows").read_bytes()
     inputs = expand_inputs(["-"], FileFormat.ARROW, io.BytesIO(data))
-    assert sum(len(chunk.snapshot) for chunk in MeasurementReader(inputs(scene=SCENE)).chunks()) == 40
+    assert sum(len(chunk.snapshot) for chunk in MeasurementReader(inputs, InputOptions(scene=SCENE)).chunks()) == 40
 
 
 @pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.csv.gz", "a.arrow", "a.jsonl", "a.jsonl.gz"])
@@ -117,7 +118,7 @@ def test_every_type_can_be_written_as_text(tmp_path: Path) -> None:
 def test_an_empty_pipe_is_told() -> None:
     """No bytes on stdin are no rows."""
     with pytest.raises(DataError, match="0 bytes"):
-        MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(b""))())
+        MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(b"")))
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.csv.gz", "a.jsonl", "a.jsonl.gz", "a.parquet", "a.arrow", "a.arrows"])
@@ -139,5 +140,5 @@ def test_a_table_in_memory_is_left_unread(tmp_path: Path) -> None:
     """Looking at the first bytes takes nothing from a stream that can't be looked at."""
     from nlosctl.io.results.in_memory import input_of_table
 
-    chunks = list(MeasurementReader([input_of_table(bearings([1, 2]))]()).chunks())
+    chunks = list(MeasurementReader([input_of_table(bearings([1, 2]))]).chunks())
     assert sum(chunk.table.num_rows for chunk in chunks) == 2

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from reading_support import Gathered, read, whole
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
@@ -89,18 +90,18 @@ def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pyt
     assert found.column("late").to_pylist()[-2:] == [None, 1]
     for odd, fault in ((lines[20], "'own': got 'x'"), (lines[21], "'late': got 1 under a new name")):
         data = "\n".join([*lines[:20], odd]).encode()
-        reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data))())
+        reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)))
         with pytest.raises(DataError, match=f"line 21, column {fault}.*save it as a file"):
             list(reader.chunks())
     inputs = expand_inputs(["-"], stdin=io.BytesIO(path.read_bytes()))
-    assert len(list(MeasurementReader(inputs(extra_columns=())).chunks())) > 0
+    assert len(list(MeasurementReader(inputs, InputOptions(extra_columns=())).chunks())) > 0
 
 
 def test_a_late_column_of_the_contract_in_a_stream_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A flag that comes after the first block of a stream is never ignored."""
     monkeypatch.setenv("NLOSCTL_JSON_BLOCK_LINES", "2")
     data = "\n".join([*(row(place) for place in range(5)), row(5, los=False)]).encode()
-    reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data))(extra_columns=()))
+    reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), InputOptions(extra_columns=()))
     with pytest.raises(DataError, match="row 6, column 'los': the name is not among those"):
         list(reader.chunks())
 

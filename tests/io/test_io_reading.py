@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reading_support import FIXTURES, bearings, read, save, scene_of, whole
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import MeasurementReader
@@ -39,7 +40,7 @@ def test_stdin_is_recognized_by_its_first_bytes(extension: str) -> None:
     """A stream needs no name for its format to be known."""
     stream = io.BytesIO((FIXTURES / f"good_bearings.{extension}").read_bytes())
     inputs = expand_inputs(["-"], stdin=stream)
-    chunks = list(MeasurementReader(inputs(scene=SCENE, use_threads=False)).chunks())
+    chunks = list(MeasurementReader(inputs, InputOptions(scene=SCENE, use_threads=False)).chunks())
     assert sum(len(chunk.snapshot) for chunk in chunks) == 40
 
 
@@ -84,7 +85,7 @@ def test_files_of_different_columns_share_a_schema(tmp_path: Path) -> None:
 def test_without_snapshot_column_a_file_is_one_snapshot(tmp_path: Path) -> None:
     """Without ids all rows belong together, and the report says so."""
     path = save(bearings([1, 2, 3]).drop_columns(["snapshot"]), tmp_path / "one.parquet")
-    reader = MeasurementReader(expand_inputs([str(path)])(use_threads=False))
+    reader = MeasurementReader(expand_inputs([str(path)]), InputOptions(use_threads=False))
     (chunk,) = reader.chunks()
     assert chunk.offsets.tolist() == [0, 3]
     assert "snapshot" in reader.report.remarks[0]

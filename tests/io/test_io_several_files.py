@@ -59,7 +59,7 @@ def test_a_part_of_a_folder_has_its_scene_beside_it(tmp_path: Path) -> None:
     """Where the folder has no scene, that of each part counts."""
     save_with_scene(tmp_path / "a.parquet", None, [1])
     (tmp_path / "a.scene.toml").write_text(scene(1.0))
-    reader = MeasurementReader(expand_inputs([str(tmp_path)])())
+    reader = MeasurementReader(expand_inputs([str(tmp_path)]))
     assert reader.scene.reflector_names == ("w",)
     save_with_scene(tmp_path / "b.parquet", None, [2])
     with pytest.raises(DataError, match="its scene is not that of"):
