@@ -46,14 +46,14 @@ def test_a_sweep_through_pipes(cli: Cli, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        ([GOOD], "name the picture: -o FILE.svg"),
-        ([], "name a file to draw"),
+        ([GOOD], "name the figure: -o FILE.svg"),
+        ([], "name a file to plot"),
         ([GOOD, "-o", "a.gif"], "got extension '.gif', expected a picture's name that ends in one of .png, .svg, .pdf"),
         ([GOOD, "-o", "-"], "no extension"),
         ([GOOD, "-o", "a.png", "--view", "scenes"], "did you mean 'scene'?"),
         ([GOOD, "-o", "a.png", "--view", "roc"], "--view roc takes flags"),
         ([GOOD, "-o", "a.png", "--size", "6"], "--size takes WIDTHxHEIGHT in inches"),
-        ([GOOD, "-o", "-", "--format", "png", "--json"], "without --json"),
+        ([GOOD, "-o", "-", "--format", "png", "--json"], "no --json"),
     ],
 )
 def test_wrong_words_are_told(cli: Cli, words: list[str], text: str, tmp_path: Path) -> None:

@@ -74,29 +74,16 @@ ESTIMATES = Table(
         ),
         Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
         Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
-        Column(
-            name="cov_xx_m2",
-            type="number",
-            unit="m2",
-            required=True,
-            nullable=True,
-            meaning="covariance of the position error",
-        ),
-        Column(
-            name="cov_xy_m2",
-            type="number",
-            unit="m2",
-            required=True,
-            nullable=True,
-            meaning="covariance of the position error",
-        ),
-        Column(
-            name="cov_yy_m2",
-            type="number",
-            unit="m2",
-            required=True,
-            nullable=True,
-            meaning="covariance of the position error",
+        *(
+            Column(
+                name=f"cov_{axes}_m2",
+                type="number",
+                unit="m2",
+                required=True,
+                nullable=True,
+                meaning="covariance of the position error",
+            )
+            for axes in ("xx", "xy", "yy")
         ),
         Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
         Column(name="n_used", type="integer", required=True, meaning="rows that the estimate uses"),
