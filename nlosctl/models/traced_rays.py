@@ -1,4 +1,4 @@
-"""Rays traced back from a sensor along its bearing, over its reflector: the way a wave would have come."""
+"""Rays traced back from a sensor along its bearing and over its reflector. Only `plot` uses them."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -92,6 +93,16 @@ def test_what_was_drawn_as_json(cli: Cli) -> None:
     told = cli("plot", FIXTURES / "good_triplets.csv", "-o", "a.png", "--json").json
     assert told["view"] == "triplets"
     assert told["output"] == "a.png"
+
+
+def test_notes_name_flags(cli: Cli) -> None:
+    """Notes on a picture name the flags of the command line, on standard error and with --json."""
+    paths = cli("simulate", "room", "-n", 1, "-q")
+    outcome = cli("plot", "-", "-o", "a.png", "--json", stdin=paths.out)
+    assert outcome.code == 0, outcome.err
+    note = "only the first 4 of 12 paths are shown; --path selects others"
+    assert json.loads(outcome.out)["notes"][0] == note
+    assert f"note: {note}" in outcome.err
 
 
 def test_columns_of_another_name(cli: Cli, tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def test_pyplot_is_not_imported() -> None:
         ("a.jpg", None, "got extension '.jpg', expected a picture's name that ends in one of .png, .svg, .pdf"),
         ("a.svgz", None, "did you mean 'svg'?"),
         ("a", None, "no extension"),
-        ("-", "gif", "--format must be one of png, svg, pdf. Got 'gif'"),
+        ("-", "gif", "`format` must be one of png, svg, pdf. Got 'gif'"),
     ],
 )
 def test_other_formats_are_refused(target: str, format: str | None, text: str) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from nlosctl.cli.options.completion import complete_view
 from nlosctl.cli.options.declarations import ConfigFile, Debug, Json, Quiet
-from nlosctl.cli.options.settings import takes_options
+from nlosctl.cli.options.settings import takes_options, with_flags
 from nlosctl.cli.terminal import Terminal, print_json, print_table
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError
@@ -152,7 +152,7 @@ def plot(
             size_in=None if size is None else _size(size),
             max_rows=max_rows,
         )
-        picture = draw_picture(request, name)
+        picture = draw_picture(request, name, wording=with_flags)
     if output == "-":
         sys.stdout.buffer.write(figure_bytes(picture.figure, chosen))
     else:

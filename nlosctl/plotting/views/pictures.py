@@ -51,10 +51,14 @@ def choose_view(files: Sequence[PlotInput], wanted: str | None, *, one_snapshot:
     return wanted
 
 
-def draw_picture(request: PlotRequest, view: str) -> Picture:
-    """Return the picture of a view with its notes below; raise DataError for faults of the files."""
+def draw_picture(request: PlotRequest, view: str, *, wording: Callable[[str], str] = str) -> Picture:
+    """Return the picture of a view with its notes below; raise DataError for faults of the files.
+
+    ``wording`` converts the notes, which name settings in backquotes.
+    """
     picture = _DRAW[view](request)
-    if picture.notes:
+    notes = [wording(note) for note in picture.notes]
+    if notes:
         width = int(_CHARACTERS_PER_IN * picture.figure.get_figwidth())
-        picture.figure.supxlabel("\n".join(fill(note, width) for note in picture.notes), fontsize=7, color="#505050")
-    return picture
+        picture.figure.supxlabel("\n".join(fill(note, width) for note in notes), fontsize=7, color="#505050")
+    return Picture(figure=picture.figure, notes=notes)
