@@ -96,7 +96,9 @@ class DirectBearings(RowBlock):
         if self.lines.focusing is not None:
             half_chi_square *= _defocusing(self.lines.focusing, k, np.sqrt(squared_range))
         if self.precision is not None and self.measured_m is not None:
-            scaled = self._range_misfit(np.sqrt(squared_range), self.measured_m[:, k, None], self.precision[:, k, None])
+            scaled = self._scaled_range_residual(
+                np.sqrt(squared_range), self.measured_m[:, k, None], self.precision[:, k, None]
+            )
             half_chi_square += 0.5 * scaled * scaled
         if self.lines.mirrors is not None:
             impossible |= _beyond(self.lines.mirrors, k, x, y)
@@ -142,7 +144,7 @@ class DirectBearings(RowBlock):
             row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
         return row
 
-    def _range_misfit(self, range_m: FloatArray, measured_m: FloatArray, precision: FloatArray) -> FloatArray:
+    def _scaled_range_residual(self, range_m: FloatArray, measured_m: FloatArray, precision: FloatArray) -> FloatArray:
         if self.lognormal:
             return np.log(measured_m / range_m) * precision
         return (measured_m - range_m) * precision
@@ -153,7 +155,7 @@ class DirectBearings(RowBlock):
         """Return the derivatives with those of half the range's chi-square added."""
         range_m = np.sqrt(np.maximum(dx * dx + dy * dy, self.squared_minimum))
         x, y = dx / range_m, dy / range_m
-        scaled = self._range_misfit(range_m, measured_m, precision)
+        scaled = self._scaled_range_residual(range_m, measured_m, precision)
         slope = precision / range_m if self.lognormal else precision
         # second derivatives of the range: (I - n n^T) / R, of its logarithm: (I - 2 n n^T) / R^2
         bend = -scaled * slope / range_m

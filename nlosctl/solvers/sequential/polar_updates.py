@@ -36,13 +36,9 @@ class SourceState:
 
     def where(self, first: BoolArray, other: SourceState) -> SourceState:
         """Return these states where ``first``, the others elsewhere."""
-
-        def pick(a: FloatArray, b: FloatArray) -> FloatArray:
-            return np.where(first, a, b)
-
         return SourceState(
-            pick(self.x, other.x),
-            pick(self.y, other.y),
+            np.where(first, self.x, other.x),
+            np.where(first, self.y, other.y),
             self.covariance.where(first, other.covariance),
             np.where(first, self.alive, other.alive),
         )
