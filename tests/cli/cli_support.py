@@ -1,4 +1,4 @@
-"""What the tests of the command line share: the outcome of a run, small files, reading tables back."""
+"""Helpers for tests of the command line: runs, small files, tables."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _refuse(word: str) -> Any:
 
 
 def plain_environment(**extra: str) -> dict[str, str]:
-    """Return the environment without settings of ours, with the program's folder on the path."""
+    """Return the environment without settings of nlosctl, with the program's folder on the path."""
     plain = {name: value for name, value in os.environ.items() if not name.startswith(("NLOSCTL", "_NLOSCTL"))}
     return {**plain, "PATH": f"{PROGRAM.parent}{os.pathsep}{plain['PATH']}", **extra}
 
@@ -94,7 +94,7 @@ def plain_csv(rows: Iterable[Sequence[Any]], header: str = HEADER) -> str:
 
 
 def crossing_rows(snapshot: Any, count: int = 3) -> list[tuple[Any, ...]]:
-    """Return good rows of one snapshot: sensors along a wall, bearings that nearly meet at (2, 3)."""
+    """Return valid rows of one snapshot: sensors along a wall, bearings that nearly meet at (2, 3)."""
     from math import atan2
 
     return [(snapshot, f"s{k}", float(k), 0.0, atan2(3.0, 2.0 - k) + 0.001 * (-1) ** k, 0.01) for k in range(count)]

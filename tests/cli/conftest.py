@@ -1,4 +1,4 @@
-"""Running the command line within the test's own process, in an empty folder."""
+"""The command line run in the process of the tests, in an empty folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Cli = Callable[..., Outcome]
 def cli(
     capsysbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch, plain_settings: None, tmp_path: Path
 ) -> Cli:
-    """Run ``nlosctl WORDS...`` with the test's folder as the current one; ``stdin`` takes bytes."""
+    """Run ``nlosctl WORDS...`` in the folder of the test; ``stdin`` takes bytes."""
     from nlosctl.cli.main import run
 
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""``nlosctl bound``: at the truth and over a map, and what it refuses."""
+"""``nlosctl bound``: at the truth, over a map, and errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCENE = str(FIXTURES / "good_over_the_horizon.scene.toml")
 
 
 def run(*words: str, standard_input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
-    """Run ``nlosctl bound`` with the words."""
+    """Run ``nlosctl bound`` with arguments."""
     return run_here("bound", *words, stdin=standard_input or b"")
 
 
@@ -34,7 +34,7 @@ def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, str]]:
 
 
 def test_a_row_per_snapshot_at_its_truth() -> None:
-    """Each snapshot has its bound at its truth, in the columns of the schema, and the summary counts them."""
+    """Each snapshot has the bound at its truth, in the columns of the schema, and is counted in the summary."""
     done = run(MEASUREMENTS)
     found = rows(done)
     assert list(found[0]) == list(BOUND.names)
@@ -50,7 +50,7 @@ def test_a_row_per_snapshot_at_its_truth() -> None:
 
 
 def test_a_map_has_a_row_per_vertex() -> None:
-    """A map has its vertices row by row, both ends included, without snapshot; null in the shadow of the earth."""
+    """A map has its vertices row by row, both ends included; null in the shadow of the earth."""
     found = rows(run(MEASUREMENTS, "--map", "-200e3,200e3,6300e3,6450e3,50e3"))
     assert list(found[0]) == list(BOUND.names[1:])
     assert len(found) == 9 * 4
@@ -62,7 +62,7 @@ def test_a_map_has_a_row_per_vertex() -> None:
 
 
 def test_a_map_of_ranges_is_the_closed_form(tmp_path: Path) -> None:
-    """The information of ranges is the sum of u u' / std^2, u the unit vectors from the sensors."""
+    """The information of ranges is the sum of u u' / std^2 over the unit vectors u from the sensors."""
     sensors, stds = np.array([(0.0, 0.0), (100.0, 0.0), (40.0, 90.0)]), np.array([0.5, 1.0, 2.0])
     lines = [f"1,{k},{x},{y},50,{std}" for k, ((x, y), std) in enumerate(zip(sensors, stds, strict=True))]
     file = tmp_path / "ranges.csv"
@@ -75,8 +75,8 @@ def test_a_map_of_ranges_is_the_closed_form(tmp_path: Path) -> None:
         np.testing.assert_allclose(found, [expected[0, 0], expected[0, 1], expected[1, 1]], rtol=1e-12)
 
 
-def test_the_function_gives_the_same() -> None:
-    """`nlosctl.bound` on a table gives what the command gives."""
+def test_the_function_equals_the_command() -> None:
+    """`nlosctl.bound` on a table gives the rows of the command."""
     import pyarrow.csv
 
     table = pyarrow.csv.read_csv(MEASUREMENTS)
@@ -100,15 +100,15 @@ def test_the_function_gives_the_same() -> None:
         (("--scene", "absent.toml"), 1, "absent.toml: the scene can't be read"),
     ],
 )
-def test_what_it_refuses(words: tuple[str, ...], code: int, told: str) -> None:
-    """A map that is none is the command line's fault, an absent scene the data's; nothing goes to stdout."""
+def test_invalid_maps_and_scenes(words: tuple[str, ...], code: int, told: str) -> None:
+    """An invalid map is a usage error, a missing scene a data error; stdout stays empty."""
     done = run(MEASUREMENTS, *words)
     assert (done.returncode, done.stdout) == (code, b"")
     assert told in done.stderr.decode()
 
 
-def test_without_truth_there_is_no_bound(tmp_path: Path) -> None:
-    """Without truth columns the cure is told, and no half output is left."""
+def test_missing_truth_is_an_error(tmp_path: Path) -> None:
+    """Without truth columns the message has the cure, and no partial output is left."""
     lines = Path(MEASUREMENTS).read_text(encoding="utf-8").splitlines()
     cut = tmp_path / "cut.csv"
     cut.write_text("\n".join(",".join(line.split(",")[:7]) for line in lines), encoding="utf-8")
@@ -119,7 +119,7 @@ def test_without_truth_there_is_no_bound(tmp_path: Path) -> None:
 
 
 def test_the_report_counts(tmp_path: Path) -> None:
-    """``--report`` tells how many positions there are and how many have a bound."""
+    """``--report`` has the number of positions and of bounds."""
     report = tmp_path / "report.json"
     rows(run(MEASUREMENTS, "--map", "0,1e5,6.3e6,6.4e6,1e5", "--report", str(report)))
     told = json.loads(report.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Rows by circles through the whole program."""
+"""Rows by circles on the command line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RING = '[[reflector]]\nname = "ring"\nkind = "circle"\ncenter = [20.0, -10.0]\nr
 
 
 def run(*words: str, standard_input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
-    """Run ``nlosctl`` with the words."""
+    """Run ``nlosctl`` with arguments."""
     return run_here(*words, stdin=standard_input or b"")
 
 
@@ -51,8 +51,8 @@ def ring_file(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("method", ["ls", "stansfield", "stansfield-focused", "ml"])
-def test_traced_rays_lead_to_their_source(method: str) -> None:
-    """On the fixture, whose rays were traced by hand, every method is right to within what its covariance says."""
+def test_traced_rays_give_their_source(method: str) -> None:
+    """On the fixture of traced rays every method agrees with the truth within its covariance."""
     found = rows(run("localize", "-m", method, MEASUREMENTS))
     assert {row["status"] for row in found} == {"ok"}
     squared = []
@@ -63,8 +63,8 @@ def test_traced_rays_lead_to_their_source(method: str) -> None:
     assert 1.0 < np.mean(squared) < 3.2
 
 
-def test_flags_tell_of_the_horizon(tmp_path: Path) -> None:
-    """The flags have a row per measurement with its residual on the true path, and whether it is under its horizon."""
+def test_flags_have_the_horizon(tmp_path: Path) -> None:
+    """Flags have a row per measurement with its residual on the true path and ``under_horizon``."""
     flags = tmp_path / "flags.csv"
     assert run("localize", MEASUREMENTS, "-o", str(tmp_path / "e.csv"), "--flags-out", str(flags)).returncode == 0
     with flags.open(encoding="utf-8") as file:
@@ -74,8 +74,8 @@ def test_flags_tell_of_the_horizon(tmp_path: Path) -> None:
     assert 0.0005 < np.std([float(row["residual_rad"]) for row in found]) < 0.003
 
 
-def test_alternatives_come_ranked_and_no_more_than_asked(tmp_path: Path) -> None:
-    """In an open circle ``--alternatives 3`` gives up to three rows per snapshot, the best first; else there is one."""
+def test_alternatives_are_ranked_and_limited(tmp_path: Path) -> None:
+    """``--alternatives 3`` gives up to three rows per snapshot, best first; by default one."""
     path = ring_file(tmp_path)
     single, several = rows(run("localize", str(path))), rows(run("localize", "--alternatives", "3", str(path)))
     assert len(single) == 60 < len(several)
@@ -87,8 +87,8 @@ def test_alternatives_come_ranked_and_no_more_than_asked(tmp_path: Path) -> None
 
 
 @pytest.mark.process
-def test_no_block_and_no_thread_changes_a_byte(tmp_path: Path) -> None:
-    """Mixed and ambiguous paths give the same bytes whatever ``--block-size`` and ``--jobs``."""
+def test_results_do_not_depend_on_blocks_or_jobs(tmp_path: Path) -> None:
+    """Mixed and ambiguous paths give the same bytes for any ``--block-size`` and ``--jobs``."""
     mixed = run("simulate", "mixed", "--trials", "40", "-q", "--format", "arrow").stdout
     for words, data in ((("-",), mixed), ((str(ring_file(tmp_path)),), None)):
         outputs = {
@@ -102,7 +102,7 @@ def test_no_block_and_no_thread_changes_a_byte(tmp_path: Path) -> None:
 
 
 def test_feasible_is_a_parameter() -> None:
-    """``--param feasible=true`` holds estimates to the scene: none is infeasible any more."""
+    """With ``--param feasible=true`` no estimate is infeasible."""
     drawn = run(
         "simulate",
         "song-circle",
@@ -125,7 +125,7 @@ def test_feasible_is_a_parameter() -> None:
 
 
 def test_bad_rows_are_set_aside(tmp_path: Path) -> None:
-    """A sensor outside its circle stops the run, or goes to the bad rows and the rest goes on."""
+    """A sensor outside its circle stops the run, or goes to the bad rows."""
     bad = str(FIXTURES / "bad_sensor_outside_circle.csv")
     assert run("localize", bad).returncode == 1
     aside = tmp_path / "bad.csv"

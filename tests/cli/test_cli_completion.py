@@ -1,4 +1,4 @@
-"""Completion in bash, zsh and fish: names of methods, parameters and the rest, installed by one command, and quick."""
+"""Completion in bash, zsh and fish: names of methods, parameters and others, without heavy imports."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CASES = {
 
 
 def asked(line: str, shell: str) -> dict[str, str]:
-    """Return the variables by which a shell asks for the completion of a line."""
+    """Return the variables by which a shell requests the completion of a line."""
     if shell == "bash":
         words = line.split(" ")
         return {"_NLOSCTL_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
@@ -61,7 +61,7 @@ def asked(line: str, shell: str) -> dict[str, str]:
 
 
 def offered(line: str, shell: str) -> tuple[list[str], list[str]]:
-    """Return the words that the program offers a shell, and the top-level modules that it imported for them."""
+    """Return the words that the program offers a shell, and the top-level modules that it imported."""
     done = subprocess.run(
         [sys.executable, "-c", COMPLETE],
         capture_output=True,
@@ -78,8 +78,8 @@ def offered(line: str, shell: str) -> tuple[list[str], list[str]]:
 
 @pytest.mark.process
 @pytest.mark.parametrize("line", CASES)
-def test_words_are_offered(line: str) -> None:
-    """What begins as the word does is offered, of the command's own job and kind, and nothing heavy is imported."""
+def test_completions(line: str) -> None:
+    """Words with the prefix are offered, for the command's job and kind, without heavy imports."""
     words, modules = offered(line, SHELLS[sorted(CASES).index(line) % 3])
     assert sorted(words) == sorted(CASES[line])
     assert [name for name in HEAVY if name in modules] == []
@@ -87,8 +87,8 @@ def test_words_are_offered(line: str) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize("shell", SHELLS)
-def test_every_shell_is_offered_the_methods(shell: str) -> None:
-    """Each shell's protocol gives the same names."""
+def test_every_shell_gets_the_same_names(shell: str) -> None:
+    """The protocol of each shell gives the same names."""
     assert sorted(offered("nlosctl localize -m st", shell)[0]) == ["stansfield", "stansfield-focused"]
 
 
@@ -123,8 +123,8 @@ DRIVERS = {
 
 @pytest.mark.process
 @pytest.mark.parametrize("shell", DRIVERS)
-def test_a_real_shell_completes_after_one_command(tmp_path: Path, shell: str) -> None:
-    """``nlosctl --install-completion`` is all it takes: the shell itself then offers the methods."""
+def test_a_real_shell_completes(tmp_path: Path, shell: str) -> None:
+    """After ``nlosctl --install-completion`` the shell offers the methods."""
     if shutil.which(shell) is None:
         pytest.skip(f"no {shell} on this machine")
     environment = plain_environment(HOME=str(tmp_path), _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
@@ -137,8 +137,8 @@ def test_a_real_shell_completes_after_one_command(tmp_path: Path, shell: str) ->
 
 
 @pytest.mark.process
-def test_zsh_is_given_its_file(tmp_path: Path) -> None:
-    """``--install-completion zsh`` writes the function and has it loaded at start."""
+def test_zsh_completion_is_installed(tmp_path: Path) -> None:
+    """``--install-completion zsh`` writes the function and loads it at start."""
     environment = plain_environment(HOME=str(tmp_path), _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
     done = subprocess.run(
         [str(PROGRAM), "--install-completion", "zsh"], capture_output=True, env=environment, check=False

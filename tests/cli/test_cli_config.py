@@ -1,4 +1,4 @@
-"""``config show``: what holds and why; the environment's lists; faults with their source."""
+"""``config show``: effective settings and their sources."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ Cli = Callable[..., Outcome]
 
 
 def shown(outcome: Outcome) -> dict[str, tuple[Any, str]]:
-    """Return value and source of each setting that was told."""
+    """Return value and source of each setting in the output."""
     assert outcome.code == 0, outcome.err
     return {row["setting"]: (row["value"], row["source"]) for row in outcome.json}
 
 
 @pytest.mark.extensive
 @pytest.mark.parametrize(("flag", "environment", "config"), list(product([False, True], repeat=3)))
-def test_what_is_shown_is_what_holds(
+def test_shown_settings_are_effective(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flag: bool, environment: bool, config: bool
 ) -> None:
-    """The values shown, for a number and a list, are those that the same command line then uses, in every mix."""
+    """The values shown, for a number and a list, are those that the same arguments use, from any source."""
     sources, words = ["default"], ["localize"]
     if config:
         (tmp_path / "c.toml").write_text('[localize]\nseed = 1\nmethod = ["ls"]\n')
@@ -47,8 +47,8 @@ def test_what_is_shown_is_what_holds(
     assert told["block-size"] == (8192, "default")
 
 
-def test_all_commands_show_what_is_no_default(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a command, every setting that is not a default is shown, whichever command it is of."""
+def test_all_settings_that_are_not_defaults(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a command every setting that is not a default is shown, of any command."""
     (tmp_path / "c.toml").write_text("[simulate]\ntrials = 7\n[bound]\nuse-ranges = false\n")
     monkeypatch.setenv("NLOSCTL_DETECT_IP_DETAILS", "1")
     rows = cli("config", "show", "--config", "c.toml", "--json").json
@@ -62,21 +62,21 @@ def test_all_commands_show_what_is_no_default(cli: Cli, tmp_path: Path, monkeypa
     }
 
 
-def test_nothing_set_is_said(cli: Cli) -> None:
-    """Where nothing is set the table is empty, and standard error says so."""
+def test_no_settings(cli: Cli) -> None:
+    """Without settings the table is empty, and standard error states it."""
     outcome = cli("config", "show")
     assert (outcome.code, outcome.out, outcome.err) == (0, b"", "every setting is its default\n")
 
 
-def test_flags_that_it_has_itself_go_after_two_dashes(cli: Cli) -> None:
-    """``--json`` is ``config show``'s own; after ``--`` it is the command's."""
+def test_flags_after_two_dashes_belong_to_the_command(cli: Cli) -> None:
+    """``--json`` belongs to ``config show``; after ``--`` to the command."""
     told = shown(cli("config", "show", "evaluate", "--json", "--", "--json", "--fail-if", "rmse_m>5"))
     assert told["json"] == (True, "flag")
     assert told["fail-if"] == (["rmse_m>5"], "flag")
 
 
-def test_misspelt_variables_are_told(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A variable that sets nothing is told on standard error, with the nearest that would."""
+def test_unknown_variables_are_reported(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A variable without effect is reported on standard error, with the nearest valid one."""
     monkeypatch.setenv("NLOSCTL_LOCALIZE_SEEED", "4")
     outcome = cli("config", "show", "--json")
     assert outcome.err == "nlosctl: NLOSCTL_LOCALIZE_SEEED sets nothing (did you mean 'NLOSCTL_LOCALIZE_SEED'?)\n"
@@ -90,8 +90,8 @@ def test_misspelt_variables_are_told(cli: Cli, monkeypatch: pytest.MonkeyPatch) 
         (["localize", "--seed", "x"], "'--seed'"),
     ],
 )
-def test_faults_of_the_words(cli: Cli, words: list[str], told: str) -> None:
-    """An unknown command or flag, and a value that does not fit, are exit 2 and one line, as the command would tell."""
+def test_usage_errors(cli: Cli, words: list[str], told: str) -> None:
+    """An unknown command or flag, and an invalid value, exit 2 with one line, as in the command."""
     outcome = cli("config", "show", *words)
     assert (outcome.code, outcome.out) == (2, b"")
     assert told in outcome.err
@@ -99,10 +99,10 @@ def test_faults_of_the_words(cli: Cli, words: list[str], told: str) -> None:
 
 
 @pytest.mark.parametrize("words", [["localize", GOOD], ["config", "show", "localize"]], ids=["run", "show"])
-def test_a_fault_is_told_with_its_source(
+def test_invalid_values_are_reported_with_their_source(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[Any]
 ) -> None:
-    """A value that does not fit names the variable or the file that it comes from, and only then."""
+    """The message names the variable or file of an invalid value, and only then."""
     (tmp_path / "c.toml").write_text('[localize]\nseed = "x"\n')
     assert "(config c.toml)" in cli(*words, "--config", "c.toml").err
     monkeypatch.setenv("NLOSCTL_LOCALIZE_SEED", "one")
@@ -112,8 +112,8 @@ def test_a_fault_is_told_with_its_source(
     assert "NLOSCTL" not in cli(*words, "--seed", "two").err
 
 
-def test_words_with_blanks_in_the_environment(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A repeatable option's variable is parted as by a shell: a quoted word keeps its blank."""
+def test_quoted_words_in_the_environment(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The variable of a repeatable option is split as by a shell: quoted words keep blanks."""
     header = "snapshot,Station name,sensor_x_m,sensor_y_m,bearing_rad,Std dev"
     (tmp_path / "m.csv").write_text(f"{header}\n1,a,0,0,0.8,0.01\n1,b,9,0,2.4,0.01\n")
     monkeypatch.setenv("NLOSCTL_LOCALIZE_COLUMN", "'sensor=Station name' bearing_std_rad='Std dev'")
@@ -122,16 +122,16 @@ def test_words_with_blanks_in_the_environment(cli: Cli, tmp_path: Path, monkeypa
     assert outcome.table.column("status").to_pylist() == ["ok"]
 
 
-def test_an_open_quote_in_the_environment_is_told(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quote that does not end is exit 2 with the variable's name."""
+def test_open_quotes_in_the_environment(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An open quote exits 2 with the variable's name."""
     monkeypatch.setenv("NLOSCTL_LOCALIZE_COLUMN", "'sensor=Station name")
     outcome = cli("localize", GOOD)
     assert outcome.code == 2
     assert outcome.err.startswith("nlosctl: NLOSCTL_LOCALIZE_COLUMN: no closing quotation in ")
 
 
-def test_every_command_takes_settings_from_the_config(cli: Cli, tmp_path: Path) -> None:
-    """A table of any command is known, not only of those that were there first."""
+def test_every_command_reads_the_config(cli: Cli, tmp_path: Path) -> None:
+    """A table of any command is accepted."""
     (tmp_path / "c.toml").write_text('[bound]\nmap = "0,1,0,1,1"\n[identify-los]\nseed = 2\n')
     assert shown(cli("config", "show", "bound", "--config", "c.toml", "--json"))["map"] == (
         "0,1,0,1,1",
@@ -140,8 +140,8 @@ def test_every_command_takes_settings_from_the_config(cli: Cli, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("words", [[], ["config"]], ids=["nlosctl", "nlosctl config"])
-def test_no_words_are_help(cli: Cli, words: list[str]) -> None:
-    """A group of commands alone prints its help and nothing else, and ends with 2."""
+def test_a_group_without_a_command_prints_its_help(cli: Cli, words: list[str]) -> None:
+    """A command group alone prints its help and nothing else, and exits 2."""
     outcome = cli(*words)
     assert outcome.code == 2
     assert "Usage: nlosctl" in outcome.text + outcome.err

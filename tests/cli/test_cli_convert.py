@@ -1,4 +1,4 @@
-"""``nlosctl convert``: its words, its errors, tables between formats."""
+"""``nlosctl convert``: arguments, errors, tables between formats."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ pytestmark = pytest.mark.extensive
 LOGS = FIXTURES / "formats"
 
 
-def test_alone_it_lists_what_there_is(cli: Any) -> None:
-    """Importers, exporters and tables, as text and as JSON."""
+def test_formats_are_listed(cli: Any) -> None:
+    """Without arguments it lists importers, exporters and tables, as text and as JSON."""
     assert "kraken-csv" in cli("convert").text
     listed = cli("convert", "--list", "--json").json
     assert {"way": "export", "name": "kml"}.items() <= next(row for row in listed if row["name"] == "kml").items()
     assert {row["way"] for row in listed} == {"import", "export", "table"}
 
 
-def test_show_tells_the_parameters(cli: Any) -> None:
-    """A format's parameters have type, default and meaning, and the document it was taken from."""
+def test_show_lists_the_parameters(cli: Any) -> None:
+    """Parameters of a format have type, default and meaning, with the document of the format."""
     told = cli("convert", "--from", "uwb", "--show", "--json").json
     assert told["name"] == "import.uwb"
     assert "window" in {item["name"] for item in told["parameters"]}
@@ -38,8 +38,8 @@ def test_show_tells_the_parameters(cli: Any) -> None:
 
 
 @pytest.mark.parametrize("extension", ["csv", "csv.gz", "jsonl", "arrow", "arrows", "parquet"])
-def test_tables_go_there_and_back(cli: Any, tmp_path: Path, extension: str) -> None:
-    """Every format holds the same rows; the scene goes with them, or to a file of its own."""
+def test_tables_round_trip(cli: Any, tmp_path: Path, extension: str) -> None:
+    """Every format has the same rows; the scene goes along, or to a file of its own."""
     there, scene, back = (str(tmp_path / name) for name in (f"a.{extension}", "a.scene.toml", "b.parquet"))
     assert cli("convert", GOOD, "-o", there, "--scene-out", scene).code == 0
     again = cli("convert", there, "-o", back)
@@ -53,14 +53,14 @@ def test_tables_go_there_and_back(cli: Any, tmp_path: Path, extension: str) -> N
     assert other.column("sensor").to_pylist() == one.column("sensor").to_pylist()
 
 
-def test_a_format_without_room_for_the_scene_is_told(cli: Any) -> None:
-    """A scene is not lost silently."""
+def test_a_lost_scene_is_reported(cli: Any) -> None:
+    """A scene that the format can't store is reported."""
     assert "cannot store the scene; --scene-out FILE" in cli("convert", GOOD, "-o", "a.csv").err
     assert "no room" not in cli("convert", GOOD, "-o", "a.arrow").err
 
 
 def test_a_bad_line_stops_the_import_or_is_set_aside(cli: Any) -> None:
-    """Line, field, what came and what was expected; with --bad-rows the rest goes on."""
+    """Line, field, value and expectation; with --bad-rows the import continues."""
     text = (LOGS / "uwb_ranges.csv").read_text(encoding="utf-8") + "1734501487,CCF9579B21AE,far,0.01\n"
     Path("log.csv").write_text(text, encoding="utf-8")
     words = ["convert", "log.csv", "--from", "uwb", "-o", "log.parquet"]
@@ -75,7 +75,7 @@ def test_a_bad_line_stops_the_import_or_is_set_aside(cli: Any) -> None:
 
 
 def test_a_bad_cell_of_a_table_is_set_aside_too(cli: Any) -> None:
-    """A table's cell that is no number is told with row and column, as everywhere."""
+    """A cell that is not a number is reported with row and column."""
     Path("a.csv").write_text(
         "sensor,sensor_x_m,sensor_y_m,range_m,range_std_m\na,0,0,5,1\nb,x,0,5,1\nc,0\n", encoding="utf-8"
     )
@@ -97,7 +97,7 @@ def test_from_stdin_to_stdout(cli: Any) -> None:
 
 
 def test_localize_writes_the_same_map(cli: Any) -> None:
-    """`localize -o fixes.geojson` is `localize | convert --to geojson`, also through CSV."""
+    """`localize -o fixes.geojson` equals `localize | convert --to geojson`, also through CSV."""
     cli("convert", LOGS / "kraken_app.csv", "--from", "kraken-csv", "-o", "k.csv")
     table = cli("localize", "k.csv", "--bearing-std-deg", "5")
     cli("localize", "k.csv", "--bearing-std-deg", "5", "-o", "k.geojson")
@@ -105,8 +105,8 @@ def test_localize_writes_the_same_map(cli: Any) -> None:
     assert json.loads(piped.out) == json.loads(Path("k.geojson").read_text(encoding="utf-8"))
 
 
-def test_a_map_of_fixes_without_a_place_is_told(cli: Any) -> None:
-    """One line, nothing on stdout, and a word that gives them a place."""
+def test_a_map_without_a_frame_is_an_error(cli: Any) -> None:
+    """One line, nothing on stdout, and the option that gives a frame."""
     table = cli("localize", FIXTURES / "good_bearings.csv").out
     lost = cli("convert", "-", "--to", "kml", stdin=table)
     assert (lost.code, lost.out) == (1, b"")
@@ -129,8 +129,8 @@ def test_a_map_of_fixes_without_a_place_is_told(cli: Any) -> None:
         (["a.csv", "--from", "uwb", "--input-format", "csv"], "--input-format is for tables"),
     ],
 )
-def test_words_that_do_not_go_together(cli: Any, words: list[str], says: str) -> None:
-    """The user's words are told in one line, exit 2, nothing written."""
+def test_contradicting_options(cli: Any, words: list[str], says: str) -> None:
+    """Contradicting options exit 2 with one line, and nothing is written."""
     Path("a.csv").write_text("time,anchor,range\n0,a,1\n", encoding="utf-8")
     outcome = cli("convert", *words)
     assert (outcome.code, outcome.out) == (2, b"")
@@ -139,7 +139,7 @@ def test_words_that_do_not_go_together(cli: Any, words: list[str], says: str) ->
 
 
 def test_nothing_is_overwritten(cli: Any) -> None:
-    """An output that exists stays without --overwrite, a map too; the input never becomes the output."""
+    """An existing output, a map too, is kept without --overwrite; the input is never the output."""
     table = cli("localize", LOGS.parent / "good_bearings.csv").out
     Path("old.kml").write_text("mine", encoding="utf-8")
     outcome = cli("convert", "-", "--to", "kml", "--origin", "47,8", "-o", "old.kml", stdin=table)
@@ -151,7 +151,7 @@ def test_nothing_is_overwritten(cli: Any) -> None:
 
 
 def test_a_folder_is_one_table(cli: Any, tmp_path: Path) -> None:
-    """The parts of a folder come one after the other; other columns in a part are told."""
+    """The parts of a folder are concatenated; differing columns are reported."""
     folder = tmp_path / "parts"
     folder.mkdir()
     for number in range(2):
@@ -161,8 +161,8 @@ def test_a_folder_is_one_table(cli: Any, tmp_path: Path) -> None:
     assert "its columns differ from those of" in cli("convert", folder, "--format", "csv").err
 
 
-def test_a_foreign_file_taken_for_a_table_leads_to_the_importers(cli: Any) -> None:
-    """Without --from a log is no table: the message says how to name its importer."""
+def test_foreign_files_suggest_the_importers(cli: Any) -> None:
+    """The message about a log without --from names the importers."""
     for name, code in (("kraken_app.csv", 1), ("df_aggregator.xml", 2)):
         outcome = cli("convert", LOGS / name, "-o", "a.parquet")
         assert (outcome.code, outcome.out) == (code, b"")

@@ -1,4 +1,4 @@
-"""A real Dask cluster on loopback: the bytes of a local run, whoever is killed half-way."""
+"""A Dask cluster on loopback: the bytes of a local run, whichever process is killed."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Cluster:
 
 @contextmanager
 def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Start a process of Dask and kill it at the end, whatever happens."""
+    """Start a process of Dask and kill it at the end."""
     environment = plain_environment(OMP_NUM_THREADS="1", DASK_DISTRIBUTED__ADMIN__EVENT_LOOP="asyncio")
     command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
     with (
@@ -66,7 +66,7 @@ def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """A cluster whose processes are gone at the end of the tests; its current folder is not a test's."""
+    """A cluster whose processes are gone at the end of the tests."""
     folder = tmp_path_factory.mktemp("cluster")
     told = folder / "scheduler.json"
     with ExitStack() as stack:
@@ -81,7 +81,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, with parts of measurements with outliers, and what a local run makes of them."""
+    """The current folder, with parts of measurements with outliers, and their local results."""
     monkeypatch.chdir(tmp_path)
     parameters = ("-p", "nlos_receivers=2", "-p", "nlos_span_deg=360", "-p", "bearing_std_deg=2")
     assert run(["simulate", "madhow-ring", "-n", str(PARTS * SNAPSHOTS), *parameters, "-o", "m.parquet", "-q"]) == 0
@@ -101,12 +101,12 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def done(folder: Path) -> int:
-    """Return how many parts a running command has done."""
+    """Return the number of completed parts of a running command."""
     return len(list(folder.glob("_unfinished/0*.json")))
 
 
 def when_half_way(running: subprocess.Popen[bytes], folder: Path, strike: Callable[[], None]) -> None:
-    """Wait until some parts are done and some are not, then do something."""
+    """Wait until some parts are complete and some are not, then do something."""
     deadline = time.monotonic() + 90
     while done(folder) < 2 and running.poll() is None and time.monotonic() < deadline:
         time.sleep(0.005)
@@ -114,8 +114,8 @@ def when_half_way(running: subprocess.Popen[bytes], folder: Path, strike: Callab
     strike()
 
 
-def test_a_cluster_writes_the_bytes_of_a_local_run_though_a_worker_is_killed(cluster: Cluster, folder: Path) -> None:
-    """Single files, folders, and a run that loses one of two workers half-way: nothing lost, nothing twice."""
+def test_a_lost_worker_changes_no_byte(cluster: Cluster, folder: Path) -> None:
+    """Single files and folders equal a local run, also if one of two workers is lost."""
     words = [*WORDS, "--overwrite", "-o", "one.parquet", "--flags-out", "flags.csv"]
     names = ("one.parquet", "flags.csv")
     assert run(words) == 0
@@ -134,8 +134,8 @@ def test_a_cluster_writes_the_bytes_of_a_local_run_though_a_worker_is_killed(clu
     assert content(folder / "out_flags") == content(folder / "local_flags")
 
 
-def test_a_killed_driver_is_gone_on_with(cluster: Cluster, folder: Path) -> None:
-    """After kill -9 of the command itself ``--resume`` finishes on the cluster, to the same bytes."""
+def test_a_killed_driver_is_resumed(cluster: Cluster, folder: Path) -> None:
+    """After kill -9 of the command ``--resume`` completes the run with the same bytes."""
     words = [*WORDS, "-o", "out/", "--flags-out", "out_flags/", *cluster.words]
     with subprocess.Popen([str(PROGRAM), *words], cwd=folder, env=plain_environment()) as running:
         when_half_way(running, folder / "out", lambda: running.send_signal(signal.SIGKILL))
@@ -146,8 +146,8 @@ def test_a_killed_driver_is_gone_on_with(cluster: Cluster, folder: Path) -> None
     assert content(folder / "out_flags") == content(folder / "local_flags")
 
 
-def test_errors_of_a_worker_are_told_as_here(cli: Cli, cluster: Cluster, folder: Path) -> None:
-    """A bad row on a worker is the same line and exit code as in a local run."""
+def test_errors_of_a_worker(cli: Cli, cluster: Cluster, folder: Path) -> None:
+    """A bad row on a worker gives the line and exit code of a local run."""
     path = folder / "in" / "p4.parquet"
     table = pyarrow.parquet.read_table(path)
     spoilt = pyarrow.array([-0.5] * table.num_rows)
@@ -167,8 +167,8 @@ def test_errors_of_a_worker_are_told_as_here(cli: Cli, cluster: Cluster, folder:
         (["--engine", "dask", "--bad-rows", "bad.csv"], 2, "a folder each"),
     ],
 )
-def test_words_that_do_not_fit(cli: Cli, tmp_path: Path, words: list[str], code: int, told: str) -> None:
-    """Engines there are not, a scheduler without its engine: one line."""
+def test_engine_usage_errors(cli: Cli, tmp_path: Path, words: list[str], code: int, told: str) -> None:
+    """Unknown engines, and a scheduler without its engine, give one line."""
     from cli_support import GOOD
 
     outcome = cli("localize", GOOD, "-o", "e.csv", *words)

@@ -1,4 +1,4 @@
-"""Places on earth, ellipses, CEP50 and GDOP on the command line."""
+"""Geographic coordinates, ellipses, CEP50 and GDOP on the command line."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def bearings(folder: Path, std_deg: float = 1.0) -> str:
 
 
 def off_m(row: dict[str, Any]) -> float:
-    """Return how far an estimate is from the source on the ellipsoid, in metres."""
+    """Return the distance of an estimate from the source on the ellipsoid, in metres."""
     return float(GEOD.inv(row["lon_deg"], row["lat_deg"], SOURCE[1], SOURCE[0])[2])
 
 
 @pytest.mark.parametrize("words", [[], ["--crs", "EPSG:32632"], ["--crs", "EPSG:2056"], ["--origin", "47.3,8.6,40"]])
-def test_fixes_are_where_the_source_is(cli: Any, tmp_path: Path, words: list[str]) -> None:
-    """In any plane the fix has the source's latitude and longitude, and the truth is held against it."""
+def test_fixes_have_geographic_coordinates(cli: Any, tmp_path: Path, words: list[str]) -> None:
+    """In any plane the fix has the source's latitude and longitude, and is compared with the truth."""
     outcome: Outcome = cli("localize", bearings(tmp_path), *words)
     assert outcome.code == 0, outcome.err
     (row,) = outcome.table.to_pylist()
@@ -56,7 +56,7 @@ def test_fixes_are_where_the_source_is(cli: Any, tmp_path: Path, words: list[str
 
 
 def test_the_frame_goes_through_flags_and_pipes(cli: Any, tmp_path: Path) -> None:
-    """Flags of a file in degrees are a file in degrees: solved again they give the same fix."""
+    """Flags of a file in degrees are in degrees: solving them gives the same fix."""
     flags = str(tmp_path / "flags.csv")
     first = cli("localize", bearings(tmp_path), "--flags-out", flags)
     again = cli("localize", flags)
@@ -65,16 +65,16 @@ def test_the_frame_goes_through_flags_and_pipes(cli: Any, tmp_path: Path) -> Non
     assert "sensor_x_m" not in Path(flags).read_text(encoding="utf-8")
 
 
-def test_a_scene_too_large_for_the_plane_is_told(cli: Any, tmp_path: Path) -> None:
-    """The summary tells by how much the plane turns lines, where that counts beside their std, and else nothing."""
+def test_errors_of_the_plane_are_reported(cli: Any, tmp_path: Path) -> None:
+    """The summary states the direction error of the plane if it matters beside the std."""
     name = bearings(tmp_path)
     assert "flat plane" not in cli("localize", name).err
     told = cli("localize", name, "--origin", "40,0").err
     assert "the scene is large for a flat plane: it turns lines by up to 0.23 deg (23% of the stated std" in told
 
 
-def test_both_a_crs_and_an_origin(cli: Any, tmp_path: Path) -> None:
-    """--crs and --origin are two answers to one question."""
+def test_crs_and_origin_exclude_each_other(cli: Any, tmp_path: Path) -> None:
+    """--crs with --origin is a usage error."""
     outcome = cli("localize", bearings(tmp_path), "--crs", "EPSG:32632", "--origin", "47,8")
     assert (outcome.code, outcome.out) == (2, b"")
     assert "give one" in outcome.err
@@ -99,8 +99,8 @@ def test_the_bound_reads_degrees_too(cli: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.5, 0.95])
-def test_the_ellipse_holds_its_share(cli: Any, share: float) -> None:
-    """Draws from the covariance fall into the ellipse as often as asked, and half of them into the circle of CEP50."""
+def test_ellipses_have_their_coverage(cli: Any, share: float) -> None:
+    """Draws from the covariance are in the ellipse with its probability, and half of them within CEP50."""
     table = cli("localize", str(FIXTURES / "good_bearings.parquet"), "--ellipse", str(share), "--add", "cep50").table
     row = table.to_pylist()[0]
     covariance = [[row["cov_xx_m2"], row["cov_xy_m2"]], [row["cov_xy_m2"], row["cov_yy_m2"]]]
@@ -129,13 +129,13 @@ def square(folder: Path, kind: str) -> str:
 
 @pytest.mark.parametrize("kind", ["ranges", "bearings"])
 def test_the_gdop_of_a_square_is_one(cli: Any, tmp_path: Path, kind: str) -> None:
-    """Four rows from all sides leave sqrt(1/2 + 1/2) = 1 metre per metre, whatever their std."""
+    """Four rows from all sides give sqrt(1/2 + 1/2) = 1 metre per metre for any std."""
     (row,) = cli("localize", square(tmp_path, kind), "--add", "gdop").table.to_pylist()
     assert row["gdop"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_gdop_is_that_of_the_rows_used(cli: Any, tmp_path: Path) -> None:
-    """It is sqrt(trace((H' H)^-1)) of the used rows' unit vectors, at the fix."""
+    """GDOP is sqrt(trace((H' H)^-1)) of the used rows' unit vectors at the fix."""
     name = str(FIXTURES / "good_ranges.csv")
     row = cli("localize", name, "--add", "gdop,cep50").table.to_pylist()[1]
     with Path(name).open(encoding="utf-8") as file:
@@ -154,8 +154,8 @@ def test_the_gdop_is_that_of_the_rows_used(cli: Any, tmp_path: Path) -> None:
         (["--add", "cep95"], "--add cep95: no such column (did you mean 'cep50'?); there are: cep50, gdop"),
     ],
 )
-def test_words_that_ask_for_nothing_there_is(cli: Any, words: list[str], says: str) -> None:
-    """A share that is none and a column that is not there are the user's error."""
+def test_invalid_coverage_and_columns(cli: Any, words: list[str], says: str) -> None:
+    """An invalid coverage and an unknown column are usage errors."""
     outcome = cli("localize", str(FIXTURES / "good_bearings.csv"), *words)
     assert (outcome.code, outcome.out) == (2, b"")
     assert says in outcome.err

@@ -1,4 +1,4 @@
-"""Convention 5: one clear line for each fault; bad rows aside; a traceback only on request."""
+"""Convention 5: one clear line for each fault; bad rows set aside; a traceback only on request."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ BAD = {
 ROW_FAULTS = [name for name, told in BAD.items() if "row 5" in told]
 
 
-def test_every_bad_fixture_is_here() -> None:
-    """No bad file lies about untested."""
+def test_every_bad_fixture_is_tested() -> None:
+    """Every bad fixture is in the table above."""
     there = {path.name for path in FIXTURES.glob("bad_*") if not path.name.endswith(".scene.toml")}
     there -= {path.name for path in FIXTURES.glob("bad_triplets_*")}  # in test_detect_ip.py
     assert there == set(BAD)
@@ -52,7 +52,7 @@ def test_every_bad_fixture_is_here() -> None:
 @pytest.mark.parametrize("command", ["localize", "validate"])
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_file_is_one_line_and_nothing_is_written(cli: Cli, tmp_path: Path, name: str, command: str) -> None:
-    """Exit 1, one line that names file, row, column, what came and what was expected; no output appears."""
+    """Exit 1, one line with file, row, column, value and expectation; no output appears."""
     outputs = ["-o", "e.csv", "--flags-out", "f.csv", "--report", "r.json"] if command == "localize" else []
     outcome = cli(command, FIXTURES / name, *outputs)
     assert outcome.code == 1
@@ -65,8 +65,8 @@ def test_a_bad_file_is_one_line_and_nothing_is_written(cli: Cli, tmp_path: Path,
 
 @pytest.mark.extensive
 @pytest.mark.parametrize("name", ROW_FAULTS)
-def test_bad_rows_are_set_aside_and_the_rest_goes_on(cli: Cli, tmp_path: Path, name: str) -> None:
-    """``--bad-rows`` takes the one bad row with its place and fault; the rest gives what it gives without that row."""
+def test_bad_rows_are_set_aside(cli: Cli, tmp_path: Path, name: str) -> None:
+    """``--bad-rows`` receives the bad row with its fault; the results are those without that row."""
     words = ["--flags-out", "f.csv", "--bad-rows", "b.csv"]
     outcome = cli("localize", FIXTURES / name, *words)
     assert outcome.code == 0, outcome.err
@@ -83,15 +83,15 @@ def test_bad_rows_are_set_aside_and_the_rest_goes_on(cli: Cli, tmp_path: Path, n
 
 
 @pytest.mark.parametrize("name", sorted(set(BAD) - set(ROW_FAULTS)))
-def test_a_fault_of_the_whole_file_stops_in_spite_of_bad_rows(cli: Cli, tmp_path: Path, name: str) -> None:
-    """What is no fault of a row is exit 1 with ``--bad-rows`` too, and leaves no file of bad rows."""
+def test_faults_of_a_file_stop_the_run(cli: Cli, tmp_path: Path, name: str) -> None:
+    """A fault of the file exits 1 with ``--bad-rows`` too, and leaves no file of bad rows."""
     outcome = cli("localize", FIXTURES / name, "-o", "e.csv", "--bad-rows", "b.csv")
     assert outcome.code == 1
     assert listing(tmp_path) == []
 
 
 def test_the_problems_of_a_file_are_gathered(cli: Cli, tmp_path: Path) -> None:
-    """20 problems are told, a line each with file and row, then the total."""
+    """20 problems are printed, one line each with file and row, then the total."""
     rows = [(*row[:5], 0 if place < 30 else 1) for place, row in enumerate(crossing_rows(1, 50))]
     (tmp_path / "m.csv").write_text(plain_csv(rows))
     outcome = cli("localize", "m.csv", "-o", "e.csv")
@@ -104,8 +104,8 @@ def test_the_problems_of_a_file_are_gathered(cli: Cli, tmp_path: Path) -> None:
     assert listing(tmp_path) == ["m.csv"]
 
 
-def test_problems_of_several_files_name_theirs(cli: Cli, tmp_path: Path) -> None:
-    """With several inputs each problem names its file and the row in that file."""
+def test_problems_name_their_file(cli: Cli, tmp_path: Path) -> None:
+    """With several inputs each problem names its file and the row in it."""
     (tmp_path / "a.csv").write_text(plain_csv([*crossing_rows(1), (2, "s", 0, 0, 1, 0)]))
     (tmp_path / "b.csv").write_text(plain_csv([(1, "s", 0, 0, 1, 0), *crossing_rows(2)]))
     outcome = cli("localize", "a.csv", "b.csv")
@@ -115,14 +115,14 @@ def test_problems_of_several_files_name_theirs(cli: Cli, tmp_path: Path) -> None
 
 
 def test_bad_rows_of_standard_input_name_it(cli: Cli) -> None:
-    """A fault in a pipe is told as standard input's."""
+    """A fault of a pipe is reported as standard input's."""
     outcome = cli("localize", "-", stdin=(FIXTURES / "bad_zero_std.csv").read_bytes())
     assert outcome.code == 1
     assert outcome.err.startswith("nlosctl: stdin, row 5 (line 6), column 'bearing_std_rad': got 0")
 
 
 def test_validate_counts_bad_rows(cli: Cli, tmp_path: Path) -> None:
-    """``validate --bad-rows`` writes them, counts them and still exits 1: the file is not right."""
+    """``validate --bad-rows`` writes and counts them, and exits 1."""
     outcome = cli("validate", FIXTURES / "bad_zero_std.csv", "--bad-rows", "b.csv", "--json")
     assert outcome.code == 1
     assert outcome.json["bad_rows"] == 1
@@ -202,10 +202,8 @@ FAULTS: list[tuple[list[Any], int, list[str]]] = [
 
 @pytest.mark.extensive
 @pytest.mark.parametrize(("words", "code", "told"), FAULTS, ids=lambda value: str(value)[:70])
-def test_a_fault_of_the_command_line_is_one_line(
-    cli: Cli, tmp_path: Path, words: list[Any], code: int, told: list[str]
-) -> None:
-    """The exit code, one line, what is wrong and the cure; nothing is written, on stdout neither."""
+def test_usage_errors_are_one_line(cli: Cli, tmp_path: Path, words: list[Any], code: int, told: list[str]) -> None:
+    """The exit code, one line, fault and cure; nothing is written, nor printed on stdout."""
     for name in ("good_bearings.csv", "good_bearings.scene.toml"):
         (tmp_path / name).write_bytes((FIXTURES / name).read_bytes())
     (tmp_path / "good_bearings.txt").write_text("snapshot")
@@ -223,8 +221,8 @@ def test_a_fault_of_the_command_line_is_one_line(
     assert (outcome.out, listing(tmp_path)) == (b"", before)
 
 
-def test_a_fault_of_the_program_is_one_line_too(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An exception that nobody expected is one line that names it and ``--debug``."""
+def test_unexpected_exceptions_are_one_line(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An unexpected exception is one line with its name and ``--debug``."""
 
     def broken(*_: Any, **__: Any) -> None:
         raise ZeroDivisionError("division by zero")
@@ -240,7 +238,7 @@ def test_a_fault_of_the_program_is_one_line_too(cli: Cli, monkeypatch: pytest.Mo
 
 
 def test_debug_raises(cli: Cli) -> None:
-    """With ``--debug`` the error itself comes out."""
+    """With ``--debug`` the error itself is raised."""
     with pytest.raises(DataError, match="no such file"):
         cli("localize", "absent.csv", "--debug")
 
@@ -254,8 +252,8 @@ def test_debug_gives_a_traceback(tmp_path: Path) -> None:
     assert "DataError: absent.csv" in outcome.err
 
 
-def test_a_malformed_table_of_results_is_told(cli: Cli, tmp_path: Path) -> None:
-    """``evaluate`` names file, row and column of a cell it can't read, and a status that is none."""
+def test_malformed_results_are_reported(cli: Cli, tmp_path: Path) -> None:
+    """``evaluate`` names file, row and column of an unreadable cell, and an unknown status."""
     cli("localize", GOOD, "--scene", SCENE, "-o", "e.csv", "-q")
     text = (tmp_path / "e.csv").read_text()
     (tmp_path / "a.csv").write_text(text.replace(",ok,", ",okay,"))

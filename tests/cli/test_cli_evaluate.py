@@ -1,4 +1,4 @@
-"""``evaluate``: its figures against numbers worked out by hand."""
+"""``evaluate``: metrics compared with values computed by hand."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRUTH_Y = [0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 1.0, 0.0]
 
 
 def estimates(**columns: Any) -> dict[str, list[Any]]:
-    """Return the columns of a small table of estimates; columns can be replaced or, by None, taken out."""
+    """Return the columns of a small table of estimates; columns can be replaced, or removed by None."""
     count = len(STATUS)
     standard: dict[str, list[Any]] = {
         "snapshot": list(range(count)),
@@ -58,7 +58,7 @@ def write(folder: Path, name: str = "e.csv", **columns: Any) -> None:
 
 
 def by_hand(rows: list[int]) -> dict[str, float | None]:
-    """Return the figures of some rows, worked out row by row."""
+    """Return the metrics of some rows, computed row by row."""
     errors = [np.hypot(X[k] - TRUTH_X[k], Y[k] - TRUTH_Y[k]) if X[k] is not None else np.inf for k in rows]
     fixed = [k for k in rows if X[k] is not None]
     offset = np.array([[X[k] - TRUTH_X[k], Y[k] - TRUTH_Y[k]] for k in fixed])
@@ -91,26 +91,26 @@ def by_hand(rows: list[int]) -> dict[str, float | None]:
     return figures
 
 
-def agree(told: dict[str, Any], expected: dict[str, float | None]) -> None:
-    """Compare figures."""
+def assert_metrics_agree(told: dict[str, Any], expected: dict[str, float | None]) -> None:
+    """Compare metrics."""
     assert {name: told[name] for name in expected} == {
         name: None if value is None else pytest.approx(value, rel=1e-12) for name, value in expected.items()
     }
 
 
-def test_every_figure_is_the_one_by_hand(cli: Cli, tmp_path: Path) -> None:
+def test_metrics_agree_with_values_by_hand(cli: Cli, tmp_path: Path) -> None:
     """RMSE, bias, percentiles, fix rate, NEES with its interval and coverage of eight mixed rows."""
     write(tmp_path)
     told = cli("evaluate", "e.csv", "--json").json
     assert told["of"] == "estimates"
-    agree(told["overall"], by_hand(list(range(8))))
+    assert_metrics_agree(told["overall"], by_hand(list(range(8))))
     assert told["overall"]["statuses"] == {
         "ok": 3, "ambiguous": 1, "infeasible": 1, "boundary": 1, "too_few": 1, "degenerate": 1
     }  # fmt: skip
 
 
 def test_rows_without_a_fix_are_infinite_in_the_percentiles_alone(cli: Cli, tmp_path: Path) -> None:
-    """Two of eight rows have no fix: the median is finite, the 90 % error is not; RMSE leaves them out."""
+    """Two of eight rows have no fix: the median is finite, the 90 % error is not; RMSE excludes them."""
     write(tmp_path)
     told = cli("evaluate", "e.csv", "--json").json["overall"]
     expected = by_hand(list(range(8)))
@@ -121,7 +121,7 @@ def test_rows_without_a_fix_are_infinite_in_the_percentiles_alone(cli: Cli, tmp_
 
 
 def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -> None:
-    """In the table a percentile that rows without a fix reach is ``inf``, not the ``-`` of a missing figure."""
+    """In the table an infinite percentile is ``inf``, a missing metric ``-``."""
     write(tmp_path)
     shown = dict(
         line.split()[:2]
@@ -131,38 +131,38 @@ def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -
     assert shown["p95_m"] == "inf"
 
 
-def test_figures_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
-    """Each method has its own figures, in order of appearance, and all rows together are told too."""
+def test_metrics_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
+    """Each method has its metrics, in order of appearance, and all rows together too."""
     write(tmp_path, method=["ml", "ls"] * 4)
     told = cli("evaluate", "e.csv", "--json").json
     assert [group["method"] for group in told["groups"]] == ["ml", "ls"]
-    agree(told["groups"][0], by_hand([0, 2, 4, 6]))
-    agree(told["groups"][1], by_hand([1, 3, 5, 7]))
-    agree(told["overall"], by_hand(list(range(8))))
+    assert_metrics_agree(told["groups"][0], by_hand([0, 2, 4, 6]))
+    assert_metrics_agree(told["groups"][1], by_hand([1, 3, 5, 7]))
+    assert_metrics_agree(told["overall"], by_hand(list(range(8))))
     shown = cli("evaluate", "e.csv", "--format", "text").text.splitlines()[0].split()
     assert shown == ["figure", "ml", "ls", "overall"]
 
 
-def test_figures_per_sweep_value(cli: Cli, tmp_path: Path) -> None:
-    """Columns ``sweep_*`` part the rows as methods do."""
+def test_metrics_per_swept_value(cli: Cli, tmp_path: Path) -> None:
+    """Columns ``sweep_*`` form groups like methods."""
     write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
     told = cli("evaluate", "e.csv", "--json").json
     assert [group["sweep_sigma_deg"] for group in told["groups"]] == [1.0, 2.0]
-    agree(told["groups"][1], by_hand([1, 3, 5, 7]))
+    assert_metrics_agree(told["groups"][1], by_hand([1, 3, 5, 7]))
 
 
-def test_several_files_are_told_apart(cli: Cli, tmp_path: Path) -> None:
-    """Several inputs have their own figures under the file's name."""
+def test_metrics_per_file(cli: Cli, tmp_path: Path) -> None:
+    """Several inputs have their own metrics under the file's name."""
     write(tmp_path)
     write(tmp_path, "g.csv", x_m=[value and value + 100 for value in X])
     told = cli("evaluate", "e.csv", "g.csv", "--json").json
     assert [group["file"] for group in told["groups"]] == ["e.csv", "g.csv"]
-    agree(told["groups"][0], by_hand(list(range(8))))
+    assert_metrics_agree(told["groups"][0], by_hand(list(range(8))))
     assert told["groups"][1]["rmse_m"] > 100 > told["groups"][0]["rmse_m"]
 
 
 def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
-    """``--truth`` joins on the snapshot, whatever the order; it beats the truth columns; who is missing is counted."""
+    """``--truth`` joins on the snapshot in any order and overrides truth columns; missing ones are counted."""
     write(tmp_path, truth_x_m=None, truth_y_m=None)
     write(tmp_path, "wrong.csv", truth_x_m=[0.0] * 8, truth_y_m=[0.0] * 8)
     order = [6, 3, 0, 1, 7, 4, 2]
@@ -174,12 +174,12 @@ def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(table_csv(columns))
     for name in ("e.csv", "wrong.csv"):
         told = cli("evaluate", name, "--truth", "t.csv", "--json").json["overall"]
-        agree(told, by_hand([0, 1, 2, 3, 4, 6, 7]))
+        assert_metrics_agree(told, by_hand([0, 1, 2, 3, 4, 6, 7]))
         assert told["without_truth"] == 1
 
 
-def test_without_truth_there_is_nothing_to_say(cli: Cli, tmp_path: Path) -> None:
-    """Estimates without truth are exit 1 with the cure."""
+def test_missing_truth_is_an_error(cli: Cli, tmp_path: Path) -> None:
+    """Estimates without truth exit 1 with the cure."""
     write(tmp_path, truth_x_m=None, truth_y_m=None)
     outcome = cli("evaluate", "e.csv")
     assert outcome.code == 1
@@ -187,8 +187,8 @@ def test_without_truth_there_is_nothing_to_say(cli: Cli, tmp_path: Path) -> None
     assert "--truth" in outcome.err
 
 
-def test_only_the_first_alternative_counts_unless_told(cli: Cli, tmp_path: Path) -> None:
-    """Alternative 0 counts; with ``--alternatives best`` the one nearest to the truth, for each target alone."""
+def test_alternatives_in_metrics(cli: Cli, tmp_path: Path) -> None:
+    """Alternative 0 counts; with ``--alternatives best`` the one nearest to the truth of each target."""
     columns = {
         "snapshot": ["a", "a", "a", "a", "b", "b"],
         "method": ["ml"] * 6,
@@ -241,8 +241,8 @@ def test_only_the_first_alternative_counts_unless_told(cli: Cli, tmp_path: Path)
         (["statuses>5"], 2),
     ],
 )
-def test_conditions(cli: Cli, tmp_path: Path, conditions: list[str], code: int) -> None:
-    """``--fail-if`` exits 4 when any condition is met (by an infinite figure too), 2 when it is none."""
+def test_fail_if_conditions(cli: Cli, tmp_path: Path, conditions: list[str], code: int) -> None:
+    """``--fail-if`` exits 4 if a condition is met (by infinity too), 2 if it is invalid."""
     write(tmp_path)
     assert by_hand(list(range(8)))["rmse_m"] == pytest.approx(4.0, abs=1.0)
     outcome = cli("evaluate", "e.csv", *(word for condition in conditions for word in ("--fail-if", condition)))
@@ -250,7 +250,7 @@ def test_conditions(cli: Cli, tmp_path: Path, conditions: list[str], code: int) 
     assert len(outcome.err.splitlines()) == (code > 0)
 
 
-def test_a_condition_holds_for_every_method(cli: Cli, tmp_path: Path) -> None:
+def test_conditions_apply_to_every_method(cli: Cli, tmp_path: Path) -> None:
     """A condition that one method meets is met, and the message names the method."""
     write(tmp_path, method=["ml"] * 6 + ["ls"] * 2)
     outcome = cli("evaluate", "e.csv", "--fail-if", "rmse_m>6")
@@ -258,8 +258,8 @@ def test_a_condition_holds_for_every_method(cli: Cli, tmp_path: Path) -> None:
     assert "ls" in outcome.err
 
 
-def test_every_reason_is_told(cli: Cli, tmp_path: Path) -> None:
-    """Each condition says of each group that meets it why: on standard error, in ``--json`` and in the report."""
+def test_every_met_condition_is_reported(cli: Cli, tmp_path: Path) -> None:
+    """Each group that meets a condition is on standard error, in ``--json`` and in the report."""
     write(tmp_path, method=["ml", "ls"] * 4)
     words = ["--fail-if", "rows>3", "--fail-if", "ls:rows>=4", "--fail-if", "ml:rows>4"]
     outcome = cli("evaluate", "e.csv", "--json", "--report", "r.json", *words)
@@ -276,29 +276,29 @@ def test_every_reason_is_told(cli: Cli, tmp_path: Path) -> None:
         ("mle:rmse_m>5", "no method 'mle' in the input (did you mean 'ml'?); there are: ml"),
     ],
 )
-def test_a_name_that_is_not_there_is_told_with_the_nearest(cli: Cli, tmp_path: Path, condition: str, told: str) -> None:
-    """An unknown figure or method of a condition is exit 2, with the nearest name and all there are."""
+def test_unknown_names_in_conditions(cli: Cli, tmp_path: Path, condition: str, told: str) -> None:
+    """An unknown metric or method exits 2, with the nearest name and all names."""
     write(tmp_path)
     outcome = cli("evaluate", "e.csv", "--fail-if", condition)
     assert (outcome.code, outcome.out) == (2, b"")
     assert told in outcome.err
 
 
-def test_a_sweep_is_named_in_the_reason(cli: Cli, tmp_path: Path) -> None:
-    """The reason names the value of a sweep too, and a sweep's value is not a metric."""
+def test_conditions_name_swept_values(cli: Cli, tmp_path: Path) -> None:
+    """The reason names swept values too, which are not metrics."""
     write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
     assert "rows of ml sigma_deg=1.0 is 4" in cli("evaluate", "e.csv", "--fail-if", "rows<5").err
     assert cli("evaluate", "e.csv", "--fail-if", "sweep_sigma_deg>0").code == 2
 
 
-def test_a_condition_that_is_none_is_told_before_the_table(cli: Cli, tmp_path: Path) -> None:
-    """A fault of the words comes alone: no table on stdout."""
+def test_invalid_conditions_print_no_table(cli: Cli, tmp_path: Path) -> None:
+    """An invalid condition prints nothing on stdout."""
     write(tmp_path)
     assert cli("evaluate", "e.csv", "--fail-if", "rmse_m=5").out == b""
 
 
-def test_flags_are_held_against_the_truth(cli: Cli, tmp_path: Path) -> None:
-    """Flags: the confusion table of ``los`` against ``truth_los``, unknowns apart."""
+def test_flags_are_compared_with_the_truth(cli: Cli, tmp_path: Path) -> None:
+    """Flags: the confusion table of ``los`` and ``truth_los``, unknown ones apart."""
     los = ["true", "true", "false", "false", "true", "", "true"]
     truth = ["true", "false", "false", "true", "true", "true", ""]
     columns = {"snapshot": [1] * 7, "sensor": list("abcdefg"), "used": ["true"] * 7, "los": los, "truth_los": truth}
@@ -315,8 +315,8 @@ def test_flags_are_held_against_the_truth(cli: Cli, tmp_path: Path) -> None:
     assert figures["false_alarm"] == pytest.approx(1 / 2)
 
 
-def test_the_figures_do_not_depend_on_the_format(cli: Cli, tmp_path: Path) -> None:
-    """CSV, Parquet and Arrow of the same estimates have the same figures to the last digit."""
+def test_metrics_do_not_depend_on_the_format(cli: Cli, tmp_path: Path) -> None:
+    """CSV, Parquet and Arrow of the same estimates have the same metrics to the last digit."""
     told = []
     for extension in ("csv", "parquet", "arrow", "jsonl"):
         assert cli("localize", GOOD, "-o", f"e.{extension}", "-m", "ml", "-m", "ls").code == 0
@@ -334,8 +334,8 @@ def test_parts_of_a_folder_are_one_table_of_estimates(cli: Cli, tmp_path: Path) 
     assert cli("evaluate", "parts", "--json").json["overall"] == cli("evaluate", "e.csv", "--json").json["overall"]
 
 
-def test_nothing_but_a_fixless_file(cli: Cli, tmp_path: Path) -> None:
-    """Where no row has a fix the figures are null, the fix rate is 0, and every condition on an error is met."""
+def test_files_without_a_fix(cli: Cli, tmp_path: Path) -> None:
+    """Without any fix metrics are null, the fix rate is 0, and every condition on an error is met."""
     nothing: list[Any] = [None] * 8
     columns = dict.fromkeys(["x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"], nothing)
     write(tmp_path, **columns, status=["too_few"] * 8)
@@ -345,15 +345,15 @@ def test_nothing_but_a_fixless_file(cli: Cli, tmp_path: Path) -> None:
     assert json.loads(outcome.out)["overall"]["fix_rate"] == 0.0
 
 
-def test_measurements_are_no_estimates(cli: Cli) -> None:
-    """A file of measurements is refused, with what is missing."""
+def test_measurements_are_refused(cli: Cli) -> None:
+    """A file of measurements is refused with the missing columns."""
     outcome = cli("evaluate", FIXTURES / "good_bearings.csv")
     assert outcome.code == 1
     assert "'method'" in outcome.err
 
 
-def test_the_table_has_the_figures(cli: Cli, tmp_path: Path) -> None:
-    """``-o`` writes a row per group with the figures of ``--json``; what is no finite number is empty."""
+def test_the_table_of_scores(cli: Cli, tmp_path: Path) -> None:
+    """``-o`` writes a row per group with the metrics of ``--json``; values that are not finite are empty."""
     write(tmp_path, method=["ml", "ls"] * 4)
     assert cli("evaluate", "e.csv", "-o", "scores.parquet").code == 0
     table = pyarrow.parquet.read_table(tmp_path / "scores.parquet").to_pylist()
@@ -371,8 +371,8 @@ def test_the_table_has_the_figures(cli: Cli, tmp_path: Path) -> None:
     assert cli("evaluate", "e.csv", "-o", "text.csv", "--format", "text").code == 2
 
 
-def test_every_figure_is_a_column_of_the_contract() -> None:
-    """The schema of scores has each figure there is, but for the curves."""
+def test_every_metric_is_a_column_of_the_schema() -> None:
+    """The schema of scores has each metric except for the curves."""
     summaries = (EstimateSummary, FlagSummary, DetectionSummary, TargetSummary)
     names = {field.name for summary in summaries for field in dataclasses.fields(summary)}
     assert names - {column.name for column in SCORES.columns} == {"statuses", "roc"}

@@ -1,4 +1,4 @@
-"""Convention 3: what the exit code says."""
+"""Convention 3: exit codes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from cli_support import FIXTURES, GOOD, PROGRAM, Outcome, crossing_rows, listing
 Cli = Callable[..., Outcome]
 
 
-def test_done_is_0_even_without_answers(cli: Cli, tmp_path: Path) -> None:
-    """A snapshot without an answer is counted in the summary; the run is done."""
+def test_0_even_without_estimates(cli: Cli, tmp_path: Path) -> None:
+    """A snapshot without an estimate is counted in the summary; the exit code is 0."""
     (tmp_path / "m.csv").write_text(plain_csv([*crossing_rows(1), *crossing_rows(2, 1)]))
     outcome = cli("localize", "m.csv")
     assert outcome.code == 0
@@ -28,7 +28,7 @@ def test_done_is_0_even_without_answers(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_strict_is_3_when_a_snapshot_got_no_estimate(cli: Cli, tmp_path: Path) -> None:
-    """``--strict`` exits 3 with everything written as without it; 0 where every snapshot has an estimate."""
+    """``--strict`` exits 3 with the same outputs; 0 if every snapshot has an estimate."""
     (tmp_path / "m.csv").write_text(plain_csv([*crossing_rows(1), *crossing_rows(2, 1)]))
     (tmp_path / "n.csv").write_text(plain_csv(crossing_rows(1)))
     strict = cli("localize", "m.csv", "--strict")
@@ -38,7 +38,7 @@ def test_strict_is_3_when_a_snapshot_got_no_estimate(cli: Cli, tmp_path: Path) -
 
 
 def test_bad_data_is_1(cli: Cli) -> None:
-    """Bad data, an absent file and an existing output are 1."""
+    """Bad data, a missing file and an existing output exit 1."""
     assert cli("localize", FIXTURES / "bad_zero_std.csv").code == 1
     assert cli("localize", "absent.csv").code == 1
     assert cli("simulate", "ring", "-n", 1, "-o", "m.csv").code == 0
@@ -64,8 +64,8 @@ def test_bad_data_is_1(cli: Cli) -> None:
     ],
     ids=lambda words: " ".join(map(str, words)).replace(str(GOOD), "FILE"),
 )
-def test_words_at_fault_are_2(cli: Cli, tmp_path: Path, words: list[str]) -> None:
-    """A command line at fault is 2 and one line, with nothing on stdout and nothing written."""
+def test_usage_errors_are_2(cli: Cli, tmp_path: Path, words: list[str]) -> None:
+    """A usage error exits 2 with one line, nothing on stdout and nothing written."""
     outcome = cli(*words)
     assert outcome.code == 2, outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
@@ -75,14 +75,14 @@ def test_words_at_fault_are_2(cli: Cli, tmp_path: Path, words: list[str]) -> Non
 
 
 def test_a_condition_met_is_4(cli: Cli) -> None:
-    """``evaluate --fail-if`` exits 4 when a condition is met, 0 when none is."""
+    """``evaluate --fail-if`` exits 4 if a condition is met, 0 if none is."""
     cli("localize", GOOD, "-o", "e.csv")
     assert cli("evaluate", "e.csv", "--fail-if", "rmse_m>1").code == 4
     assert cli("evaluate", "e.csv", "--fail-if", "rmse_m>1000").code == 0
 
 
-def test_help_tells_the_exit_codes(cli: Cli) -> None:
-    """``nlosctl --help`` says what 0, 1, 2, 3, 4 and 130 mean."""
+def test_help_lists_the_exit_codes(cli: Cli) -> None:
+    """``nlosctl --help`` explains 0, 1, 2, 3, 4 and 130."""
     outcome = cli("--help")
     text = " ".join(outcome.text.split())
     assert outcome.code == 0
@@ -108,7 +108,7 @@ def test_version(cli: Cli) -> None:
 
 
 def feed_without_end(pipe: IO[bytes]) -> None:
-    """Write good rows into a pipe until its reader has gone."""
+    """Write valid rows into a pipe until its reader is gone."""
     pipe.write(plain_csv([]).encode())
     with contextlib.suppress(OSError):
         for start in range(0, 10_000_000, 500):
@@ -117,7 +117,7 @@ def feed_without_end(pipe: IO[bytes]) -> None:
 
 
 def interrupted(work: Path, delay: float) -> tuple[int | None, str]:
-    """Return how a run in the folder ends that is interrupted while it writes: exit code (None: it hangs), stderr."""
+    """Return exit code (None: it hangs) and stderr of a run that is interrupted while it writes."""
     work.mkdir()
     words = ["localize", "-", "-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]
     running = subprocess.Popen(
@@ -149,7 +149,7 @@ def interrupted(work: Path, delay: float) -> tuple[int | None, str]:
 
 @pytest.mark.process
 def test_interrupted_is_130_and_leaves_nothing(tmp_path: Path) -> None:
-    """Ctrl-C in the middle of a run: 130 and at most one line, every time, and not a file left, finished or half."""
+    """Ctrl-C during a run: 130, at most one line, and no file, complete or partial."""
     with ThreadPoolExecutor(3) as pool:
         futures = [pool.submit(interrupted, tmp_path / str(place), 0.15 * place) for place in range(3)]
         ended = [future.result() for future in futures]
@@ -161,7 +161,7 @@ def test_interrupted_is_130_and_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.process
 @pytest.mark.parametrize("extra", [[], ["--format", "arrow"]], ids=["csv", "arrow"])
 def test_a_closed_pipe_is_quiet(tmp_path: Path, extra: list[str]) -> None:
-    """A reader that has seen enough (``| head -1``) is no error: nothing is told, and it is not exit 1."""
+    """A closed pipe (``| head -1``) exits without an error and without output on stderr."""
     words = " ".join(["nlosctl", "simulate", "ring", "-n", "40000", *extra])
     script = f"{words} | head -c 10 > /dev/null; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(
@@ -173,7 +173,7 @@ def test_a_closed_pipe_is_quiet(tmp_path: Path, extra: list[str]) -> None:
 
 @pytest.mark.process
 def test_the_process_exits_as_the_function_returns(tmp_path: Path) -> None:
-    """The installed program hands the code to the shell, and its errors to stderr."""
+    """The installed program exits with the code of the function, and prints errors to stderr."""
     outcome = process("localize", "absent.csv", cwd=tmp_path)
     assert (outcome.code, outcome.out) == (1, b"")
     assert outcome.err == "nlosctl: absent.csv: there is no such file\n"

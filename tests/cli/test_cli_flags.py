@@ -1,4 +1,4 @@
-"""Flags: what they hold, what they leave out, and that they are measurement files again."""
+"""Flags: columns, excluded rows, and their use as measurements."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def some_false() -> list[bool | None]:
 @pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 def test_a_row_for_every_row_in_input_order(cli: Cli, tmp_path: Path) -> None:
-    """Flags are the input's rows, order and columns, to the bit, with what the method says added."""
+    """Flags are the input's rows, order and columns to the bit, plus the method's columns."""
     _, flags = localize(cli, tmp_path, GOOD, "--block-size", 7)
     table = good_table()
     assert flags.column_names == [*table.column_names, "used", "residual_rad"]
@@ -51,8 +51,8 @@ def test_a_row_for_every_row_in_input_order(cli: Cli, tmp_path: Path) -> None:
     assert flags.column("used").to_pylist() == [True] * 240
 
 
-def test_further_columns_are_carried(cli: Cli, tmp_path: Path) -> None:
-    """Columns that the tool does not know go along, whatever their type."""
+def test_foreign_columns_are_carried(cli: Cli, tmp_path: Path) -> None:
+    """Unknown columns of any type are carried along."""
     path = measured(tmp_path, note=[f"n{k}" for k in range(240)], when=np.arange(240).astype("M8[us]"))
     _, flags = localize(cli, tmp_path, path)
     assert flags.select(["note", "when"]).equals(read_parquet(path).select(["note", "when"]))
@@ -82,8 +82,8 @@ def test_the_residual_is_measured_minus_predicted(cli: Cli, tmp_path: Path) -> N
 @pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
 @pytest.mark.parametrize("column", ["los", "ip"])
-def test_rows_flagged_before_take_no_part(cli: Cli, tmp_path: Path, column: str) -> None:
-    """Rows with ``los`` false or ``ip`` true keep their flag, are not used, and the answer is as without them."""
+def test_flagged_rows_are_excluded(cli: Cli, tmp_path: Path, column: str) -> None:
+    """Rows with ``los`` false or ``ip`` true keep their flag and change nothing."""
     marks = some_false()
     given = marks if column == "los" else [None if mark is None else not mark for mark in marks]
     path = measured(tmp_path, **{column: given})
@@ -106,7 +106,7 @@ def counts(table: Any) -> list[int]:
 
 
 def test_all_rows_takes_all(cli: Cli, tmp_path: Path) -> None:
-    """With ``--all-rows`` an earlier flag changes nothing, and is carried along."""
+    """With ``--all-rows`` an earlier flag has no effect and is carried along."""
     path = measured(tmp_path, los=some_false())
     estimates, flags = localize(cli, tmp_path, path, "--all-rows")
     plain, _ = localize(cli, tmp_path, GOOD)
@@ -115,8 +115,8 @@ def test_all_rows_takes_all(cli: Cli, tmp_path: Path) -> None:
     assert flags.column("los").to_pylist() == some_false()
 
 
-def test_the_summary_counts_rows_left_out(cli: Cli, tmp_path: Path) -> None:
-    """Rows left out are told: nothing is lost silently."""
+def test_the_summary_counts_excluded_rows(cli: Cli, tmp_path: Path) -> None:
+    """Excluded rows are in the summary."""
     path = measured(tmp_path, los=some_false())
     left = sum(mark is False for mark in some_false())
     assert f"({left} left out: flagged by an earlier step)" in cli("localize", path).err
@@ -124,7 +124,7 @@ def test_the_summary_counts_rows_left_out(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("extension", ["parquet", "csv", "jsonl"])
 def test_flags_are_measurements_again(cli: Cli, tmp_path: Path, extension: str) -> None:
-    """A file of flags as input gives the estimates of the first run; its method columns are replaced, not doubled."""
+    """Flags as input give the estimates of the first run; method columns are replaced, not duplicated."""
     scene = ["--scene", SCENE]
     assert cli("localize", GOOD, *scene, "-m", "ls", "-o", "e.csv", "--flags-out", f"f.{extension}").code == 0
     again = ["localize", f"f.{extension}", *scene, "-m", "stansfield", "-o", "e2.csv", "--flags-out", "f2.parquet"]
@@ -138,7 +138,7 @@ def test_flags_are_measurements_again(cli: Cli, tmp_path: Path, extension: str) 
 
 
 def test_several_methods_repeat_the_rows(cli: Cli, tmp_path: Path) -> None:
-    """With several methods every row is there once for each, under ``method``; each says what it says alone."""
+    """With several methods every row is repeated under ``method``, with the values of a single run."""
     methods = ["ml", "ls", "stansfield"]
     _, flags = localize(cli, tmp_path, GOOD, *(word for name in methods for word in ("-m", name)))
     assert flags.num_rows == 3 * 240
@@ -151,7 +151,7 @@ def test_several_methods_repeat_the_rows(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_estimates_of_several_methods_follow_each_other(cli: Cli, tmp_path: Path) -> None:
-    """Within a snapshot the estimates stand in the order in which the methods are given."""
+    """Within a snapshot estimates are in the order of the methods given."""
     methods = ["stansfield", "ml", "ls"]
     estimates, _ = localize(cli, tmp_path, GOOD, *(word for name in methods for word in ("-m", name)))
     assert estimates.column("method").to_pylist() == methods * 40
@@ -162,7 +162,7 @@ def test_estimates_of_several_methods_follow_each_other(cli: Cli, tmp_path: Path
 
 
 def test_a_snapshot_without_answer_has_flags_too(cli: Cli, tmp_path: Path) -> None:
-    """A snapshot that gets no answer keeps its rows: not used, no residual."""
+    """A snapshot without an estimate keeps its rows: not used, no residual."""
     (tmp_path / "m.csv").write_text(plain_csv([*crossing_rows(1, 1), *crossing_rows(2)]))
     estimates, flags = localize(cli, tmp_path, "m.csv")
     assert estimates.column("status").to_pylist() == ["too_few", "ok"]
@@ -173,8 +173,8 @@ def test_a_snapshot_without_answer_has_flags_too(cli: Cli, tmp_path: Path) -> No
     assert flags.column("residual_rad").is_null().to_pylist() == [True, False, False, False]
 
 
-def test_a_snapshot_with_every_row_left_out_still_has_its_line(cli: Cli, tmp_path: Path) -> None:
-    """A snapshot whose rows are all left out is too_few, with its number of measurements; none used."""
+def test_a_snapshot_of_excluded_rows_has_a_row(cli: Cli, tmp_path: Path) -> None:
+    """A snapshot whose rows are all excluded is too_few."""
     rows = [(*row, "false") for row in crossing_rows(1)] + [(*row, "true") for row in crossing_rows(2)]
     header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad,los"
     (tmp_path / "m.csv").write_text(plain_csv(rows, header))
@@ -184,8 +184,8 @@ def test_a_snapshot_with_every_row_left_out_still_has_its_line(cli: Cli, tmp_pat
     assert told[1] == {"status": "ok", "n_measurements": 3, "n_used": 3}
 
 
-def test_flags_on_stdout_when_the_estimates_go_elsewhere(cli: Cli) -> None:
-    """``--flags-out -`` puts the flags on stdout; two tables on one stdout are refused."""
+def test_flags_on_stdout(cli: Cli) -> None:
+    """``--flags-out -`` prints the flags; two tables on one stdout are refused."""
     outcome = cli("localize", GOOD, "-o", "e.csv", "--flags-out", "-")
     assert outcome.table.column_names[-2:] == ["used", "residual_rad"]
     refused = cli("localize", GOOD, "--flags-out", "-")
@@ -193,7 +193,7 @@ def test_flags_on_stdout_when_the_estimates_go_elsewhere(cli: Cli) -> None:
 
 
 def test_flags_in_a_pipe_can_carry_the_scene(cli: Cli) -> None:
-    """``--format`` is for the table whose name does not tell: flags on stdout as Arrow carry types and scene."""
+    """``--format`` applies to the table without an extension: flags on stdout as Arrow have types and scene."""
     outcome = cli("localize", GOOD, "-q", "-o", "e.parquet", "--flags-out", "-", "--format", "arrow")
     assert outcome.code == 0
     again = cli("localize", "-", "-q", stdin=outcome.out)
@@ -202,7 +202,7 @@ def test_flags_in_a_pipe_can_carry_the_scene(cli: Cli) -> None:
 
 
 def test_carried_columns_reach_the_estimates(cli: Cli, tmp_path: Path) -> None:
-    """Truth, ``sweep_*``, ``scene`` and ``--carry`` columns come with the first row's value; others don't."""
+    """Truth, ``sweep_*``, ``scene`` and ``--carry`` columns have the first row's value; others are dropped."""
     path = measured(
         tmp_path,
         sweep_sigma_deg=[float(place) for place in range(240)],

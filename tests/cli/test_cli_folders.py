@@ -1,4 +1,4 @@
-"""A folder in, a folder out: a part file per part, the manifest, what is kept over an interruption, what is refused."""
+"""Folders in and out: part files, the manifest, resuming, refusals."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def parts_of(table: Any, folder: Path, cuts: tuple[int, ...] = CUTS, **options: 
 
 
 def together(folder: Path) -> Any:
-    """Return the part files of a folder as one table, in the order of their names."""
+    """Return the part files of a folder as one table, in order of their names."""
     return pa.concat_tables([read_parquet(path) for path in sorted(folder.glob("*.parquet"))])
 
 
@@ -64,12 +64,12 @@ def manifest(folder: Path) -> dict[str, Any]:
 
 @pytest.fixture
 def good(tmp_path: Path) -> Path:
-    """The good bearings, cut into parts."""
+    """The valid bearings, cut into parts."""
     return parts_of(read_parquet(GOOD), tmp_path / "in", row_group_size=40)
 
 
-def test_the_parts_are_the_whole(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """Put together, part files hold the rows of a single file in its order; there is one for each part of the input."""
+def test_parts_equal_a_single_file(cli: Cli, good: Path, tmp_path: Path) -> None:
+    """Concatenated part files are the rows of a single file; there is one for each input part."""
     words = ("localize", good, "--scene", SCENE, "-m", "ml", "-m", "ls")
     assert cli(*words, "-o", "one.parquet", "--flags-out", "flags.parquet").code == 0
     outcome = cli(*words, "-o", "out/", "--flags-out", "fout/")
@@ -82,7 +82,7 @@ def test_the_parts_are_the_whole(cli: Cli, good: Path, tmp_path: Path) -> None:
 
 
 def test_a_snapshot_belongs_to_the_part_where_it_begins(cli: Cli, tmp_path: Path) -> None:
-    """Its rows in later parts are answered in the part of its first row, even over parts that hold nothing else."""
+    """Rows in later parts belong to the part of the first row, even over whole parts."""
     rows = [row for snapshot in range(4) for row in crossing_rows(snapshot, 4)]
     (tmp_path / "in").mkdir()
     for number, (first, behind) in enumerate([(0, 3), (3, 6), (6, 7), (7, 16)]):
@@ -94,14 +94,14 @@ def test_a_snapshot_belongs_to_the_part_where_it_begins(cli: Cli, tmp_path: Path
 
 
 def test_the_summary_adds_up(cli: Cli, good: Path) -> None:
-    """The summary and the report of the parts are those of a single file."""
+    """The summary and report of the parts are those of a single file."""
     words = ("localize", good, "--scene", SCENE, "--report", "-")
     told, parts = cli(*words, "-o", "one.parquet"), cli(*words, "-o", "out/")
     assert parts.err == told.err
 
 
-def test_the_manifest_tells_the_run(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """Version, method, parameters, seed, inputs with size and rows; of each part rows, bytes, hash and statuses."""
+def test_the_manifest_records_the_run(cli: Cli, good: Path, tmp_path: Path) -> None:
+    """Version, method, parameters, seed, inputs with size and rows; parts with rows, bytes, hash, statuses."""
     import hashlib
 
     from nlosctl import __version__
@@ -134,7 +134,7 @@ def test_the_manifest_tells_the_run(cli: Cli, good: Path, tmp_path: Path) -> Non
 def test_every_mapping_command_writes_folders(
     cli: Cli, tmp_path: Path, command: str, source: str, other: str | None
 ) -> None:
-    """detect-ip, identify-los and bound write the same parts as a single file has rows."""
+    """detect-ip, identify-los and bound write in parts the rows of a single file."""
     header, *rows = (FIXTURES / source).read_text().splitlines(keepends=True)
     (tmp_path / "in").mkdir()
     third = len(rows) // 3
@@ -153,7 +153,7 @@ def test_every_mapping_command_writes_folders(
 
 @pytest.mark.parametrize("extension", ["csv", "csv.gz", "parquet", "arrow", "arrows", "jsonl"])
 def test_parts_of_any_format(cli: Cli, tmp_path: Path, extension: str) -> None:
-    """Any format in, any out; the extension of the part files tells theirs."""
+    """Any input and output format; the extension of part files is that of their format."""
     (tmp_path / "in").mkdir()
     source = FIXTURES / f"good_bearings.{extension}"
     (tmp_path / "in" / f"b.{extension}").write_bytes(source.read_bytes())
@@ -176,7 +176,7 @@ def test_workers_and_blocks_change_no_byte_of_the_parts(cli: Cli, good: Path, tm
 
 
 def killed_run(words: list[str], cwd: Path, after: Path) -> None:
-    """Start the program and kill it without warning once a file is there."""
+    """Start the program and kill it with SIGKILL once a file exists."""
     with subprocess.Popen([str(PROGRAM), *words], cwd=cwd, env=plain_environment()) as process:
         deadline = time.monotonic() + 60
         while not after.exists() and process.poll() is None and time.monotonic() < deadline:
@@ -186,7 +186,7 @@ def killed_run(words: list[str], cwd: Path, after: Path) -> None:
 
 
 def test_a_killed_run_is_resumed_to_the_same_bytes(cli: Cli, tmp_path: Path) -> None:
-    """After kill -9 ``--resume`` makes what is missing, touches nothing that is done, and gives the same bytes."""
+    """After kill -9 ``--resume`` makes only the missing parts, with the same bytes."""
     table = pa.concat_tables([read_parquet(GOOD)] * 30)
     ids = [40 * (row // 240) + old for row, old in enumerate(table.column("snapshot").to_pylist())]
     table = table.set_column(table.column_names.index("snapshot"), "snapshot", pa.array(ids))
@@ -210,8 +210,8 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(cli: Cli, tmp_path: Path) -> 
     assert content(tmp_path / "out_f") == content(tmp_path / "whole_f")
 
 
-def test_a_lost_or_spoilt_part_is_made_again(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """``--resume`` on a finished folder makes parts again that are gone or not as they were written; else nothing."""
+def test_missing_and_changed_parts_are_made_again(cli: Cli, good: Path, tmp_path: Path) -> None:
+    """``--resume`` on a finished folder makes only missing or changed parts."""
     words = ("localize", good, "--scene", SCENE, "-o", "out/", "-q")
     assert cli(*words).code == 0
     before = content(tmp_path / "out")
@@ -236,7 +236,7 @@ def test_a_lost_or_spoilt_part_is_made_again(cli: Cli, good: Path, tmp_path: Pat
     ],
 )
 def test_resume_refuses_another_run(cli: Cli, good: Path, tmp_path: Path, change: tuple[str, ...], told: str) -> None:
-    """Other parameters are refused in one line that says which, and nothing is touched."""
+    """Other parameters are refused in one line that names them, and nothing changes."""
     assert cli("localize", good, "--scene", SCENE, "-o", "out/", "-q").code == 0
     before = content(tmp_path / "out")
     refused = cli("localize", good, "--scene", SCENE, "-o", "out/", "-q", "--resume", *change)
@@ -247,12 +247,12 @@ def test_resume_refuses_another_run(cli: Cli, good: Path, tmp_path: Path, change
 
 @pytest.mark.parametrize("finished", [True, False])
 def test_resume_refuses_changed_inputs(cli: Cli, good: Path, tmp_path: Path, finished: bool) -> None:
-    """An input that was written to since is refused by name, be the run finished or not; so is a further one."""
+    """A changed input is refused by name, in finished and unfinished runs; so is a new one."""
     words = ("localize", good, "--scene", SCENE, "-o", "out/", "-q")
     if finished:
         assert cli(*words).code == 0
     else:
-        spoil_the_last(cli, words, good)
+        break_the_last(cli, words, good)
     content_of_p2 = (good / "p2.parquet").read_bytes()
     (good / "p2.parquet").write_bytes(content_of_p2)  # the same size
     refused = cli(*words, "--resume")
@@ -260,8 +260,8 @@ def test_resume_refuses_changed_inputs(cli: Cli, good: Path, tmp_path: Path, fin
     assert "p2.parquet has changed" in refused.err
 
 
-def spoil_the_last(cli: Cli, words: tuple[Any, ...], folder: Path) -> None:
-    """Run over inputs whose last part has a bad row: all parts before are made, then the run stops."""
+def break_the_last(cli: Cli, words: tuple[Any, ...], folder: Path) -> None:
+    """Run over inputs whose last part has a bad row: earlier parts are made, then the run stops."""
     last = folder / "p5.parquet"
     table = read_parquet(last)
     place = table.column_names.index("bearing_std_rad")
@@ -273,9 +273,9 @@ def spoil_the_last(cli: Cli, words: tuple[Any, ...], folder: Path) -> None:
 
 
 def test_bad_rows_stop_at_their_part_and_can_be_set_aside(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """A bad row stops the run with no manifest; ``--bad-rows FOLDER/`` sets it aside, part by part."""
+    """A bad row stops the run without a manifest; ``--bad-rows FOLDER/`` sets it aside by part."""
     words = ("localize", good, "--scene", SCENE, "-q")
-    spoil_the_last(cli, (*words, "-o", "out/"), good)
+    break_the_last(cli, (*words, "-o", "out/"), good)
     assert not (tmp_path / "out" / "_manifest.json").exists()
     assert cli(*words, "-o", "out2/", "--bad-rows", "bad.csv").code == 2
     assert cli(*words, "-o", "out2/", "--bad-rows", "bad/").code == 0
@@ -284,8 +284,8 @@ def test_bad_rows_stop_at_their_part_and_can_be_set_aside(cli: Cli, good: Path, 
     assert together(tmp_path / "bad").equals(read_parquet(tmp_path / "bad.parquet"))
 
 
-def test_snapshots_that_come_back_in_another_part_are_refused(cli: Cli, tmp_path: Path) -> None:
-    """The parts of a folder are one table: parts that each count from 0 are an error, as in a single run."""
+def test_snapshots_repeated_in_another_part_are_refused(cli: Cli, tmp_path: Path) -> None:
+    """The parts of a folder are one table: parts that each count from 0 are an error."""
     (tmp_path / "in").mkdir()
     for name in "ab":
         (tmp_path / "in" / f"{name}.csv").write_text(plain_csv([*crossing_rows(0), *crossing_rows(1)]))
@@ -297,8 +297,8 @@ def test_snapshots_that_come_back_in_another_part_are_refused(cli: Cli, tmp_path
 
 
 @pytest.mark.parametrize("method", ["mixture-ml", "suppress", "sequential"])
-def test_parts_and_pieces_give_equal_bits(cli: Cli, tmp_path: Path, method: str) -> None:
-    """A snapshot's estimate does not depend on which sensors were met before it: a part has the bits of the whole."""
+def test_parts_have_the_bits_of_the_whole(cli: Cli, tmp_path: Path, method: str) -> None:
+    """An estimate does not depend on the sensors in earlier parts."""
     assert cli("simulate", "random", "-n", 60, "-p", "sensors=6", "-p", "mirrors=0", "-o", "m.parquet", "-q").code == 0
     table = read_parquet(tmp_path / "m.parquet")
     sensors = [f"s{(7 * row) % 11}-{row % 6}" for row in range(table.num_rows)]
@@ -311,8 +311,8 @@ def test_parts_and_pieces_give_equal_bits(cli: Cli, tmp_path: Path, method: str)
     assert together(tmp_path / "fout").equals(read_parquet(tmp_path / "f.parquet"))
 
 
-def test_ids_in_no_order_are_fine(cli: Cli, tmp_path: Path) -> None:
-    """Ids need not rise: what counts is that none comes back."""
+def test_ids_need_not_rise(cli: Cli, tmp_path: Path) -> None:
+    """Snapshot ids in any order are accepted, as long as none is repeated later."""
     (tmp_path / "in").mkdir()
     for name, ids in (("a", ["x", "b", "k"]), ("b", ["c", "z", "a"])):
         rows = [row for identity in ids for row in crossing_rows(identity)]
@@ -322,7 +322,7 @@ def test_ids_in_no_order_are_fine(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_foreign_folders_are_left_alone(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """A folder with other files is refused, with and without ``--overwrite``; the input's own folder too."""
+    """A folder with other files is refused, with and without ``--overwrite``; so is the input's folder."""
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.txt").write_text("mine")
     for extra in ((), ("--overwrite",), ("--resume",)):
@@ -334,8 +334,8 @@ def test_foreign_folders_are_left_alone(cli: Cli, good: Path, tmp_path: Path) ->
     assert sorted(path.name for path in good.iterdir()) == [f"p{n}.parquet" for n in range(6)]
 
 
-def test_overwrite_replaces_our_own_parts_alone(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """``--overwrite`` takes away what the manifest tells, and follows no name and no link out of the folder."""
+def test_overwrite_replaces_only_listed_parts(cli: Cli, good: Path, tmp_path: Path) -> None:
+    """``--overwrite`` removes the files in the manifest, and follows no name or link out of the folder."""
     words = ("localize", good, "--scene", SCENE, "-q", "-o", "out/")
     assert cli(*words, "-m", "ls").code == 0
     victim, elsewhere = tmp_path / "victim.parquet", tmp_path / "elsewhere"
@@ -354,8 +354,8 @@ def test_overwrite_replaces_our_own_parts_alone(cli: Cli, good: Path, tmp_path: 
     assert "other files" in outcome.err
 
 
-def test_overwrite_begins_anew(cli: Cli, good: Path, tmp_path: Path) -> None:
-    """With ``--overwrite`` the old parts go, those of another format too, and the new ones are as in a new folder."""
+def test_overwrite_starts_again(cli: Cli, good: Path, tmp_path: Path) -> None:
+    """``--overwrite`` removes old parts of any format and writes what a new folder would have."""
     words = ("localize", good, "--scene", SCENE, "-q", "-m", "ls")
     assert cli(*words, "-o", "out/", "--format", "csv").code == 0
     assert cli(*words, "-o", "out/").code == 1
@@ -375,22 +375,22 @@ def test_overwrite_begins_anew(cli: Cli, good: Path, tmp_path: Path) -> None:
         (("-o", "same/", "--flags-out", "same/"), 2, "the same output"),
     ],
 )
-def test_words_that_do_not_fit(cli: Cli, tmp_path: Path, words: tuple[str, ...], code: int, told: str) -> None:
-    """Files and folders are not mixed, ``--resume`` needs a folder: one line each, and nothing is made."""
+def test_contradicting_outputs(cli: Cli, tmp_path: Path, words: tuple[str, ...], code: int, told: str) -> None:
+    """Files and folders can't be mixed, ``--resume`` needs a folder: one line each, and nothing is written."""
     outcome = cli("localize", GOOD, *words)
     assert (outcome.code, outcome.err.count("\n")) == (code, 1), outcome.err
     assert told in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_standard_input_has_no_parts(cli: Cli) -> None:
-    """A stream can't be gone on with, so it goes into a file."""
+def test_streams_can_not_go_to_folders(cli: Cli) -> None:
+    """A stream can't be resumed, so it goes to a file."""
     refused = cli("localize", "-", "--scene", SCENE, "-o", "out/", stdin=GOOD.read_bytes())
     assert (refused.code, refused.err.count("\n")) == (2, 1)
 
 
-def test_names_of_parts_are_safe_and_all_different(cli: Cli, tmp_path: Path) -> None:
-    """Names that readers of folders leave out are changed, names that meet are told apart, none is lost."""
+def test_part_names_are_safe_and_unique(cli: Cli, tmp_path: Path) -> None:
+    """Names that readers skip are changed, equal names are made distinct, none is lost."""
     names = ["in1/a.csv", "in1/a.jsonl", "in2/a.csv", "in2/_hidden.csv", "in2/..csv", "in2/sp ace%2F..csv"]
     for number, name in enumerate(names):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -415,7 +415,7 @@ def test_names_of_parts_are_safe_and_all_different(cli: Cli, tmp_path: Path) -> 
 
 
 def test_folders_named_key_value_give_columns(cli: Cli, tmp_path: Path) -> None:
-    """``year=2026`` becomes a column, integer where all are; the parts keep their folders; a file's own column wins."""
+    """``year=2026`` becomes a column, integer if all are; a column of the file takes precedence."""
     for number, folder in enumerate(["day=01/site=a%20b", "day=01/site=c", "day=2/site=__HIVE_DEFAULT_PARTITION__"]):
         (tmp_path / "in" / folder).mkdir(parents=True)
         (tmp_path / "in" / folder / "m.csv").write_text(plain_csv(crossing_rows(number)))
@@ -432,7 +432,7 @@ def test_folders_named_key_value_give_columns(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_keys_can_be_columns_of_the_contract(cli: Cli, tmp_path: Path) -> None:
-    """A folder may name the snapshot or a std; a value that does not fit is told with its file."""
+    """A folder may give the snapshot or a std; an invalid value is reported with its file."""
     for snapshot in (10, 9):
         folder = tmp_path / "in" / f"snapshot={snapshot}" / "bearing_std_deg=2"
         folder.mkdir(parents=True)
@@ -451,7 +451,7 @@ def test_keys_can_be_columns_of_the_contract(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ids", ["rising", "in no order", "coming back"])
 def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ids: str) -> None:
-    """What an engine makes of row groups is joined to the bytes of a local run: results, manifest, errors."""
+    """Row groups solved by an engine are joined to the bytes of a local run: results, manifest, errors."""
     table = read_parquet(GOOD)
     numbers = np.unique(table["snapshot"].to_numpy(), return_inverse=True)[1]
     shown = {"rising": numbers, "in no order": (numbers * 7) % 41, "coming back": np.where(numbers == 30, 3, numbers)}

@@ -1,4 +1,4 @@
-"""Convention 1: what can be named as input, and how formats are told."""
+"""Convention 1: inputs, and how formats are detected."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ WRITTEN = [*EXTENSIONS, "jsonl.gz"]
 
 
 def whole(cli: Cli) -> Outcome:
-    """Return the run on the good Parquet file."""
+    """Return the run on the valid Parquet file."""
     return cli("localize", GOOD, "-q")
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
-def test_the_format_is_told_by_the_extension(cli: Cli, extension: str) -> None:
-    """Every format of the same rows gives the same estimates, to the byte."""
+def test_the_format_follows_the_extension(cli: Cli, extension: str) -> None:
+    """Every format of the same rows gives the same estimates to the byte."""
     outcome = cli("localize", FIXTURES / f"good_bearings.{extension}", "-q")
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out == whole(cli).out
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
-def test_standard_input_is_told_by_its_first_bytes(cli: Cli, extension: str) -> None:
+def test_the_format_of_standard_input_is_detected(cli: Cli, extension: str) -> None:
     """``-`` reads any format from a pipe."""
     content = (FIXTURES / f"good_bearings.{extension}").read_bytes()
     outcome = cli("localize", "-", "--scene", SCENE, "-q", stdin=content)
@@ -43,7 +43,7 @@ def test_standard_input_is_told_by_its_first_bytes(cli: Cli, extension: str) -> 
 
 
 def test_input_format_overrides_the_name(cli: Cli, tmp_path: Path) -> None:
-    """A name that tells nothing is a fault of the words; ``--input-format`` is the cure."""
+    """A name without a known extension is a usage error; ``--input-format`` is the cure."""
     (tmp_path / "bearings.dat").write_bytes((FIXTURES / "good_bearings.jsonl").read_bytes())
     refused = cli("localize", "bearings.dat", "--scene", SCENE)
     assert refused.code == 2
@@ -53,7 +53,7 @@ def test_input_format_overrides_the_name(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_input_format_overrides_the_first_bytes(cli: Cli) -> None:
-    """JSON Lines that begin like CSV are read when their format is named."""
+    """JSON Lines that begin like CSV are read if the format is given."""
     content = b"\n" + (FIXTURES / "good_bearings.csv").read_bytes()
     assert cli("localize", "-", "--scene", SCENE, "--input-format", "jsonl", stdin=content).code == 1
     import gzip
@@ -64,8 +64,8 @@ def test_input_format_overrides_the_first_bytes(cli: Cli) -> None:
 
 
 @pytest.mark.parametrize("extension", WRITTEN)
-def test_the_output_format_is_told_by_the_extension(cli: Cli, tmp_path: Path, extension: str) -> None:
-    """``-o x.EXT`` writes EXT: its first bytes say so, and it reads back to the same measurements."""
+def test_the_output_format_follows_the_extension(cli: Cli, tmp_path: Path, extension: str) -> None:
+    """``-o x.EXT`` writes EXT, which reads back to the same measurements."""
     assert cli("simulate", "ring", "-n", 3, "-o", f"x.{extension}", "-q").code == 0
     found = format_of_bytes((tmp_path / f"x.{extension}").read_bytes()[:16])
     expected = FileFormat(extension)
@@ -76,7 +76,7 @@ def test_the_output_format_is_told_by_the_extension(cli: Cli, tmp_path: Path, ex
 
 
 def test_the_output_format_overrides_the_extension(cli: Cli, tmp_path: Path) -> None:
-    """``--format`` sets the output's format whatever its name."""
+    """``--format`` sets the output format for any name."""
     assert cli("simulate", "ring", "-n", 3, "-o", "x.dat").code == 2
     assert cli("simulate", "ring", "-n", 3, "-o", "x.dat", "--format", "parquet", "-q").code == 0
     assert pyarrow.parquet.read_table(tmp_path / "x.dat").num_rows == 24
@@ -91,7 +91,7 @@ def test_a_pipe_gets_csv(cli: Cli) -> None:
 
 
 def test_arrow_in_a_pipe_carries_types_and_scene(cli: Cli) -> None:
-    """``--format arrow`` on stdout is a stream with the scene in its metadata; CSV has no room for it."""
+    """``--format arrow`` on stdout has the scene in its metadata; CSV can't store it."""
     stream = cli("simulate", "song-flat", "-n", 5, "--format", "arrow", "-q").out
     with pa.ipc.open_stream(io.BytesIO(stream)) as reader:
         assert b"nlosctl.scene" in reader.schema.metadata
@@ -108,7 +108,7 @@ def test_arrow_in_a_pipe_carries_types_and_scene(cli: Cli) -> None:
 
 
 def split_good(folder: Path, cut: int) -> None:
-    """Write the good rows as two files of a folder, the first of ``cut`` rows."""
+    """Write the valid rows as two files of a folder, the first with ``cut`` rows."""
     lines = (FIXTURES / "good_bearings.csv").read_text().splitlines(keepends=True)
     header, rows = lines[0], lines[1:]
     assert rows[cut - 1].split(",")[0] == rows[cut].split(",")[0], "the cut must be within a snapshot"
@@ -119,7 +119,7 @@ def split_good(folder: Path, cut: int) -> None:
 
 @pytest.mark.process
 def test_parts_of_a_folder_are_one_table(cli: Cli, tmp_path: Path) -> None:
-    """A snapshot that straddles two parts of a folder is one snapshot; there is no ``source``."""
+    """A snapshot across two parts of a folder is one snapshot; there is no ``source``."""
     split_good(tmp_path / "parts", 101)
     (tmp_path / "parts" / "_SUCCESS").write_text("")
     (tmp_path / "parts" / "README.md").write_text("not a table")
@@ -143,7 +143,7 @@ def test_parts_of_a_folder_may_differ_in_format(cli: Cli, tmp_path: Path) -> Non
 @pytest.mark.process
 @pytest.mark.parametrize("words", [["a.csv", "b.csv"], ["?.csv"]], ids=["named", "glob"])
 def test_several_files_are_kept_apart(cli: Cli, tmp_path: Path, words: list[str]) -> None:
-    """Equal snapshot ids in several files (named, or by a glob) stay apart; ``source`` tells the file."""
+    """Equal snapshot ids in several files or a glob are separate; ``source`` names the file."""
     for name, count in (("a.csv", 3), ("b.csv", 4)):
         rows = [*crossing_rows("x", count), *crossing_rows("y", count)]
         (tmp_path / name).write_text(plain_csv(rows))
@@ -163,7 +163,7 @@ def test_one_file_gets_no_source(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_files_keep_their_own_scenes(cli: Cli, tmp_path: Path) -> None:
-    """Of several named files each is solved in the scene beside it, or the run is refused: never in another's."""
+    """Each named file is solved in the scene beside it, or the run is refused."""
     mirrored = plain_csv(
         [(*row, "wall") for row in crossing_rows(1)],
         "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad,reflector",
@@ -183,7 +183,7 @@ def test_files_keep_their_own_scenes(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_the_scene_option_beats_the_others(cli: Cli, tmp_path: Path) -> None:
-    """``--scene FILE`` comes before the scene in the table, that before the one beside the file."""
+    """``--scene FILE`` overrides the scene in the table, which overrides the one beside the file."""
     assert cli("simulate", "song-flat", "-n", 4, "-o", "m.parquet", "--scene-out", "own.toml", "-q").code == 0
     (tmp_path / "m.scene.toml").write_text("not TOML at all")
     carried = cli("localize", "m.parquet", "-q")
@@ -194,7 +194,7 @@ def test_the_scene_option_beats_the_others(cli: Cli, tmp_path: Path) -> None:
     assert "m.scene.toml" in refused.err
 
 
-def test_a_name_that_tells_its_format_keeps_it(cli: Cli, tmp_path: Path) -> None:
-    """``--format`` is for outputs whose names tell none: the flags beside a stream are what their name says."""
+def test_extensions_override_format(cli: Cli, tmp_path: Path) -> None:
+    """``--format`` is for outputs without an extension; the flags beside a stream follow theirs."""
     assert cli("localize", GOOD, "-q", "--format", "arrow", "--flags-out", "f.parquet").code == 0
     assert (tmp_path / "f.parquet").read_bytes()[:4] == b"PAR1"

@@ -1,4 +1,4 @@
-"""Convention 9: help, completion and the list of methods start without the heavy libraries."""
+"""Convention 9: help, completion and the list of methods start without heavy libraries."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CASES: dict[str, tuple[list[str], dict[str, str], str]] = {
 
 
 def modules(words: list[str], environment: dict[str, str]) -> tuple[set[str], str]:
-    """Return the top-level modules that a run of the program has imported, and what it printed."""
+    """Return the top-level modules imported by a run of the program, and its output."""
     done = subprocess.run(
         [sys.executable, "-c", LIST, *words],
         capture_output=True,
@@ -65,7 +65,7 @@ def modules(words: list[str], environment: dict[str, str]) -> tuple[set[str], st
 
 @pytest.fixture(scope="module")
 def imported() -> dict[str, tuple[set[str], str]]:
-    """What each case imports and prints."""
+    """Imports and output of each case."""
     with ThreadPoolExecutor(2) as pool:
         futures = {case: pool.submit(modules, words, variables) for case, (words, variables, _) in CASES.items()}
         return {case: future.result() for case, future in futures.items()}
@@ -73,21 +73,21 @@ def imported() -> dict[str, tuple[set[str], str]]:
 
 @pytest.mark.parametrize("case", CASES)
 def test_nothing_heavy_is_imported(imported: dict[str, tuple[set[str], str]], case: str) -> None:
-    """The run does its work, and neither numpy nor scipy nor pyarrow (nor msgspec) is among its modules."""
+    """The run works, and imports neither numpy nor scipy, pyarrow or msgspec."""
     names, told = imported[case]
     assert CASES[case][2] in told
     assert names & HEAVY == set()
 
 
-def test_the_list_of_modules_would_show_them() -> None:
-    """The measure works: a command that needs arrays shows numpy."""
+def test_heavy_imports_are_detected() -> None:
+    """A command that needs arrays imports numpy."""
     names, told = modules(["simulate", "ring", "--show"], {})
     assert "sensors" in told
     assert "numpy" in names
 
 
 def test_importing_the_package_is_light() -> None:
-    """``import nlosctl`` imports nothing heavy until a function is asked for."""
+    """``import nlosctl`` imports nothing heavy until a function is used."""
     program = "import sys, nlosctl; print(*{name.partition('.')[0] for name in sys.modules})"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) & HEAVY == set()

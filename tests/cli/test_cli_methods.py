@@ -1,4 +1,4 @@
-"""``methods``: the list, one method, and the check of all."""
+"""``methods``: list, details and check."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_the_list_names_every_method_by_kind(cli: Cli) -> None:
     assert all(f"{row['kind']}  " in shown and f"  {row['name']} " in shown for row in told)
 
 
-def test_show_tells_all_that_a_user_needs(cli: Cli) -> None:
-    """Kind, required columns, reference, distribution, cost; each parameter's type, unit, default, meaning."""
+def test_show_lists_all_details(cli: Cli) -> None:
+    """Kind, required columns, reference, distribution, cost; type, unit, default, meaning of parameters."""
     told = cli("methods", "show", "bearings.ml", "--json").json
     assert (told["name"], told["kind"], told["job"]) == ("ml", "bearings", "localize")
     assert {"sensor", "bearing_rad", "bearing_std_rad"} <= set(told["required_columns"])
@@ -61,7 +61,7 @@ def test_show_tells_all_that_a_user_needs(cli: Cli) -> None:
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_every_built_in_method_is_described(cli: Cli, name: str) -> None:
-    """Nothing is left blank: reference, summary, cost, and meaning of every parameter; text shows all of it."""
+    """Reference, summary, cost, and the meaning of every parameter are not empty, in text too."""
     told, shown = cli("methods", "show", name, "--json").json, cli("methods", "show", name).text
     for key in ("summary", "reference", "cost"):
         assert told[key]
@@ -80,15 +80,15 @@ def test_a_method_can_be_shown_by_its_full_name(cli: Cli) -> None:
 
 
 def test_check_loads_all(cli: Cli) -> None:
-    """``--check`` says ok for every method and exits 0."""
+    """``--check`` reports ok for every method and exits 0."""
     outcome = cli("methods", "--check", "--json")
     assert outcome.code == 0
     assert [row["check"] for row in outcome.json] == ["ok"] * len(outcome.json)
 
 
 @pytest.mark.process
-def test_check_tells_the_broken_one(with_broken: Cli, tmp_path: Path) -> None:
-    """With a broken plugin ``--check`` exits 1, says which method of which distribution fails and why."""
+def test_check_reports_broken_plugins(with_broken: Cli, tmp_path: Path) -> None:
+    """With a broken plugin ``--check`` exits 1 with method, distribution and reason."""
     outcome = with_broken("methods", "--check", "--json")
     assert outcome.code == 1
     told: dict[str, Any] = {f"{row['name']} of {row['distribution']}": row["check"] for row in outcome.json}
@@ -102,8 +102,8 @@ def test_check_tells_the_broken_one(with_broken: Cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_a_broken_plugin_harms_nothing(with_broken: Cli) -> None:
-    """With a broken plugin the list works, and so does every other method."""
+def test_broken_plugins_affect_no_other_method(with_broken: Cli) -> None:
+    """With a broken plugin the list and every other method work."""
     assert "broken" in [row["name"] for row in with_broken("methods", "--json").json]
     assert with_broken("localize", GOOD, "-m", "ml", "-q").code == 0
 

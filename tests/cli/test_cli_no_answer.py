@@ -1,4 +1,4 @@
-"""Where there is no answer, none is made up: cases that once had one."""
+"""No made-up results: regression tests of cases that once had one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _BASELINE_PATH = (
 )
 
 
-def test_rows_that_miss_their_path_are_not_in_the_bound(cli: Cli, tmp_path: Path) -> None:
-    """Five resolved paths of a sensor tell as much as the direct one among them; outliers tell nothing."""
+def test_the_bound_ignores_outliers_and_lost_paths(cli: Cli, tmp_path: Path) -> None:
+    """Five resolved paths of a sensor have the information of the direct one; outliers have none."""
     rms = []
     for words in (["-p", "paths=1"], ["-p", "paths=5"], ["-p", "alpha=1"]):
         assert cli("simulate", "madhow-ring", "-n", 1, *words, "-o", "m.parquet", "--overwrite", "-q").code == 0
@@ -29,8 +29,8 @@ def test_rows_that_miss_their_path_are_not_in_the_bound(cli: Cli, tmp_path: Path
     assert rms[2] is None
 
 
-def test_a_fix_that_rests_on_no_row_is_none(cli: Cli, tmp_path: Path) -> None:
-    """Where every row is held to be an outlier the status says so, and there is neither covariance nor its kind."""
+def test_a_fix_without_inliers_has_no_covariance(cli: Cli, tmp_path: Path) -> None:
+    """If every row is an outlier the status reports it, without covariance."""
     assert cli("simulate", "madhow-ring", "-n", 40, "-o", "m.parquet", "-q").code == 0
     assert cli("localize", "-m", "mixture-ml", "-p", "alpha=0.999", "m.parquet", "-o", "e.parquet", "-q").code == 0
     rows = read_parquet(tmp_path / "e.parquet").to_pylist()
@@ -40,8 +40,8 @@ def test_a_fix_that_rests_on_no_row_is_none(cli: Cli, tmp_path: Path) -> None:
     assert all(row["x_m"] is None and row["covariance_kind"] is None for row in unanswered)
 
 
-def test_a_lone_path_along_its_baseline_speaks_for_itself(cli: Cli, tmp_path: Path) -> None:
-    """Without a hypothesis to weigh it by, ``joint`` gives a path its own p-value and no probability."""
+def test_a_lone_path_along_its_baseline(cli: Cli, tmp_path: Path) -> None:
+    """Without a hypothesis ``joint`` gives a path its own p-value and no probability."""
     (tmp_path / "p.csv").write_text(_BASELINE_PATH)
     assert cli("detect-ip", "-m", "joint", "p.csv", "-o", "f.parquet", "-q").code == 0
     row = read_parquet(tmp_path / "f.parquet").to_pylist()[0]
@@ -49,15 +49,15 @@ def test_a_lone_path_along_its_baseline_speaks_for_itself(cli: Cli, tmp_path: Pa
 
 
 def test_a_grid_too_fine_is_refused(cli: Cli) -> None:
-    """A slip of ``step_m`` is told as such, not as a lack of memory."""
+    """A too small ``step_m`` is reported as such, not as a lack of memory."""
     assert cli("simulate", "song-circle", "-n", 2, "-o", "m.parquet", "-q").code == 0
     outcome = cli("localize", "-m", "ml-grid", "-p", "step_m=1", "m.parquet", "-o", "e.parquet")
     assert outcome.code == 2
     assert "step_m" in outcome.err
 
 
-def test_bad_rows_alone_are_nothing_to_do(cli: Cli, tmp_path: Path) -> None:
-    """Where every row is set aside the command ends with 1, and the rows are there to be read."""
+def test_only_bad_rows(cli: Cli, tmp_path: Path) -> None:
+    """If every row is bad the command exits 1, and the bad rows are written."""
     header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
     (tmp_path / "m.csv").write_text(header + "0,a,0,0,nan,0.1\n0,b,1,0,nan,0.1\n")
     outcome = cli("localize", "m.csv", "-o", "e.csv", "--bad-rows", "bad.csv")

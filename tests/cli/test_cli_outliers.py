@@ -1,4 +1,4 @@
-"""The robust methods on the command line: fields, traces, alternatives, priors, ranges, worlds with walls."""
+"""The robust methods on the command line: search regions, traces, alternatives, priors, ranges, walls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.extensive
 
 
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run ``nlosctl`` with the words, in a folder."""
+    """Run ``nlosctl`` in a folder."""
     done = run_here(*words, folder=folder)
     return subprocess.CompletedProcess(words, done.returncode, done.stdout.decode(), done.stderr.decode())
 
@@ -38,8 +38,8 @@ def ring(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_flags_lead_maximum_likelihood_to_the_direct_rows(ring: Path) -> None:
-    """The robust method's flags, fed to ``ml``, make it as good; without them it is far worse."""
+def test_flags_make_maximum_likelihood_robust(ring: Path) -> None:
+    """With the robust method's flags ``ml`` is as good; without them far worse."""
     done = run(ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "circle:0,0,1", "--flags-out", "flags.csv")
     assert done.returncode == 0, done.stderr
     assert "fixes touch the field's edge" in done.stderr
@@ -60,8 +60,8 @@ def test_flags_lead_maximum_likelihood_to_the_direct_rows(ring: Path) -> None:
 
 
 @pytest.mark.process
-def test_results_do_not_depend_on_blocks_or_threads(ring: Path) -> None:
-    """The same bytes for any block size and number of threads, also by random pairs; another seed, other pairs."""
+def test_results_do_not_depend_on_blocks_or_jobs(ring: Path) -> None:
+    """The same bytes for any block size and jobs, with random pairs too; another seed gives others."""
     words = ("localize", "-m", "suppress", "-m", "mixture-ml", "-m", "sequential", "ring.csv", "-q")
     one = run(ring, *words, "--block-size", "7", "--jobs", "1")
     other = run(ring, *words, "--jobs", "2")
@@ -71,7 +71,7 @@ def test_results_do_not_depend_on_blocks_or_threads(ring: Path) -> None:
 
 
 def test_trace_writes_the_state_after_each_sensor(ring: Path) -> None:
-    """The trace has a row for each state, ends at the estimate, and is refused to methods without steps."""
+    """A row for each state, ending at the estimate; methods without steps refuse it."""
     done = run(ring, "localize", "-m", "sequential", "ring.csv", "--trace-out", "trace.csv", "-q")
     assert done.returncode == 0, done.stderr
     estimates = {row["snapshot"]: row for row in rows(done.stdout)}
@@ -88,8 +88,8 @@ def test_trace_writes_the_state_after_each_sensor(ring: Path) -> None:
     assert not (ring / "none.csv").exists()
 
 
-def test_covariance_kind_says_which(ring: Path) -> None:
-    """The column tells inliers from posterior; ml, which has one kind alone, leaves it empty."""
+def test_the_kind_of_covariance(ring: Path) -> None:
+    """The column is inliers or posterior; it is empty for ml, which has only one kind."""
     words = ("-m", "mixture-ml", "-m", "ml", "-p", "covariance=posterior")
     found = rows(run(ring, "localize", *words, "ring.csv", "-q").stdout)
     kinds = {(row["method"], row["covariance_kind"]) for row in found}
@@ -97,7 +97,7 @@ def test_covariance_kind_says_which(ring: Path) -> None:
 
 
 def test_a_field_without_crossings_gives_no_candidate(ring: Path) -> None:
-    """Every status is no_candidate, and --strict ends with 3; a field that is none is a usage error."""
+    """Every status is no_candidate, and --strict exits 3; an invalid region is a usage error."""
     done = run(
         ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "10,11,10,11", "--strict", "-p", "use_ranges=false"
     )
@@ -109,7 +109,7 @@ def test_a_field_without_crossings_gives_no_candidate(ring: Path) -> None:
 
 
 def test_prior_columns_replace_the_pair(tmp_path: Path) -> None:
-    """A snapshot with one bearing and a prior in the file is an answer; without the prior it is too few."""
+    """One bearing with a prior in the file has an estimate; without it is too_few."""
     head = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg,prior_x_m,prior_y_m,prior_std_m\n"
     (tmp_path / "one.csv").write_text(f"{head}1,a,0,0,90,1,1,50,5\n2,a,0,0,90,1,,,\n")
     done = run(tmp_path, "localize", "-m", "sequential", "one.csv", "-q")
@@ -117,7 +117,7 @@ def test_prior_columns_replace_the_pair(tmp_path: Path) -> None:
 
 
 def test_virtual_source_behind_the_wall(tmp_path: Path) -> None:
-    """Figure 11: wideband, the virtual source is an alternative until points behind the wall are left out."""
+    """Figure 11: the virtual source is an alternative until points behind the wall are excluded."""
     words = ("-p", "figure=11", "-p", "band=wide", "--trials", "20", "-o", "w.csv", "--scene-out", "w.scene.toml")
     assert run(tmp_path, "simulate", "madhow-walls", *words).returncode == 0
     assert 'kind = "segment"' in (tmp_path / "w.scene.toml").read_text()
@@ -133,7 +133,7 @@ def test_virtual_source_behind_the_wall(tmp_path: Path) -> None:
 
 
 def test_joint_and_laplacian_bounds(ring: Path) -> None:
-    """Ranges lower the bound; Laplacian errors of the same std have half the variance bound."""
+    """Ranges lower the bound; Laplacian errors of equal std have half the variance bound."""
     plain, joint, laplace = (
         np.array([float(row["bound_xx_m2"]) for row in rows(run(ring, "bound", "ring.csv", "-q", *words).stdout)])
         for words in (("--no-ranges",), (), ("--no-ranges", "--noise", "laplace"))
@@ -143,8 +143,8 @@ def test_joint_and_laplacian_bounds(ring: Path) -> None:
     assert run(ring, "bound", "ring.csv", "--noise", "cauchy").returncode == 2
 
 
-def test_python_gives_the_same_as_the_command_line(ring: Path) -> None:
-    """``nlosctl.localize`` takes the field and gives the estimates of the command line."""
+def test_the_function_equals_the_command(ring: Path) -> None:
+    """``nlosctl.localize`` takes the search region and gives the estimates of the command."""
     table = nlosctl.simulate("madhow-ring", trials=20, seed=3, nlos_receivers=2, sources="disc")
     result = nlosctl.localize(table, method="mixture-ml", field="circle:0,0,1", alternatives=3)
     assert set(result.estimates.column("covariance_kind").to_pylist()) <= {"inliers", None}

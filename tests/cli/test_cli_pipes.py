@@ -1,4 +1,4 @@
-"""Commands joined by real pipes of a shell."""
+"""Commands in pipes of a shell."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def shell(script: str, cwd: Path) -> tuple[int, bytes, str]:
 
 @pytest.mark.parametrize("extra", ["", "--format arrow"], ids=["csv", "arrow"])
 def test_simulate_localize_evaluate(cli: Cli, tmp_path: Path, extra: str) -> None:
-    """The pipe of three gives the figures of the same steps through files; ``--fail-if`` has the last word, exit 4."""
+    """The pipe of three gives the metrics of the same steps through files, and exits 4 by ``--fail-if``."""
     code, out, err = shell(
         f"nlosctl simulate ring -n 300 --seed 2 -q {extra} | nlosctl localize -m ml -m ls -q {extra} - "
         "| nlosctl evaluate --json - --fail-if 'rmse_m>1e-3'",
@@ -51,7 +51,7 @@ def test_simulate_localize_evaluate(cli: Cli, tmp_path: Path, extra: str) -> Non
 
 
 def test_flags_are_the_next_input(cli: Cli, tmp_path: Path) -> None:
-    """Flags go from one ``localize`` to the next through a pipe, with the scene in the Arrow stream."""
+    """Flags go from one ``localize`` to the next through a pipe, with the scene in the stream."""
     assert cli("simulate", "song-flat", "-n", 20, "-o", "m.parquet").code == 0
     assert cli("localize", "m.parquet", "-m", "ls", "-o", "e.parquet", "--flags-out", "f.arrows").code == 0
     code, out, err = shell("cat f.arrows | nlosctl localize - -q", tmp_path)
@@ -60,7 +60,7 @@ def test_flags_are_the_next_input(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_an_error_upstream_fails_the_pipe(tmp_path: Path) -> None:
-    """When the first command fails the second has no input: both are exit 1, a line each."""
+    """If the first command fails the second has no input: both exit 1 with one line."""
     code, out, err = shell("nlosctl localize absent.csv | nlosctl evaluate -", tmp_path)
     assert (code, out) == (1, b"")
     assert sorted(line.split(":")[1] for line in err.splitlines()) == [" absent.csv", " stdin"]

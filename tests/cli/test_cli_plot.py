@@ -1,4 +1,4 @@
-"""``nlosctl plot`` as a user meets it: names, pipes, errors with their cure."""
+"""``nlosctl plot``: outputs, pipes, errors."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Cli = Callable[..., Outcome]
 PNG, SVG = b"\x89PNG", b"<?xml"
 
 
-def test_a_picture_of_a_file(cli: Cli, tmp_path: Path) -> None:
-    """``plot FILE -o NAME`` writes the picture, tells the view, and replaces nothing unless told."""
+def test_plotting_a_file(cli: Cli, tmp_path: Path) -> None:
+    """``plot FILE -o NAME`` writes the figure, reports the view, and does not overwrite."""
     outcome = cli("plot", GOOD, "-o", "a.svg")
     assert outcome.code == 0, outcome.err
     assert "view 'scene' in a.svg" in outcome.err
@@ -32,7 +32,7 @@ def test_a_picture_of_a_file(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_sweep_through_pipes(cli: Cli, tmp_path: Path) -> None:
-    """simulate | localize | evaluate | plot with no glue code ends in a picture, in every format of the pipe."""
+    """simulate | localize | evaluate | plot gives a figure, in every format of the pipe."""
     drawn = cli("simulate", "ring", "-n", 20, "--sweep", "bearing_std_deg=0.5,2", "-q")
     fixes = cli("localize", "-", "-m", "ls", "-m", "ml", "-q", stdin=drawn.out)
     scores = cli("evaluate", "-", stdin=fixes.out)
@@ -57,16 +57,16 @@ def test_a_sweep_through_pipes(cli: Cli, tmp_path: Path) -> None:
         ([GOOD, "-o", "-", "--format", "png", "--json"], "no --json"),
     ],
 )
-def test_wrong_words_are_told(cli: Cli, words: list[str], text: str, tmp_path: Path) -> None:
-    """What the command line lacks or has wrong is exit 2 with the cure, and no file."""
+def test_usage_errors(cli: Cli, words: list[str], text: str, tmp_path: Path) -> None:
+    """Missing or invalid arguments exit 2 with the cure, without a file."""
     outcome = cli("plot", *words)
     assert outcome.code == 2
     assert text in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_wrong_files_are_told(cli: Cli, tmp_path: Path) -> None:
-    """A bad file, an absent one and a snapshot that is not there are exit 1, and no file is left."""
+def test_invalid_files(cli: Cli, tmp_path: Path) -> None:
+    """A bad file, a missing one and an unknown snapshot exit 1, without a file."""
     for words, text in (
         ([FIXTURES / "bad_nan_value.csv"], "bad_nan_value.csv"),
         (["absent.csv"], "no such file"),
@@ -79,7 +79,7 @@ def test_wrong_files_are_told(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_the_views_are_listed(cli: Cli) -> None:
-    """``--views`` lists all views, with files those that suit them; --json too."""
+    """``--views`` lists all views, or those suitable for files; --json too."""
     every = cli("plot", "--views", "--json").json
     assert [view["view"] for view in every][:2] == ["scene", "estimates"]
     assert all(view["shows"] and view["takes"] for view in every)
@@ -88,8 +88,8 @@ def test_the_views_are_listed(cli: Cli) -> None:
     assert "echoes" in cli("plot", "--help").text
 
 
-def test_what_was_drawn_as_json(cli: Cli) -> None:
-    """``--json`` tells view, output and notes."""
+def test_the_report_as_json(cli: Cli) -> None:
+    """``--json`` has view, output and notes."""
     told = cli("plot", FIXTURES / "good_triplets.csv", "-o", "a.png", "--json").json
     assert told["view"] == "triplets"
     assert told["output"] == "a.png"
@@ -105,8 +105,8 @@ def test_notes_name_flags(cli: Cli) -> None:
     assert f"note: {note}" in outcome.err
 
 
-def test_columns_of_another_name(cli: Cli, tmp_path: Path) -> None:
-    """``--column`` and the constants of scenes serve pictures as they serve localize."""
+def test_renamed_columns_can_be_plotted(cli: Cli, tmp_path: Path) -> None:
+    """``--column`` and constants work as in localize."""
     text = Path(FIXTURES / "good_bearings.csv").read_text().replace("bearing_rad", "DIRECTION", 1)
     (tmp_path / "b.csv").write_text(text)
     words = ("plot", "b.csv", "--scene", FIXTURES / "good_bearings.scene.toml", "-o", "a.png")
@@ -114,8 +114,8 @@ def test_columns_of_another_name(cli: Cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_without_matplotlib_the_cure_is_told(tmp_path: Path) -> None:
-    """Where matplotlib is missing the command says how to install it, and help and views still work."""
+def test_missing_matplotlib_is_reported(tmp_path: Path) -> None:
+    """The message states how to install it; help and views still work."""
     start = (
         "import sys; sys.modules['matplotlib'] = None; from nlosctl.cli.main import run; sys.exit(run(sys.argv[1:]))"
     )

@@ -1,4 +1,4 @@
-"""The progress bar's stream: it outlives the terminal that it writes to."""
+"""The stream of the progress bar after its terminal has closed."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from nlosctl.cli import terminal
 
 
 @pytest.mark.parametrize("ends", ["closed", "hung up"])
-def test_a_bar_goes_quietly_after_its_terminal(ends: str) -> None:
-    """What is left of a bar is let go where standard error is closed, or answers no more: flushed, closed, deleted."""
+def test_a_bar_ignores_a_closed_terminal(ends: str) -> None:
+    """Flushing, closing and deleting a bar's stream on a closed standard error raises nothing."""
 
     class Terminal(io.StringIO):
         def flush(self) -> None:

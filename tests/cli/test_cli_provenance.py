@@ -1,4 +1,4 @@
-"""Convention 8: what the metadata of a result says, and what it does not."""
+"""Convention 8: the metadata of results."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Cli = Callable[..., Outcome]
 
 
 def copy_inputs(folder: Path) -> None:
-    """Put the good files into a folder."""
+    """Copy the valid files to a folder."""
     for name in ("good_bearings.csv", "good_bearings.scene.toml"):
         (folder / name).write_bytes((FIXTURES / name).read_bytes())
 
 
-def test_provenance_is_complete_and_nothing_more(cli: Cli, tmp_path: Path) -> None:
-    """Version, command, methods, parameters, seed, field, input names, sizes and rows: these and no other key."""
+def test_the_keys_of_the_provenance(cli: Cli, tmp_path: Path) -> None:
+    """Version, command, methods, parameters, seed, region, input names, sizes and rows, and no other key."""
     copy_inputs(tmp_path)
     words = ["localize", "good_bearings.csv", "-m", "ls", "--seed", 4, "-o", "e.parquet", "--flags-out", "f.parquet"]
     assert cli(*words).code == 0
@@ -38,8 +38,8 @@ def test_provenance_is_complete_and_nothing_more(cli: Cli, tmp_path: Path) -> No
     assert provenance(tmp_path / "f.parquet") == told
 
 
-def test_provenance_of_a_drawing(cli: Cli, tmp_path: Path) -> None:
-    """``simulate`` tells scenario, parameters, seed and trials."""
+def test_provenance_of_a_simulation(cli: Cli, tmp_path: Path) -> None:
+    """``simulate`` records scenario, parameters, seed and trials."""
     assert cli("simulate", "ring", "-n", 3, "-p", "sensors=4", "--seed", 7, "-o", "m.parquet").code == 0
     told = provenance(tmp_path / "m.parquet")
     assert told.keys() == {"version", "command", "scenario", "parameters", "seed", "trials"}
@@ -49,7 +49,7 @@ def test_provenance_of_a_drawing(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv.gz"])
 def test_equal_runs_give_equal_bytes(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, extension: str) -> None:
-    """No time, no host, no folder: the same words in two folders at two times give the same bytes."""
+    """Without times, hosts and paths: equal arguments in two folders give the same bytes."""
     content = []
     for name, seconds in (("here", 1e9), ("there", 1.7e9)):
         (tmp_path / name).mkdir()
@@ -64,7 +64,7 @@ def test_equal_runs_give_equal_bytes(cli: Cli, tmp_path: Path, monkeypatch: pyte
 
 
 def test_arrow_carries_the_same_as_parquet(cli: Cli, tmp_path: Path) -> None:
-    """Parquet and Arrow hold the same provenance and the scene."""
+    """Parquet and Arrow have the same provenance and scene."""
     for extension in ("parquet", "arrow"):
         assert cli("localize", GOOD, "-o", f"e.{extension}").code == 0
     with pa.ipc.open_file(tmp_path / "e.arrow") as reader:
@@ -74,8 +74,8 @@ def test_arrow_carries_the_same_as_parquet(cli: Cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_hashes_only_when_asked_for(cli: Cli, tmp_path: Path) -> None:
-    """``--hash`` adds the SHA-256 of every input; without it there is none."""
+def test_hashes_are_optional(cli: Cli, tmp_path: Path) -> None:
+    """``--hash`` adds the SHA-256 of every input."""
     copy_inputs(tmp_path)
     write_parquet(good_table(), tmp_path / "other.parquet")
     words = ["localize", "good_bearings.csv", "other.parquet", "--scene", "good_bearings.scene.toml"]
@@ -88,15 +88,15 @@ def test_hashes_only_when_asked_for(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_standard_input_is_named_as_such(cli: Cli, tmp_path: Path) -> None:
-    """A pipe has rows but no size; its hash is left out rather than made up."""
+    """A pipe has rows but neither size nor hash."""
     content = (FIXTURES / "good_bearings_azimuth.csv").read_bytes()
     assert cli("localize", "-", "-o", "e.parquet", "--hash", stdin=content).code == 0
     assert provenance(tmp_path / "e.parquet")["inputs"] == [{"name": "stdin", "rows": 173}]
 
 
 @pytest.mark.parametrize("fault", ["zero_std", "ragged_line", "duplicate_bearing"])
-def test_the_row_count_is_the_files(cli: Cli, tmp_path: Path, fault: str) -> None:
-    """The row count of an input is that of its file, rows set aside included, whatever their fault."""
+def test_row_counts_include_bad_rows(cli: Cli, tmp_path: Path, fault: str) -> None:
+    """The row count of an input is that of its file, bad rows included."""
     path = FIXTURES / f"bad_{fault}.csv"
     assert cli("localize", path, "--bad-rows", "b.csv", "-o", "e.parquet").code == 0
     rows = len(path.read_text().splitlines()) - 1

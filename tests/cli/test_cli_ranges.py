@@ -47,8 +47,8 @@ def ranges_file(folder: Path, **columns: Any) -> Path:
     return path
 
 
-def test_localize_takes_ranges_without_a_method(cli: Cli, tmp_path: Path) -> None:
-    """A ranges file is told by its columns, and ``ml`` on it is range least squares."""
+def test_ranges_are_detected(cli: Cli, tmp_path: Path) -> None:
+    """A file of ranges is detected by its columns, and ``ml`` is range least squares."""
     ml, r_ls = (cli("localize", ranges_file(tmp_path), *words).table for words in ([], ["-m", "r-ls"]))
     assert (ml["x_m"][0].as_py(), ml["y_m"][0].as_py()) == pytest.approx((3.0, 4.0))
     assert ml["status"].to_pylist() == ["ok"]
@@ -56,7 +56,7 @@ def test_localize_takes_ranges_without_a_method(cli: Cli, tmp_path: Path) -> Non
 
 
 def test_heights_reduce_slant_ranges(cli: Cli) -> None:
-    """With ``--target-z-m`` slant ranges are taken as such: the error is less than without, and that is told."""
+    """With ``--target-z-m`` ranges are slant ranges: the error is smaller, and the summary states it."""
     plane = cli("localize", ANCHORS, "-m", "mixture-ml")
     slant = cli("localize", ANCHORS, "-m", "mixture-ml", "--target-z-m", 1.2)
     assert "'sensor_z_m' is not used without --target-z-m" in plane.err
@@ -66,14 +66,14 @@ def test_heights_reduce_slant_ranges(cli: Cli) -> None:
 
 
 def test_a_target_height_needs_sensor_heights(cli: Cli, tmp_path: Path) -> None:
-    """``--target-z-m`` on a file without ``sensor_z_m`` is a fault of the words."""
+    """``--target-z-m`` without ``sensor_z_m`` is a usage error."""
     outcome = cli("localize", ranges_file(tmp_path), "--target-z-m", 0)
     assert outcome.code == 2
     assert "sensor_z_m" in outcome.err
 
 
 def test_outliers_are_flagged(cli: Cli, tmp_path: Path) -> None:
-    """``mixture-ml`` flags the one range that is too short, and leaves it out."""
+    """``mixture-ml`` rejects the one range that is too short."""
     lengths = [5.0, 8.06, 8.06, 1.0]
     path = ranges_file(tmp_path, range_m=lengths)
     assert cli("localize", path, "-m", "mixture-ml", "-o", "e.csv", "--flags-out", "f.csv").code == 0
@@ -82,7 +82,7 @@ def test_outliers_are_flagged(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_mirror_image_is_an_alternative(cli: Cli, tmp_path: Path) -> None:
-    """Sensors on a line: ambiguous, and both places with ``--alternatives``."""
+    """Collinear sensors are ambiguous, with both positions under ``--alternatives``."""
     path = ranges_file(tmp_path, sensor_y_m=[0.0] * 4, range_m=[5.0, 8.0623, 8.0623, 5.0])
     one, two = (cli("localize", path, "--alternatives", number).table for number in (1, 2))
     assert one["status"].to_pylist() == ["ambiguous"]
@@ -93,7 +93,7 @@ def test_a_mirror_image_is_an_alternative(cli: Cli, tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [0.0, -2.0])
 @pytest.mark.parametrize("command", ["localize", "identify-los"])
 def test_a_range_that_is_not_positive_is_bad(cli: Cli, tmp_path: Path, command: str, value: float) -> None:
-    """Zero and negative ranges are told with their row, and set aside on request."""
+    """Zero and negative ranges are bad rows."""
     path = ranges_file(tmp_path, range_m=[5.0, value, 8.0623, 5.0])
     outcome = cli(command, path)
     assert outcome.code == 1
@@ -102,7 +102,7 @@ def test_a_range_that_is_not_positive_is_bad(cli: Cli, tmp_path: Path, command: 
 
 
 def test_echoes_are_identified_and_scored(cli: Cli, tmp_path: Path) -> None:
-    """``identify-los | evaluate``: all targets, all sets; flags keep the input's rows and columns."""
+    """``identify-los | evaluate``: all targets and sets; flags keep the input's rows and columns."""
     outcome = cli("identify-los", ECHOES, FIELD, "-o", "f.csv", "--estimates-out", "e.csv")
     assert outcome.code == 0, outcome.err
     before, flags, estimates = read(ECHOES), read(tmp_path / "f.csv"), read(tmp_path / "e.csv")
@@ -117,8 +117,8 @@ def test_echoes_are_identified_and_scored(cli: Cli, tmp_path: Path) -> None:
     assert scores["gospa_m"] < 1.0
 
 
-def test_targets_missed_on_purpose_cost_their_share(cli: Cli, tmp_path: Path) -> None:
-    """``tca`` told of one target finds one; the cutoff and order of OSPA are parameters."""
+def test_missed_targets_in_ospa(cli: Cli, tmp_path: Path) -> None:
+    """``tca`` for one target finds one; cutoff and order of OSPA are parameters."""
     outcome = cli(
         "identify-los", ECHOES, FIELD, "-m", "tca", "-p", "targets=1", "-o", "f.csv", "--estimates-out", "e.csv"
     )
@@ -133,7 +133,7 @@ def test_targets_missed_on_purpose_cost_their_share(cli: Cli, tmp_path: Path) ->
 
 
 def test_flags_of_identify_los_are_measurements_again(cli: Cli, tmp_path: Path) -> None:
-    """``identify-los | localize`` uses the direct rows alone."""
+    """``identify-los | localize`` uses only the direct rows."""
     assert cli("identify-los", ECHOES, FIELD, "-o", "f.csv").code == 0
     rows = read(tmp_path / "f.csv")
     outcome = cli("localize", "f.csv", "-m", "r-ls")
@@ -142,7 +142,7 @@ def test_flags_of_identify_los_are_measurements_again(cli: Cli, tmp_path: Path) 
 
 
 def test_several_methods_follow_each_other(cli: Cli, tmp_path: Path) -> None:
-    """Flags repeat under ``method``; each method is scored by itself; a parameter goes to those that have it."""
+    """Flags are repeated under ``method``; each method has its scores and takes its own parameters."""
     words = ["-m", "assignment", "-m", "extended-tca", "-p", "eta=15", "-p", "extended-tca:unique=circles"]
     assert cli("identify-los", ECHOES, FIELD, *words, "-o", "f.csv", "--estimates-out", "e.csv").code == 0
     groups = cli("evaluate", "f.csv", "--estimates", "e.csv", "--json").json["groups"]
@@ -162,22 +162,22 @@ def test_several_methods_follow_each_other(cli: Cli, tmp_path: Path) -> None:
         (["--field", "1,2,3"], "4 finite numbers"),
     ],
 )
-def test_wrong_words_are_told(cli: Cli, words: list[str], told: str) -> None:
-    """A missing or impossible parameter ends with exit 2 and says what is wanted."""
+def test_invalid_parameters_are_usage_errors(cli: Cli, words: list[str], told: str) -> None:
+    """A missing or invalid parameter exits 2 with the expectation."""
     outcome = cli("identify-los", ECHOES, *words)
     assert outcome.code == 2
     assert told in outcome.err
 
 
-def test_too_many_echoes_are_told(cli: Cli) -> None:
-    """The limit on echoes at a sensor is told with its parameter."""
+def test_the_limit_on_echoes(cli: Cli) -> None:
+    """The limit on echoes at a sensor is reported with its parameter."""
     outcome = cli("identify-los", ECHOES, "-p", "max_echoes=5")
     assert outcome.code == 1
     assert "max_echoes=5" in outcome.err
 
 
 def test_two_sensors_are_too_few(cli: Cli, tmp_path: Path) -> None:
-    """A snapshot of two sensors gets too_few, and exit 3 under ``--strict``."""
+    """A snapshot of two sensors is too_few, and exits 3 under ``--strict``."""
     path = ranges_file(tmp_path, sensor=["a", "a", "b", "b"], sensor_x_m=[0.0, 0.0, 10.0, 10.0], sensor_y_m=[0.0] * 4)
     assert cli("identify-los", path, "-o", "f.csv", "--estimates-out", "e.csv", "--strict").code == 3
     assert read(tmp_path / "e.csv")["status"].to_pylist() == ["too_few"]
@@ -185,7 +185,7 @@ def test_two_sensors_are_too_few(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("scenario", ["liang", "echo-field"])
 def test_simulated_echoes_are_a_file_of_ranges(cli: Cli, tmp_path: Path, scenario: str) -> None:
-    """``simulate`` writes a valid file; a false echo has neither target nor true position."""
+    """``simulate`` writes a valid file; false echoes have neither target nor truth."""
     words = ["-n", 4, "-p", "false_echoes=2", "-p", "detection_probability=0.9", "-o", "s.csv"]
     assert cli("simulate", scenario, *words).code == 0
     assert cli("validate", "s.csv", "--json").json["kind"] == "ranges"
@@ -196,7 +196,7 @@ def test_simulated_echoes_are_a_file_of_ranges(cli: Cli, tmp_path: Path, scenari
 
 
 def test_results_do_not_depend_on_blocks_or_jobs(cli: Cli, tmp_path: Path) -> None:
-    """The same bytes for any block size and number of threads."""
+    """The same bytes for any block size and number of jobs."""
     contents = set()
     for number, (block, jobs) in enumerate([(1, 1), (3, 2), (4096, 1)]):
         names = [f"f{number}.csv", f"e{number}.csv"]
@@ -215,8 +215,8 @@ def test_the_bound_of_ranges(cli: Cli, tmp_path: Path) -> None:
     assert bound["bound_xy_m2"][0].as_py() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_python_gives_the_same(cli: Cli, tmp_path: Path) -> None:
-    """``nlosctl.identify_los`` and ``evaluate`` give what the command line gives."""
+def test_the_functions_equal_the_commands(cli: Cli, tmp_path: Path) -> None:
+    """``nlosctl.identify_los`` and ``evaluate`` give the results of the command line."""
     table = read(ECHOES)
     result = nlosctl.identify_los(table, field="-200,200,-200,200")
     assert cli("identify-los", ECHOES, FIELD, "-o", "f.csv", "--estimates-out", "e.csv").code == 0
@@ -225,8 +225,8 @@ def test_python_gives_the_same(cli: Cli, tmp_path: Path) -> None:
     assert nlosctl.evaluate(result.flags, estimates=result.estimates).overall == theirs
 
 
-def test_echoes_of_several_targets_have_no_one_bound(cli: Cli) -> None:
-    """A file of unlabelled echoes has no one source whose bound could be told."""
+def test_echoes_of_several_targets_have_no_bound(cli: Cli) -> None:
+    """``bound`` refuses a file of unlabelled echoes."""
     outcome = cli("bound", ECHOES)
     assert outcome.code == 1
     assert "truth_target" in outcome.err
@@ -234,6 +234,6 @@ def test_echoes_of_several_targets_have_no_one_bound(cli: Cli) -> None:
 
 @pytest.mark.parametrize(("path", "rows", "snapshots"), [(ANCHORS, 48, 12), (ECHOES, 225, 8)])
 def test_the_fixtures_are_valid(cli: Cli, path: Path, rows: int, snapshots: int) -> None:
-    """The bundled files of ranges pass, with their rows counted."""
+    """The fixtures of ranges are valid, with their rows counted."""
     told = cli("validate", path, "--json").json
     assert (told["kind"], told["rows"], told["snapshots"], told["bad_rows"]) == ("ranges", rows, snapshots, 0)

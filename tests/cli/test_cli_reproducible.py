@@ -1,4 +1,4 @@
-"""Convention 7: the same bytes for the same input, whatever the workers and blocks."""
+"""Convention 7: equal input gives equal bytes for any number of workers and block size."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Files = tuple[bytes, bytes]
 
 
 def solved(folder: Path, extension: str, jobs: int, block_size: int, chunk_rows: int, group_rows: int = 50) -> Files:
-    """Return the bytes of estimates and flags of the good file by three methods, read and written in small pieces."""
+    """Return the bytes of estimates and flags of the valid file by three methods, in small blocks."""
     estimates, flags = folder / f"e.{extension}", folder / f"f.{extension}"
     words = ["localize", GOOD, "-q", "--overwrite", "-o", estimates, "--flags-out", flags]
     words += ["-m", "ml", "-m", "ls", "-m", "stansfield", "--jobs", jobs, "--block-size", block_size]
@@ -35,7 +35,7 @@ def solved(folder: Path, extension: str, jobs: int, block_size: int, chunk_rows:
 
 @cache
 def reference(extension: str) -> Files:
-    """Return estimates and flags by one worker, all in one chunk and block."""
+    """Return estimates and flags of one worker, in one chunk and block."""
     with TemporaryDirectory() as folder:
         return solved(Path(folder), extension, 1, 4096, 131_072)
 
@@ -51,7 +51,7 @@ def reference(extension: str) -> Files:
 def test_workers_and_blocks_change_no_byte(
     tmp_path: Path, extension: str, jobs: int, block_size: int, chunk_rows: int
 ) -> None:
-    """Estimates and flags are the same to the byte for any ``--jobs``, ``--block-size`` and cut of the input."""
+    """Estimates and flags have the same bytes for any ``--jobs``, ``--block-size`` and chunk size."""
     assert solved(tmp_path, extension, jobs, block_size, chunk_rows) == reference(extension)
 
 
@@ -61,7 +61,7 @@ def test_workers_and_blocks_change_no_byte(
 def test_processes_that_read_slices_change_no_byte(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, row_group_size: int, flags: bool
 ) -> None:
-    """Parquet is read in slices by the processes themselves, snapshots cut anywhere: the same bytes and summary."""
+    """Worker processes read slices of Parquet, cut within snapshots: the same bytes and summary."""
     table = pyarrow.parquet.read_table(GOOD)
     pyarrow.parquet.write_table(table, tmp_path / "m.parquet", row_group_size=row_group_size)
     monkeypatch.setenv("NLOSCTL_SLICE_ROWS", "1")
@@ -93,10 +93,10 @@ def test_processes_that_read_slices_change_no_byte(
 
 @pytest.mark.process
 @pytest.mark.parametrize("fault", ["negative std", "comes back", "duplicate"])
-def test_processes_that_read_slices_tell_the_same_errors(
+def test_processes_that_read_slices_report_the_same_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fault: str
 ) -> None:
-    """What is wrong with the input is told in the same words whatever the number of jobs, and nothing is written."""
+    """Faults are reported in the same words for any number of jobs, and nothing is written."""
     table = pyarrow.parquet.read_table(GOOD)
     columns = {name: table.column(name).to_pylist() for name in table.column_names}
     if fault == "negative std":
@@ -122,7 +122,7 @@ def test_processes_that_read_slices_tell_the_same_errors(
 @pytest.mark.process
 @pytest.mark.parametrize(("jobs", "block_size", "chunk_rows"), [(1, 4096, 131_072), (3, 2, 11), (2, 7, 64)])
 def test_row_groups_do_not_follow_blocks(tmp_path: Path, jobs: int, block_size: int, chunk_rows: int) -> None:
-    """The row groups of the output have the writer's size, whatever the pieces in which rows came."""
+    """Row groups have the size set for the writer, for any chunks and blocks."""
     solved(tmp_path, "parquet", jobs, block_size, chunk_rows, group_rows=50)
     for name, rows in (("e", 120), ("f", 720)):
         told = pyarrow.parquet.read_metadata(tmp_path / f"{name}.parquet")
@@ -132,7 +132,7 @@ def test_row_groups_do_not_follow_blocks(tmp_path: Path, jobs: int, block_size: 
 
 @pytest.mark.process
 def test_a_long_file_has_row_groups_of_a_fixed_size(tmp_path: Path) -> None:
-    """Beyond one row group too: its size is the writer's own, not that of the blocks drawn or solved."""
+    """Long files have row groups of the default size, for any block size."""
     drawn, flags = tmp_path / "m.parquet", tmp_path / "f.parquet"
     assert run(["simulate", "ring", "-n", "45000", "-p", "sensors=3", "-q", "-o", str(drawn)]) == 0
     words = ["localize", str(drawn), "-m", "ls", "--block-size", "999", "-q", "-o", str(tmp_path / "e.parquet")]
@@ -145,7 +145,7 @@ def test_a_long_file_has_row_groups_of_a_fixed_size(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
 def test_equal_seeds_draw_equal_files(tmp_path: Path, extension: str) -> None:
-    """``simulate`` writes the same bytes for the same seed, and other bytes for another."""
+    """``simulate`` writes the same bytes for the same seed, and others for another."""
     paths = [tmp_path / f"{name}.{extension}" for name in "abc"]
     for path, seed in zip(paths, ("5", "5", "6"), strict=True):
         assert run(["simulate", "random", "-n", "20", "--seed", seed, "-q", "-o", str(path)]) == 0

@@ -1,4 +1,4 @@
-"""``schema`` and ``validate``: what a file must look like, and whether it does."""
+"""``schema`` and ``validate``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OPTIONS = {"good_triplets_toa.csv": ["--dod-std-deg", 1, "--doa-std-deg", 1, "--
 
 
 def counted(path: Path) -> tuple[int, int]:
-    """Return rows and snapshots of a good file, counted in the CSV file of the same data."""
+    """Return rows and snapshots of a valid file, counted in the CSV file of the same data."""
     stem = path.name.split(".")[0]
     with (FIXTURES / f"{stem}.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -39,7 +39,7 @@ def test_all_tables_are_listed(cli: Cli) -> None:
 @pytest.mark.extensive
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_is_shown_with_every_column(cli: Cli, name: str) -> None:
-    """``schema TABLE`` tells every column with unit and meaning; ``--json`` is the file in schemas/."""
+    """``schema TABLE`` lists every column with unit and meaning; ``--json`` is the file in schemas/."""
     shown, told = cli("schema", name).text, cli("schema", name, "--json").json
     for column in TABLES[name].columns:
         assert column.name in shown
@@ -49,7 +49,7 @@ def test_a_table_is_shown_with_every_column(cli: Cli, name: str) -> None:
 
 
 def test_schemas_are_written(cli: Cli, tmp_path: Path) -> None:
-    """``--write`` writes the files of schemas/, to the byte, and tells their names."""
+    """``--write`` writes the files of schemas/ to the byte, and lists them."""
     outcome = cli("schema", "--write", "out")
     assert outcome.code == 0
     written = listing(tmp_path / "out")
@@ -61,7 +61,7 @@ def test_schemas_are_written(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", GOOD_FILES, ids=lambda path: path.name)
 def test_good_files_are_valid(cli: Cli, path: Path) -> None:
-    """Every good fixture passes, with its rows counted."""
+    """Every good fixture is valid, with its rows counted."""
     outcome = cli("validate", path, "--json", *OPTIONS.get(path.name, []))
     assert outcome.code == 0, outcome.err
     kind = next((kind for word, kind in KINDS.items() if word in path.name), "bearings")
@@ -70,8 +70,8 @@ def test_good_files_are_valid(cli: Cli, path: Path) -> None:
     assert outcome.json["bad_rows"] == 0
 
 
-def test_validate_takes_the_words_of_reading(cli: Cli, tmp_path: Path) -> None:
-    """Renamed columns and a constant std are checked as ``localize`` would read them."""
+def test_validate_takes_the_options_of_reading(cli: Cli, tmp_path: Path) -> None:
+    """Renamed columns and a constant std are checked as ``localize`` reads them."""
     (tmp_path / "m.csv").write_text("station,E,N,AZ\na,0,0,10\nb,5,0,350\n")
     names = ["--column", "azimuth_deg=AZ", "--column", "sensor=station", "--column", "sensor_x_m=E"]
     words = ["m.csv", *names, "--column", "sensor_y_m=N", "--bearing-std-deg", "2"]

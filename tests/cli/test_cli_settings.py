@@ -1,4 +1,4 @@
-"""Convention 6: JSON wherever something is told; typed parameters; flag > environment > config > default."""
+"""Convention 6: JSON reports; typed parameters; flag > environment > config > default."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ Cli = Callable[..., Outcome]
     ],
     ids=lambda words: " ".join(map(str, words)).replace(str(GOOD), "FILE"),
 )
-def test_what_is_told_can_be_told_as_json(cli: Cli, words: list[Any]) -> None:
-    """``--json`` gives strict JSON alone on stdout; without it there is a table that is none."""
+def test_reports_as_json(cli: Cli, words: list[Any]) -> None:
+    """``--json`` prints only strict JSON on stdout; without it there is a table."""
     if words[-1] == "e.csv":
         cli("localize", GOOD, "-o", "e.csv")
     outcome, plain = cli(*words, "--json"), cli(*words)
@@ -51,7 +51,7 @@ def test_what_is_told_can_be_told_as_json(cli: Cli, words: list[Any]) -> None:
     ],
 )
 def test_parameters_are_typed(cli: Cli, tmp_path: Path, words: list[str], expected: dict[str, Any]) -> None:
-    """A parameter arrives as its type, the others keep their defaults; the provenance tells all."""
+    """A parameter has its type, the others keep their defaults; the provenance records all."""
     assert cli("localize", GOOD, *words, "-o", "e.parquet").code == 0
     (told,) = parameters(tmp_path / "e.parquet").values()
     assert expected.items() <= told.items()
@@ -63,7 +63,7 @@ def parameters(path: Path) -> dict[str, Any]:
 
 
 def test_parameters_of_several_methods(cli: Cli, tmp_path: Path) -> None:
-    """Plain: for all that have the key. ``METHOD:key``: for one, and it beats the plain one, in any order."""
+    """Plain keys apply to all methods that have them; ``METHOD:key`` applies to one and takes precedence."""
     methods = ["--method", "ml", "--method", "ls", "--method", "stansfield"]
     given = [
         "-p",
@@ -84,7 +84,7 @@ def test_parameters_of_several_methods(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_parameter_that_the_named_method_lacks(cli: Cli) -> None:
-    """``METHOD:key`` is checked against that method's own options."""
+    """``METHOD:key`` is checked against the options of that method."""
     outcome = cli("localize", GOOD, "--method", "ml", "--method", "ls", "-p", "ls:max_iterations=3")
     assert outcome.code == 2
     assert "'ls'" in outcome.err
@@ -92,7 +92,7 @@ def test_a_parameter_that_the_named_method_lacks(cli: Cli) -> None:
 
 
 def test_parameters_change_the_result(cli: Cli) -> None:
-    """A parameter reaches the method: one step is not enough."""
+    """A parameter reaches the method."""
     table = cli("localize", GOOD, "-p", "max_iterations=1", "-q").table
     assert "not_converged" in table.column("status").to_pylist()
 
@@ -101,7 +101,7 @@ def test_parameters_change_the_result(cli: Cli) -> None:
 def test_flag_beats_environment_beats_config_beats_default(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flag: bool, environment: bool, config: bool
 ) -> None:
-    """Flag > ``NLOSCTL_*`` > config > default, for a number, a list and a parameter, in every combination."""
+    """Flag > ``NLOSCTL_*`` > config > default for a number, a list and a parameter, in every combination."""
     words: list[Any] = ["localize", GOOD, "-o", "e.parquet", "-q"]
     expected: tuple[int, list[str], float] = (0, ["ml"], 0.0)
     if config:
@@ -127,7 +127,7 @@ def test_flag_beats_environment_beats_config_beats_default(
 def test_the_config_file_can_be_named_by_the_environment(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``NLOSCTL_CONFIG`` names it for every command; each takes its own table."""
+    """``NLOSCTL_CONFIG`` names the file for every command; each reads its own table."""
     (tmp_path / "c.toml").write_text("[simulate]\ntrials = 4\nquiet = true\n[localize]\nstrict = true\n")
     monkeypatch.setenv("NLOSCTL_CONFIG", "c.toml")
     outcome = cli("simulate", "ring", "-p", "sensors=1")
@@ -137,7 +137,7 @@ def test_the_config_file_can_be_named_by_the_environment(
 
 
 def test_options_with_dashes_in_the_config(cli: Cli, tmp_path: Path) -> None:
-    """The keys are the long options as they are written: with dashes, ``json`` too."""
+    """Keys are the long options as written, with dashes, ``json`` too."""
     (tmp_path / "c.toml").write_text('[localize]\n"flags-out" = "f.csv"\nblock-size = 3\n[evaluate]\njson = true\n')
     assert cli("localize", GOOD, "-o", "e.csv", "--config", "c.toml").code == 0
     assert listing(tmp_path) == ["c.toml", "e.csv", "f.csv"]
@@ -147,7 +147,7 @@ def test_options_with_dashes_in_the_config(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_json_can_be_asked_for_by_the_environment(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The variable of an option is ``NLOSCTL_<COMMAND>_<OPTION>``, of ``--json`` as of every other."""
+    """The variable of an option is ``NLOSCTL_<COMMAND>_<OPTION>``, also for ``--json``."""
     cli("localize", GOOD, "-o", "e.csv")
     monkeypatch.setenv("NLOSCTL_EVALUATE_JSON", "1")
     assert cli("evaluate", "e.csv").json["of"] == "estimates"
@@ -165,8 +165,8 @@ def test_json_can_be_asked_for_by_the_environment(cli: Cli, monkeypatch: pytest.
     ],
     ids=["key", "table", "no-table", "type", "parameter", "syntax"],
 )  # fmt: skip
-def test_faults_of_the_config_are_told(cli: Cli, tmp_path: Path, text: str, code: int, told: list[str]) -> None:
-    """A misspelt table or key, a wrong type and broken TOML are one line each: nothing is ignored silently."""
+def test_config_errors(cli: Cli, tmp_path: Path, text: str, code: int, told: list[str]) -> None:
+    """A misspelt table or key, a wrong type and invalid TOML are one line each."""
     (tmp_path / "c.toml").write_text(text)
     outcome = cli("localize", GOOD, "-o", "e.csv", "--config", "c.toml")
     assert outcome.code == code, outcome.err
@@ -175,8 +175,8 @@ def test_faults_of_the_config_are_told(cli: Cli, tmp_path: Path, text: str, code
     assert listing(tmp_path) == ["c.toml"]
 
 
-def test_an_absent_config_is_told(cli: Cli) -> None:
-    """A config file that is not there is exit 1 and one line."""
+def test_a_missing_config(cli: Cli) -> None:
+    """A missing config file exits 1 with one line."""
     outcome = cli("localize", GOOD, "--config", "absent.toml")
     assert outcome.code == 1
     assert outcome.err == "nlosctl: --config absent.toml: No such file or directory\n"

@@ -1,4 +1,4 @@
-"""``simulate``: scenarios drawn into measurement files."""
+"""``simulate``: scenarios drawn to files of measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "room", "sh
 
 
 def test_the_list_and_a_scenarios_parameters(cli: Cli) -> None:
-    """Without a name the scenarios are listed; ``--show`` tells one's parameters with unit and meaning."""
+    """Without a name scenarios are listed; ``--show`` lists the parameters with unit and meaning."""
     told = cli("simulate", "--json").json
     assert [row["scenario"] for row in told] == sorted([*SCENARIOS, *OTHER_KINDS])
     shown = cli("simulate", "ring", "--show", "--json").json
@@ -28,8 +28,8 @@ def test_the_list_and_a_scenarios_parameters(cli: Cli) -> None:
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_a_drawing_is_valid_and_solvable(cli: Cli, tmp_path: Path, scenario: str) -> None:
-    """What is drawn passes ``validate``, carries its truth, and is solved with NEES near 2."""
+def test_simulations_are_valid_and_solvable(cli: Cli, tmp_path: Path, scenario: str) -> None:
+    """A simulation passes ``validate``, has its truth, and is solved with NEES near 2."""
     assert cli("simulate", scenario, "-n", 200, "-o", "m.parquet", "-q").code == 0
     told = cli("validate", "m.parquet", "--json").json
     assert (told["snapshots"], told["bad_rows"]) == (200, 0)
@@ -41,8 +41,8 @@ def test_a_drawing_is_valid_and_solvable(cli: Cli, tmp_path: Path, scenario: str
     assert 1.5 < figures["nees"] < 2.6
 
 
-def test_a_longer_drawing_begins_with_the_shorter(cli: Cli, tmp_path: Path) -> None:
-    """More trials add snapshots; the first ones stay to the bit."""
+def test_longer_simulations_begin_with_shorter_ones(cli: Cli, tmp_path: Path) -> None:
+    """More trials append snapshots; the first ones keep their bits."""
     for count in (30, 1100):
         assert cli("simulate", "random", "-n", count, "-o", f"{count}.parquet", "-q").code == 0
     short, long = read_parquet(tmp_path / "30.parquet"), read_parquet(tmp_path / "1100.parquet")
@@ -51,7 +51,7 @@ def test_a_longer_drawing_begins_with_the_shorter(cli: Cli, tmp_path: Path) -> N
 
 
 def test_the_scene_is_written_and_read_back(cli: Cli, tmp_path: Path) -> None:
-    """``--scene-out`` writes the scene with which a CSV of the same drawing is solved."""
+    """``--scene-out`` writes the scene for solving a CSV file of the same simulation."""
     words = ["simulate", "song-flat", "-n", 20, "-q"]
     assert cli(*words, "-o", "m.csv", "--scene-out", "m.scene.toml").code == 0
     assert cli(*words, "-o", "n.parquet").code == 0
@@ -60,15 +60,15 @@ def test_the_scene_is_written_and_read_back(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_parameters_of_a_scenario(cli: Cli) -> None:
-    """``--param`` sets a scenario's own parameter."""
+    """``--param`` sets a parameter of the scenario."""
     assert cli("simulate", "ring", "-n", 3, "-p", "sensors=5", "-p", "bearing_std_deg=0", "-q").code == 2
     table = cli("simulate", "ring", "-n", 3, "-p", "sensors=5", "-p", "bearing_std_deg=0.5", "-q").table
     assert table.num_rows == 15
     assert table.column("bearing_std_rad").to_pylist() == [pytest.approx(math.radians(0.5))] * 15
 
 
-def test_words_without_a_scenario_are_refused(cli: Cli) -> None:
-    """Parameters, ``--show`` and ``-o`` mean nothing without a scenario: exit 2, nothing silently dropped."""
+def test_options_without_a_scenario_are_refused(cli: Cli) -> None:
+    """Parameters, ``--show`` and ``-o`` without a scenario exit 2."""
     for words in (["--show"], ["-p", "sensors=3"], ["--scene-out", "s.toml"], ["-o", "m.csv"]):
         outcome = cli("simulate", *words)
         assert outcome.code == 2, words

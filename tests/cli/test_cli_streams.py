@@ -1,4 +1,4 @@
-"""Convention 2: data alone on stdout, the rest on stderr or in a report."""
+"""Convention 2: data on stdout, everything else on stderr or in a report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Cli = Callable[..., Outcome]
 
 
 def test_stdout_carries_the_table_alone(cli: Cli) -> None:
-    """Every line of stdout is a row of the table; the summary is on stderr and counts the statuses."""
+    """Every line of stdout is a row; the summary on stderr counts the statuses."""
     outcome = cli("localize", GOOD)
     assert outcome.table.num_rows == len(outcome.text.splitlines()) - 1 == 40
     assert "40 snapshots of bearings, 240 rows" in outcome.err
@@ -31,30 +31,30 @@ def test_stdout_carries_the_table_alone(cli: Cli) -> None:
     [["localize", GOOD], ["simulate", "ring", "-n", "5"], ["validate", GOOD]],
     ids=lambda words: words[0],
 )
-def test_quiet_tells_nothing(cli: Cli, words: list[str]) -> None:
-    """``-q`` leaves stderr empty and stdout as it was."""
+def test_quiet_prints_nothing_on_stderr(cli: Cli, words: list[str]) -> None:
+    """``-q`` leaves stderr empty and stdout unchanged."""
     quiet, loud = cli(*words, "-q"), cli(*words)
     assert quiet.err == ""
     assert quiet.out == loud.out != b""
 
 
 def test_with_an_output_file_stdout_is_empty(cli: Cli) -> None:
-    """``-o FILE`` leaves nothing for stdout."""
+    """With ``-o FILE`` stdout is empty."""
     for words in (["localize", GOOD, "-o", "e.csv"], ["simulate", "ring", "-n", 2, "-o", "m.csv"]):
         outcome = cli(*words)
         assert (outcome.code, outcome.out) == (0, b"")
         assert outcome.err != ""
 
 
-def test_verbose_tells_more(cli: Cli) -> None:
-    """``-v`` says more on stderr than the summary alone, and nothing on stdout."""
+def test_verbose_prints_more(cli: Cli) -> None:
+    """``-v`` prints more than the summary on stderr, and nothing more on stdout."""
     plain, verbose = cli("localize", GOOD), cli("localize", GOOD, "-v")
     assert verbose.out == plain.out
     assert len(verbose.err.splitlines()) > len(plain.err.splitlines())
 
 
 def test_the_report_is_json_with_the_counts(cli: Cli, tmp_path: Path) -> None:
-    """``--report`` writes rows, left out, bad, snapshots and statuses as JSON, quiet or not."""
+    """``--report`` writes rows, excluded, bad, snapshots and statuses as JSON, with ``-q`` too."""
     rows = [*crossing_rows(1), *crossing_rows(2, 1), *crossing_rows(3)]
     rows = [(*row, "false" if place == 6 else "true") for place, row in enumerate(rows)]
     rows[5] = (*rows[5][:5], "-1", "true")
@@ -73,21 +73,21 @@ def test_the_report_is_json_with_the_counts(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_the_report_can_go_to_stderr(cli: Cli) -> None:
-    """``--report -`` writes the JSON to stderr, so that stdout stays data."""
+    """``--report -`` writes the JSON to stderr."""
     outcome = cli("localize", GOOD, "-q", "--report", "-")
     assert json.loads(outcome.err)["snapshots"] == 40
     assert outcome.table.num_rows == 40
 
 
 def test_the_report_of_an_evaluation(cli: Cli, tmp_path: Path) -> None:
-    """``evaluate --report`` writes what ``--json`` tells."""
+    """``evaluate --report`` writes the content of ``--json``."""
     cli("localize", GOOD, "-o", "e.csv")
     outcome = cli("evaluate", "e.csv", "--json", "--report", "r.json")
     assert json.loads((tmp_path / "r.json").read_text()) == outcome.json
 
 
-def test_a_file_without_snapshots_is_one_and_the_summary_says_so(cli: Cli, tmp_path: Path) -> None:
-    """Without a ``snapshot`` column a file is one snapshot; the summary tells."""
+def test_a_file_without_ids_is_one_snapshot(cli: Cli, tmp_path: Path) -> None:
+    """Without a ``snapshot`` column a file is one snapshot; the summary states it."""
     rows = [row[1:] for row in crossing_rows(1)]
     header = "sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
     (tmp_path / "m.csv").write_text(plain_csv(rows, header))
@@ -97,14 +97,14 @@ def test_a_file_without_snapshots_is_one_and_the_summary_says_so(cli: Cli, tmp_p
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.3, True)])
-def test_a_bad_fit_is_told(cli: Cli, share: float, told: bool) -> None:
-    """The summary says when residuals are larger than their standard deviations explain, and only then."""
+def test_bad_fits_are_reported(cli: Cli, share: float, told: bool) -> None:
+    """The summary states when residuals are too large for their standard deviations, and only then."""
     drawn = cli("simulate", "ring", "-n", 60, "-q", "-p", f"outlier_fraction={share}")
     assert ("ml fits badly" in cli("localize", "-", stdin=drawn.out).err) is told
 
 
 def on_a_terminal(*words: str, cwd: Path, **environment: str) -> tuple[int, str, str]:
-    """Return exit code, stdout and stderr of the program with a terminal as its stdout."""
+    """Return exit code, stdout and stderr with a terminal as stdout."""
     terminal, slave = pty.openpty()
     running = subprocess.Popen(
         [str(PROGRAM), *words],
@@ -132,7 +132,7 @@ def on_a_terminal(*words: str, cwd: Path, **environment: str) -> tuple[int, str,
 
 
 def test_a_terminal_gets_a_preview(tmp_path: Path) -> None:
-    """Without ``-o`` a terminal gets the first rows as a table, and how many there are in all."""
+    """Without ``-o`` a terminal gets the first rows as a table, and the number of rows."""
     code, seen, err = on_a_terminal("localize", str(GOOD), cwd=tmp_path)
     assert code == 0
     assert "cov_xx_m2" in seen
@@ -142,7 +142,7 @@ def test_a_terminal_gets_a_preview(tmp_path: Path) -> None:
 
 
 def test_no_color_is_obeyed(tmp_path: Path) -> None:
-    """With ``NO_COLOR`` a terminal gets no colour codes."""
+    """With ``NO_COLOR`` there are no colour codes."""
     code, seen, _ = on_a_terminal("--help", cwd=tmp_path, NO_COLOR="1")
     assert code == 0
     assert "localize" in seen

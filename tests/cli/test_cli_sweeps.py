@@ -1,4 +1,4 @@
-"""``--sweep``: a parameter at several values, told in a column that survives to the end."""
+"""``--sweep``: a parameter at several values, recorded in a column of all results."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def rows(outcome: Outcome) -> pa.Table:
 
 
 def only(table: pa.Table, **values: object) -> pa.Table:
-    """Return the rows of those values, without the columns that tell them."""
+    """Return the rows of those values, without the columns of the sweep."""
     for name, value in values.items():
         table = table.filter(pc.is_null(table.column(name)) if value is None else pc.equal(table.column(name), value))
     return table.drop_columns(list(values))
 
 
 def test_a_swept_simulation_is_its_points_one_after_the_other(cli: Cli) -> None:
-    """A point of the grid is the simulation with its values; snapshots are numbered through, the last key fastest."""
+    """A grid point is the simulation with its values; snapshots are numbered through, the last key fastest."""
     swept = rows(cli("simulate", "ring", "-n", 3, "--sweep", "bearing_std_deg=0.5,4", "--sweep", "sensors=3,5"))
     points = [(std, sensors) for std in (0.5, 4.0) for sensors in (3, 5)]
     assert swept.column("snapshot").unique().to_pylist() == list(range(12))
@@ -46,7 +46,7 @@ def test_a_swept_simulation_is_its_points_one_after_the_other(cli: Cli) -> None:
 
 
 def test_a_swept_method_is_its_runs(cli: Cli) -> None:
-    """Estimates at each value are those of ``--param``; a method without the parameter runs once, its value null."""
+    """Estimates at each value are those of ``--param``; a method without the parameter runs once, with null."""
     words = ("localize", GOOD, "-m", "ls", "-m", "mixture-ml")
     swept = rows(cli(*words, "--sweep", "alpha=0.1,0.3"))
     assert swept.num_rows == 3 * len(swept.column("snapshot").unique())
@@ -59,7 +59,7 @@ def test_a_swept_method_is_its_runs(cli: Cli) -> None:
 
 
 def test_a_sweep_of_one_method_alone(cli: Cli) -> None:
-    """``METHOD:KEY`` sweeps a parameter of one method, where several have it."""
+    """``METHOD:KEY`` sweeps a parameter of one method that several have."""
     swept = rows(cli("localize", GOOD, "-m", "ls", "-m", "ml", "--sweep", "ml:min_range_m=0,5"))
     groups = swept.group_by(["method", "sweep_min_range_m"], use_threads=False).aggregate([("snapshot", "count")])
     assert groups.select(["method", "sweep_min_range_m"]).to_pylist() == [
@@ -70,7 +70,7 @@ def test_a_sweep_of_one_method_alone(cli: Cli) -> None:
 
 
 def test_from_simulate_to_evaluate_in_pipes(cli: Cli) -> None:
-    """A pipe of simulate, localize and evaluate ends in a row per method and swept value, with all figures."""
+    """A pipe of simulate, localize and evaluate gives a row per method and swept value."""
     drawn = cli("simulate", "ring", "-n", 50, "--sweep", "bearing_std_deg=0.1,1,5", "--format", "arrow")
     fixes = cli("localize", "-", "-m", "ls", "-m", "ml", stdin=drawn.out)
     scores = rows(cli("evaluate", "-", stdin=fixes.out))
@@ -84,8 +84,8 @@ def test_from_simulate_to_evaluate_in_pipes(cli: Cli) -> None:
     assert rmse == sorted(rmse)
 
 
-def test_the_bound_tells_the_swept_values(cli: Cli) -> None:
-    """A bound at the truth carries the ``sweep_*`` columns of its measurements."""
+def test_the_bound_carries_swept_values(cli: Cli) -> None:
+    """A bound at the truth has the ``sweep_*`` columns of its measurements."""
     drawn = cli("simulate", "ring", "-n", 2, "--sweep", "bearing_std_deg=1,2")
     bounds = rows(cli("bound", "-", stdin=drawn.out))
     assert bounds.column("sweep_bearing_std_deg").to_pylist() == [1, 1, 2, 2]
@@ -94,7 +94,7 @@ def test_the_bound_tells_the_swept_values(cli: Cli) -> None:
 
 
 def test_swept_flags_are_evaluated_apart(cli: Cli) -> None:
-    """Flags of a swept detector repeat the rows under their value; evaluate takes them apart."""
+    """Flags of a swept detector repeat the rows per value; evaluate separates them."""
     drawn = cli("simulate", "shen", "-n", 40).out
     flags = cli("detect-ip", "-", "-m", "tdaj", "--sweep", "eta_m=1,4", stdin=drawn)
     groups = cli("evaluate", "-", "--json", stdin=flags.out).json["groups"]
@@ -105,7 +105,7 @@ def test_swept_flags_are_evaluated_apart(cli: Cli) -> None:
 
 
 def test_swept_echo_flags_are_evaluated_apart(cli: Cli, tmp_path: Path) -> None:
-    """Flags and estimates of a swept ``identify-los`` are put together value by value."""
+    """Flags and estimates of a swept ``identify-los`` are matched by value."""
     drawn = cli("simulate", "echo-field", "-n", 4).out
     (tmp_path / "m.csv").write_bytes(drawn)
     words = ("identify-los", "m.csv", "-m", "tca", "--overwrite", "-o", "f.csv", "--estimates-out", "e.csv")
@@ -118,8 +118,8 @@ def test_swept_echo_flags_are_evaluated_apart(cli: Cli, tmp_path: Path) -> None:
         assert alone.items() <= group.items()
 
 
-def test_swept_flags_are_no_measurements(cli: Cli) -> None:
-    """Flags that tell several swept values of a snapshot are refused as input, by the column that tells them."""
+def test_swept_flags_are_refused_as_input(cli: Cli) -> None:
+    """Flags with several swept values of a snapshot are refused, with the name of the column."""
     assert cli("localize", GOOD, "-m", "ml", "--sweep", "min_range_m=0,5", "--flags-out", "f.csv").code == 0
     outcome = cli("localize", "f.csv")
     assert outcome.code == 1
@@ -143,8 +143,8 @@ def test_swept_flags_are_no_measurements(cli: Cli) -> None:
         ),
     ],
 )
-def test_a_wrong_sweep_is_told(cli: Cli, words: list[str], text: str) -> None:
-    """An unknown key, a value that does not fit, none or one twice are exit 2 with the cure."""
+def test_invalid_sweeps(cli: Cli, words: list[str], text: str) -> None:
+    """An unknown key, an invalid, missing or repeated value exit 2 with the cure."""
     outcome = cli("simulate", "ring", *(part for word in words for part in ("--sweep", word)))
     assert outcome.code == 2
     assert text in outcome.err
@@ -159,15 +159,15 @@ def test_a_wrong_sweep_is_told(cli: Cli, words: list[str], text: str) -> None:
         (["--sweep", "sensors=3,4"], "name a scenario"),
     ],
 )
-def test_a_sweep_that_makes_no_sense_is_told(cli: Cli, words: list[str], text: str) -> None:
-    """A parameter given twice over, reflectors that move, and a sweep of nothing are exit 2."""
+def test_contradicting_sweeps(cli: Cli, words: list[str], text: str) -> None:
+    """A parameter set twice, moving reflectors, and an empty sweep exit 2."""
     outcome = cli("simulate", *words)
     assert outcome.code == 2
     assert text in outcome.err
 
 
 def test_the_column_of_an_earlier_sweep_is_kept(cli: Cli) -> None:
-    """A method's sweep over a key that the input tells already is exit 2: neither column is lost."""
+    """A sweep over a key that the input already has exits 2."""
     drawn = rows(cli("simulate", "ring", "-n", 2))
     content = io.BytesIO()
     pyarrow.csv.write_csv(drawn.append_column("sweep_min_range_m", pa.array([1] * drawn.num_rows)), content)
@@ -177,7 +177,7 @@ def test_the_column_of_an_earlier_sweep_is_kept(cli: Cli) -> None:
 
 
 def test_functions_sweep_as_the_command_does(cli: Cli, tmp_path: Path) -> None:
-    """``nlosctl.simulate`` and ``localize`` take ``sweep`` and give the tables of the command line, metadata too."""
+    """``nlosctl.simulate`` and ``localize`` take ``sweep`` and give the tables of the command line."""
     assert cli("simulate", "ring", "-n", 5, "--sweep", "bearing_std_deg=1,2", "-o", "m.parquet").code == 0
     written = pyarrow.parquet.read_table(tmp_path / "m.parquet")
     drawn = nlosctl.simulate("ring", trials=5, sweep={"bearing_std_deg": [1.0, 2.0]})
@@ -189,6 +189,6 @@ def test_functions_sweep_as_the_command_does(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_a_sweep_does_not_depend_on_blocks_or_jobs(cli: Cli) -> None:
-    """The bytes of a swept run are the same whatever the block size and the number of jobs."""
+    """A swept run has the same bytes for any block size and number of jobs."""
     words = ("localize", GOOD, "-m", "ls", "-m", "mixture-ml", "--sweep", "alpha=0.1,0.3")
     assert cli(*words, "--block-size", 7, "--jobs", 2).out == cli(*words, "--jobs", 1).out

@@ -1,4 +1,4 @@
-"""Convention 4: an output file is whole or not there, and nothing is overwritten unasked."""
+"""Convention 4: outputs are complete or absent, and nothing is overwritten by default."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def raising(error: BaseException) -> Callable[[], None]:
 def test_a_failure_in_a_run_leaves_nothing(
     cli: Cli, tmp_path: Path, acting_method: ActInCall, error: BaseException, code: int, jobs: int
 ) -> None:
-    """Whatever is raised between two chunks, no output file is there, and no temporary one."""
+    """After an exception between two chunks there is neither an output nor a temporary file."""
     acting_method(3, raising(error))
     outcome = cli("localize", GOOD, "-m", "acting", *OUTPUTS, "--jobs", jobs)
     assert outcome.code == code
@@ -58,8 +58,8 @@ def test_a_failure_in_a_run_leaves_nothing(
     assert listing(tmp_path) == []
 
 
-def test_an_interrupted_run_says_so_in_one_line(cli: Cli, acting_method: ActInCall) -> None:
-    """Exit 130 comes with one line that says what happened."""
+def test_an_interrupted_run_prints_one_line(cli: Cli, acting_method: ActInCall) -> None:
+    """Exit 130 prints one line."""
     acting_method(0, raising(KeyboardInterrupt()))
     outcome = cli("localize", GOOD, "-m", "acting", "-o", "e.csv")
     assert outcome.code == 130
@@ -71,7 +71,7 @@ def test_an_interrupted_run_says_so_in_one_line(cli: Cli, acting_method: ActInCa
 def test_a_failure_after_rows_are_written_is_quiet(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, acting_method: ActInCall, extension: str
 ) -> None:
-    """An output that is given up half written says nothing of its own: no ``Exception ignored in ...`` on stderr."""
+    """An abandoned partial output prints no ``Exception ignored in ...`` on stderr."""
     noise: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", noise.append)
     gc.collect()
@@ -87,8 +87,8 @@ def test_a_failure_after_rows_are_written_is_quiet(
 
 @pytest.mark.process
 @pytest.mark.usefixtures("small_chunks")
-def test_a_failure_keeps_what_was_there(cli: Cli, tmp_path: Path, acting_method: ActInCall) -> None:
-    """With ``--overwrite`` the old file stands until the new one is whole."""
+def test_a_failure_keeps_existing_outputs(cli: Cli, tmp_path: Path, acting_method: ActInCall) -> None:
+    """With ``--overwrite`` the old file stays until the new one is complete."""
     (tmp_path / "e.parquet").write_text("old")
     (tmp_path / "f.csv").write_text("old")
     acting_method(2, raising(RuntimeError("out of luck")))
@@ -110,7 +110,7 @@ def test_a_bad_row_near_the_end_leaves_nothing(cli: Cli, tmp_path: Path) -> None
 
 
 def test_a_full_disk_is_one_line_that_names_the_file(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that fills up is an output that can't be written: exit 1, the file named, nothing left."""
+    """A full disk exits 1 with the name of the file, and leaves nothing."""
 
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -123,8 +123,8 @@ def test_a_full_disk_is_one_line_that_names_the_file(cli: Cli, tmp_path: Path, m
 
 
 @pytest.mark.process
-def test_a_full_stdout_is_told(tmp_path: Path) -> None:
-    """A stdout that takes no more is exit 1 and one line."""
+def test_a_full_stdout(tmp_path: Path) -> None:
+    """A full stdout exits 1 with one line."""
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(
             [str(PROGRAM), "localize", str(GOOD), "-q"],
@@ -153,7 +153,7 @@ WRITING: list[tuple[list[Any], str]] = [
 
 @pytest.mark.parametrize(("words", "name"), WRITING, ids=lambda value: " ".join(map(str, value)).split("bearings")[-1])
 def test_an_existing_output_is_kept(cli: Cli, tmp_path: Path, words: list[Any], name: str) -> None:
-    """Any output that exists already is exit 1: it stands as it was, and no other output of the run appears."""
+    """An existing output exits 1, stays unchanged, and no other output of the run appears."""
     (tmp_path / name).write_text("precious")
     outcome = cli(*words)
     assert outcome.code == 1
@@ -196,14 +196,14 @@ def test_the_input_is_never_overwritten(cli: Cli, tmp_path: Path, option: str) -
     ids=lambda words: " ".join(map(str, words[2:])),
 )
 def test_two_outputs_of_one_name_are_refused(cli: Cli, tmp_path: Path, words: list[Any]) -> None:
-    """Two outputs of one run under one name would lose one of them: refused, however the name is spelt."""
+    """Two outputs with one name are refused, in any spelling of the path."""
     outcome = cli(*words)
     assert outcome.code == 2
     assert listing(tmp_path) == []
 
 
-def test_an_output_that_is_no_file_is_not_replaced(cli: Cli, tmp_path: Path) -> None:
-    """``--overwrite`` replaces files: a pipe or device (``-o /dev/null``) stays what it is."""
+def test_devices_are_not_replaced(cli: Cli, tmp_path: Path) -> None:
+    """``--overwrite`` replaces files only; a pipe or device (``-o /dev/null``) stays."""
     os.mkfifo(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
     try:
@@ -213,8 +213,8 @@ def test_an_output_that_is_no_file_is_not_replaced(cli: Cli, tmp_path: Path) -> 
         os.close(reader)
 
 
-def test_outputs_have_the_rights_of_a_plain_file(cli: Cli, tmp_path: Path) -> None:
-    """The temporary file's narrow rights don't stay on the output."""
+def test_outputs_have_default_permissions(cli: Cli, tmp_path: Path) -> None:
+    """The permissions of the temporary file do not remain on the output."""
     (tmp_path / "plain").write_text("")
     assert cli("localize", GOOD, "--scene", SCENE, "-o", "e.csv").code == 0
     assert (tmp_path / "e.csv").stat().st_mode == (tmp_path / "plain").stat().st_mode

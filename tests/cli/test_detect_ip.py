@@ -1,4 +1,4 @@
-"""``nlosctl detect-ip``, triplets through ``localize`` and ``evaluate``, and the same from Python."""
+"""``nlosctl detect-ip``, triplets in ``localize`` and ``evaluate``, and the functions."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def flags_of(*words, target):
     return pq.read_table(target)
 
 
-def test_flags_are_the_input_and_what_was_decided(tmp_path):
-    """A row per path in input order, the input's columns first, then used, ip, p_value, reason."""
+def test_flags_are_the_input_plus_decisions(tmp_path):
+    """A row per path in input order, with the input's columns, then used, ip, p_value, reason."""
     flags = flags_of(target=tmp_path / "flags.parquet")
     given = pyarrow.csv.read_csv(GOOD)
     assert flags.column_names == [*given.column_names, "used", "ip", "p_value", "reason"]
@@ -42,7 +42,7 @@ def test_flags_are_the_input_and_what_was_decided(tmp_path):
 
 
 def test_details_and_safe_region_add_columns(tmp_path):
-    """--details shows points, differences and thresholds; eta_m adds outside_safe_region; else they are not there."""
+    """--details adds points, differences and thresholds; eta_m adds outside_safe_region."""
     plain = flags_of("-m", "tdaj", target=tmp_path / "flags.parquet")
     assert "blind" in plain.column_names
     assert not {"lambda1_m", "threshold6_m", "outside_safe_region"} & set(plain.column_names)
@@ -56,7 +56,7 @@ def test_details_and_safe_region_add_columns(tmp_path):
 
 
 def test_every_method_has_details(tmp_path):
-    """Points, differences and thresholds are the same whatever method decides."""
+    """Points, differences and thresholds are the same for each method."""
     tables = [flags_of("-m", method, "--details", target=tmp_path / "flags.parquet") for method in METHODS]
     names = [name for name in tables[0].column_names if name.startswith(("lambda", "threshold", "dod_", "doa_"))]
     assert len(names) == 18 + 4
@@ -65,7 +65,7 @@ def test_every_method_has_details(tmp_path):
 
 
 def test_block_size_and_jobs_change_no_byte(tmp_path):
-    """The same file whatever the threads and the block size, for each method."""
+    """The same bytes for any jobs and block size, for each method."""
     for method in METHODS:
         files = [tmp_path / f"{n}.parquet" for n in range(2)]
         flags_of("-m", method, "--jobs", "1", target=files[0])
@@ -73,8 +73,8 @@ def test_block_size_and_jobs_change_no_byte(tmp_path):
         assert files[0].read_bytes() == files[1].read_bytes()
 
 
-def test_other_spellings_give_the_same_flags(tmp_path):
-    """Degrees, a time of arrival and constant standard deviations read as the radians and metres they are."""
+def test_units_of_columns(tmp_path):
+    """Degrees, a time of arrival and constant stds are read as the radians and metres they are."""
     source = str(FIXTURES / "good_triplets_toa.csv")
     target = tmp_path / "flags.parquet"
     degrees = repr(float(np.degrees(0.01)))
@@ -85,8 +85,8 @@ def test_other_spellings_give_the_same_flags(tmp_path):
     np.testing.assert_allclose(p_value, expected, rtol=1e-6, atol=1e-12)
 
 
-def test_one_pipe_from_paths_to_figures(tmp_path, capsys):
-    """detect-ip, localize, evaluate: flagged paths are left out, and the error falls."""
+def test_detect_localize_evaluate(tmp_path, capsys):
+    """Flagged paths are excluded, and the error decreases."""
     flags, fixes, report = tmp_path / "flags.csv", tmp_path / "fixes.csv", tmp_path / "report.json"
     rmse = {}
     for words in ([], ["--all-rows"]):
@@ -116,7 +116,7 @@ def test_path_by_path_estimates_carry_the_path(tmp_path):
 
 
 def test_evaluate_scores_the_methods(tmp_path, capsys):
-    """evaluate tells P_fa, P_d, AUC and calibration per method; the joint method's AUC is the larger."""
+    """evaluate reports P_fa, P_d, AUC and calibration per method; AUC is larger for joint."""
     flags = tmp_path / "flags.parquet"
     assert run(["detect-ip", GOOD, "-m", "chi2", "-m", "joint", "-q", "-o", str(flags)]) == 0
     assert run(["evaluate", str(flags), "--json"]) == 0
@@ -138,8 +138,8 @@ def test_evaluate_scores_the_methods(tmp_path, capsys):
         (["-m", "tdaj", "-p", "k=6"], 2, "[0, 5]"),
     ],
 )
-def test_words_that_do_not_fit(words, code, told, capsys, tmp_path):
-    """A parameter or option that does not fit is told in a line, with exit code 2."""
+def test_usage_errors(words, code, told, capsys, tmp_path):
+    """An invalid parameter or option exits 2 with one line."""
     assert run(["detect-ip", GOOD, "-o", str(tmp_path / "f.csv"), *words]) == code
     said = capsys.readouterr().err
     assert told in said
@@ -156,14 +156,14 @@ def test_words_that_do_not_fit(words, code, told, capsys, tmp_path):
         ("missing_doa", "'doa_rad'"),
     ],
 )
-def test_bad_files_are_told(fault, told, capsys, tmp_path):
-    """A bad file is an error that names the column and what came."""
+def test_bad_files(fault, told, capsys, tmp_path):
+    """A bad file is an error with column and value."""
     assert run(["detect-ip", str(FIXTURES / f"bad_triplets_{fault}.csv"), "-o", str(tmp_path / "f.csv")]) == 1
     assert told in capsys.readouterr().err
 
 
 def test_bad_rows_are_set_aside(tmp_path):
-    """With --bad-rows the other rows are judged as if the bad one had not been there."""
+    """With --bad-rows the other rows are judged as without the bad one."""
     target, bad = tmp_path / "flags.csv", tmp_path / "bad.csv"
     words = ["detect-ip", str(FIXTURES / "bad_triplets_zero_std.csv"), "-q", "-o", str(target), "--bad-rows", str(bad)]
     assert run(words) == 0
@@ -176,7 +176,7 @@ def test_bad_rows_are_set_aside(tmp_path):
 
 
 def test_the_summary_counts(capsys, tmp_path):
-    """Standard error says how many paths are direct and indirect; --report says it as JSON."""
+    """Standard error counts direct and indirect paths; --report has them as JSON."""
     report = tmp_path / "report.json"
     assert run(["detect-ip", GOOD, "-m", "tdaj", "-o", str(tmp_path / "f.csv"), "--report", str(report)]) == 0
     verdicts = json.loads(report.read_text())["methods"]["tdaj"]["verdicts"]
@@ -184,8 +184,8 @@ def test_the_summary_counts(capsys, tmp_path):
     assert f"{verdicts['indirect']} indirect" in capsys.readouterr().err
 
 
-def test_the_same_from_python(tmp_path):
-    """nlosctl.detect_ip gives the flags of the command line, to the bit."""
+def test_the_function_equals_the_command(tmp_path):
+    """nlosctl.detect_ip gives the flags of the command line to the bit."""
     table = pyarrow.csv.read_csv(GOOD)
     result = nlosctl.detect_ip(table, method="joint", false_alarm=0.01)
     flags_of("-m", "joint", "-p", "false_alarm=0.01", target=tmp_path / "flags.parquet")
