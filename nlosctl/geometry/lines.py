@@ -48,7 +48,7 @@ def crosses_segment(
     """Return whether the ways from one point to another cross the wall from (x1, y1) to (x2, y2). All shapes broadcast.
 
     Both ways' ends must be off the wall's line, on different sides; a way through an end of the wall crosses it.
-    With ``endless`` the wall goes on beyond both ends. False for NaN.
+    With ``endless`` the wall continues beyond both ends. False for NaN.
     """
     along_x, along_y = x2 - x1, y2 - y1
     side_from = along_x * (from_y - y1) - along_y * (from_x - x1)

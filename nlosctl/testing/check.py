@@ -55,7 +55,7 @@ LAWS = (
 def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None) -> None:
     """Check all laws on a method; raises LawBroken, which names the law, the method and the violation.
 
-    ``seed`` draws other batches. ``options`` stands in for the defaults, where an option has none.
+    ``seed`` draws other batches. ``options`` replaces the default options; it is needed if an option has no default.
     """
     for law in LAWS:
         check_law(spec, law, seed=seed, options=options)
