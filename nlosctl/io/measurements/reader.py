@@ -102,11 +102,6 @@ class MeasurementReader:
         return self._survey.column_names
 
     @property
-    def constants(self) -> Mapping[str, float]:
-        """The values for absent columns, by the contract's names and in its units."""
-        return self.options.constants
-
-    @property
     def has_several_sources(self) -> bool:
         """Whether there are several inputs, so that results must name theirs."""
         return len(self._inputs) > 1

@@ -110,10 +110,6 @@ class RemotePath:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(self))
         return _status(information, self._entity_tag() if information.mtime_ns is None else "")
 
-    def samefile(self, other: object) -> bool:
-        """Return whether the other is the same file."""
-        return self == other
-
     def open(self, mode: str = "rb") -> io.BufferedReader:
         """Open the file for reading its bytes, back and forth."""
         file: Any = self.open_native()

@@ -159,7 +159,7 @@ class MeasurementRun:
                 frame="" if reader.scene.frame is None else reader.scene.frame.words,
             )
         if "flags" in self._wanted:
-            layouts["flags"] = FlagsLayout(**shared, names=self._flag_names(), constants=reader.constants)
+            layouts["flags"] = FlagsLayout(**shared, names=self._flag_names(), constants=reader.options.constants)
         if "trace" in self._wanted:
             layouts["trace"] = TraceLayout(**shared)
             if not any(run.spec.traces for run in self._runs):
