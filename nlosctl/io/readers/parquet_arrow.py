@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet
@@ -207,11 +207,6 @@ def parquet_end_value(part: Part, column: str, index: int) -> Any:
         return None if batch is None or not batch.num_rows else batch.column(0)[index].as_py()
 
 
-def _opened(path: Location | None) -> Any:
-    source = pyarrow_source(cast(Location, path))
-    return pa.OSFile(source) if isinstance(source, str) else source
-
-
 class ArrowReader:
     """An Arrow IPC file or stream."""
 
@@ -219,7 +214,8 @@ class ArrowReader:
         self._part, self._batch_rows = part, batch_rows
         with readable(part.name, "Arrow file"):
             # not memory-mapped: truncating the file meanwhile would kill the process
-            self._handle = part.stream if part.stream is not None else _opened(part.path)
+            source: Any = part.stream if part.path is None else pyarrow_source(part.path)
+            self._handle: Any = pa.OSFile(source) if isinstance(source, str) else source
             opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
             self._reader = opener(self._handle)
             self._schema = _without_views(self._reader.schema)

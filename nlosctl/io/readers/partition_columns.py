@@ -12,10 +12,9 @@ from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.readers.base import RecordBatch
+from nlosctl.io.readers.text_files import EXPECTED, arrow_type_of
 
 __all__ = ["PartitionColumns"]
-
-_EXPECTED = {"number": "a number", "integer": "an integer", "boolean": "true/false or 1/0"}
 
 
 class PartitionColumns:
@@ -58,11 +57,10 @@ class PartitionColumns:
 
 def _scalar(text: str | None, kind: ColumnType | None, file: str, name: str) -> Any:
     if kind in ("number", "integer", "boolean"):
-        wanted = {"number": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_()}[kind]
         try:
-            return pa.scalar(text, pa.string()).cast(wanted)
+            return pa.scalar(text, pa.string()).cast(arrow_type_of(kind))
         except pa.ArrowInvalid:
-            raise DataError(f"{file}: its folder name is {name}={text}, expected {_EXPECTED[kind]}") from None
+            raise DataError(f"{file}: its folder name is {name}={text}, expected {EXPECTED[kind]}") from None
     if kind != "text" and text is not None and _is_integer(text):
         return pa.scalar(int(text), pa.int64())
     return pa.scalar(text, pa.string())

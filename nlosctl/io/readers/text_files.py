@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from nlosctl.contract.limits import limit
 from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
+from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.paths.locations import Location
 from nlosctl.io.readers.base import CellFault, expansion_fault
@@ -45,13 +46,7 @@ _TRIED = 100
 
 _BLANKS = " \t\r\n\u00a0\u2007\u2009\u202f\u3000"
 
-_ARROW_TYPES = {
-    "number": pa.float64(),
-    "integer": pa.int64(),
-    "boolean": pa.bool_(),
-    "text": pa.string(),
-    "identifier": pa.string(),
-}
+_ARROW_TYPES = {**ARROW_TYPES, "identifier": pa.string()}
 
 
 def open_bytes(part: Part) -> IO[bytes]:
