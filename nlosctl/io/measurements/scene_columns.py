@@ -107,12 +107,7 @@ class SceneColumns:
 
 
 def _circle_fault(
-    column: str,
-    size: int,
-    rows: IntArray,
-    distance: FloatArray,
-    limit: FloatArray,
-    expected: str,
+    column: str, size: int, rows: IntArray, distance: FloatArray, limit: FloatArray, expected: str
 ) -> Fault:
     mask = np.zeros(size, dtype=np.bool_)
     mask[rows] = True

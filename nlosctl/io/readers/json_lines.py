@@ -17,10 +17,7 @@ from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, closed_on
 from nlosctl.io.readers.json_columns import NameSurvey, json_column, json_text
 from nlosctl.io.readers.text_files import arrow_type_of, open_bytes, shown
 
-__all__ = [
-    "JsonBlock",
-    "JsonLinesReader",
-]
+__all__ = ["JsonBlock", "JsonLinesReader"]
 
 
 class JsonBlock:

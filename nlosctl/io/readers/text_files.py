@@ -177,9 +177,7 @@ def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") ->
     unfit = pc.and_(pc.is_valid(cells), pc.is_null(converted))
     faults = [
         CellFault(
-            index=index,
-            column=column,
-            fault=f"got {shown(cells[index].as_py())}, expected {EXPECTED[wanted]}{hint}",
+            index=index, column=column, fault=f"got {shown(cells[index].as_py())}, expected {EXPECTED[wanted]}{hint}"
         )
         for index in np.flatnonzero(unfit.to_numpy(zero_copy_only=False)).tolist()
     ]
