@@ -104,6 +104,10 @@ class Terminal:
         if self.verbose:
             self.note(text)
 
+    def worded(self, text: str) -> str:
+        """Return a message with the settings that it names as flags."""
+        return with_flags(text)
+
     def show_report(self, lines: Sequence[str], report: Mapping[str, Any], write: OutputOptions) -> None:
         """Print the summary, unless quiet, and the report as JSON if ``write.report`` is ``-``."""
         for line in lines:

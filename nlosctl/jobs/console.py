@@ -24,6 +24,10 @@ class Console(Protocol):
     def detail(self, text: str) -> None:
         """Show a line about what the job is about to do."""
 
+    def worded(self, text: str) -> str:
+        """Return a message with the settings that it names as the user knows them."""
+        ...
+
 
 class Silent:
     """A console that shows nothing."""
@@ -34,6 +38,10 @@ class Silent:
 
     def detail(self, text: str) -> None:
         """Show nothing."""
+
+    def worded(self, text: str) -> str:
+        """Return the text as it is."""
+        return text
 
 
 def json_text(value: object) -> str:

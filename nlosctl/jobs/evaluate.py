@@ -11,6 +11,7 @@ from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.evaluation_arrays import TruthTable
 from nlosctl.io.results.tables import score_table
 from nlosctl.io.writers.output_set import OutputSet, check_targets
+from nlosctl.jobs.console import Silent
 from nlosctl.jobs.files import open_inputs, open_output, write_report
 from nlosctl.pipeline.evaluate.evaluate import Evaluation, evaluate_inputs
 from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
@@ -58,7 +59,7 @@ def evaluate(
         if wants_table:
             table = score_table(evaluation.of, evaluation.groups)
             outputs.take(open_output(write.output, table.schema, write, paths)).write(table)
-        write_report(write, evaluation_report(evaluation, reasons), outputs)
+        write_report(write, evaluation_report(evaluation, reasons), outputs, Silent())
     return evaluation, reasons
 
 

@@ -121,7 +121,7 @@ def bad_row_writer(
     return BadRowWriter(outputs.take(TableWriter(write.bad_rows, schema, overwrite=write.overwrite, inputs=inputs)))
 
 
-def write_report(write: OutputOptions, report: Mapping[str, Any], outputs: OutputSet) -> None:
+def write_report(write: OutputOptions, report: Mapping[str, Any], outputs: OutputSet, console: Console) -> None:
     """Write a report as JSON to the file that is wanted, one of ``outputs``; ``-`` is left to the caller."""
     if write.report is not None and write.report != "-":
-        outputs.write_text(write.report, json_text(report))
+        outputs.write_text(write.report, console.worded(json_text(report)))

@@ -95,7 +95,7 @@ class Execution:
             self.opened.set_bad_rows_aside(self.write, outputs)
             with self.destination.console.progress(self.job) as progress:
                 write_tables(self._tables(), sinks, metadata, lambda rows: progress(rows, None))
-                write_report(self.write, self.run.report.as_dict(), outputs)
+                write_report(self.write, self.run.report.as_dict(), outputs, self.destination.console)
 
     def _tables(self) -> Iterator[ChunkTables]:
         """Return the tables of the run, made by the chosen engine."""
@@ -140,4 +140,4 @@ class Execution:
                 progress=lambda rows: progress(rows, None),
             )
         with OutputSet() as outputs:
-            write_report(self.write, self.run.report.as_dict(), outputs)
+            write_report(self.write, self.run.report.as_dict(), outputs, self.destination.console)
