@@ -163,7 +163,7 @@ def test_errors_of_a_worker(cli: Cli, cluster: Cluster, folder: Path) -> None:
     ("words", "code", "told"),
     [
         (["--engine", "dusk"], 2, "did you mean 'dask'"),
-        (["--scheduler", "tcp://127.0.0.1:1"], 2, "--engine dask"),
+        (["--scheduler", "tcp://127.0.0.1:1"], 2, "set --engine to dask"),
         (["--engine", "dask", "--bad-rows", "bad.csv"], 2, "a folder each"),
     ],
 )

@@ -179,7 +179,7 @@ def test_a_process_that_dies_is_an_error_of_one_line() -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return item
 
-    with pytest.raises(MethodError, match="fewer `jobs`"):
+    with pytest.raises(MethodError, match="reduce `jobs`"):
         list(map_in_processes(work, range(10), 2))
 
 

@@ -171,5 +171,5 @@ os.fork = fork_some
     before = names(job_folder)
     done = run_script(job_folder, script, "localize", "bearing_parts", "-o", "e/", "--jobs", "3", "-q")
     assert done.returncode == 1
-    assert done.stderr == "nlosctl: no processes can be made: Resource temporarily unavailable; try fewer --jobs\n"
+    assert done.stderr == "nlosctl: no process can be started: Resource temporarily unavailable; reduce --jobs\n"
     assert [name for name in names(job_folder) if name.split("/")[0] not in {*before, "e"}] == []
