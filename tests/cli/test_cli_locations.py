@@ -1,4 +1,4 @@
-"""URLs in place of paths: the store is fsspec's, in this process, so that only reading and sending are tested here."""
+"""URLs in place of paths, in a store of fsspec within this process."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import pyarrow.fs
 import pyarrow.parquet
 import pytest
 from cli_support import FIXTURES, Outcome
+from plugins import ActInCall, calls_made
 
 from nlosctl.errors import DataError
 from nlosctl.io.paths.locations import location
-from nlosctl.pipeline.engine.parts import PartWork
 from nlosctl.pipeline.engine.slices import SliceWork
 
 Cli = Callable[..., Outcome]
@@ -25,7 +25,7 @@ SCENE = "good_bearings.scene.toml"
 
 @pytest.fixture
 def store() -> Iterator[Any]:
-    """Give a store with the good bearings and their scene in ``/in``; it is empty before and after."""
+    """Yield a store with the valid bearings and their scene in ``/in``, empty before and after."""
     memory = fsspec.filesystem("memory")
     memory.rm("/", recursive=True)
     for name in [*NAMES, SCENE]:
@@ -48,7 +48,7 @@ def test_a_url_is_read_and_written_as_a_path_is(cli: Cli, store: Any, tmp_path: 
 
 
 def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
-    """Flags, report, bad rows and an explicit scene go by URLs too; the bytes do not depend on the jobs."""
+    """Flags, report, bad rows and an explicit scene are URLs too; bytes do not depend on the jobs."""
     source = (FIXTURES / "good_bearings.csv").read_text().splitlines()
     source[3] = source[3].replace(source[3].split(",")[2], "nowhere")
     store.pipe("/bad/rows.csv", "\n".join(source).encode())
@@ -65,7 +65,7 @@ def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
 
 
 def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tmp_path: Path) -> None:
-    """Parts in the order of their names, hidden ones left out, ``key=value`` a column; also into a folder of a disk."""
+    """Parts in order of their names without hidden ones; ``key=value`` is a column; also into a folder on disk."""
     table = pa.parquet.read_table(FIXTURES / "good_bearings.parquet")
     for year, (first, rows_) in {2025: (0, 101), 2026: (101, 139)}.items():
         sink = pa.BufferOutputStream()
@@ -87,7 +87,7 @@ def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tm
 
 
 def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
-    """``*`` stays within a folder, ``**`` goes down; each file is a table of its own, as with a pattern of a disk."""
+    """``*`` matches within a folder, ``**`` descends; each file is a table of its own, as on disk."""
     store.pipe("/in/deep/er/good_bearings.csv", store.cat("/in/good_bearings.csv"))
     words = ("--scene", f"memory://in/{SCENE}", "-o", "fixes.csv", "--overwrite")
     assert "40 snapshots" in cli("localize", "memory://in/*.csv", *words).err
@@ -106,8 +106,8 @@ def test_file_urls_are_paths(cli: Cli, tmp_path: Path) -> None:
     assert cli("localize", "file://elsewhere/a.parquet").code == 2
 
 
-def test_nothing_is_replaced_without_leave_and_no_half_is_sent(cli: Cli, store: Any) -> None:
-    """An object that is there stays, also when the run fails; the input is never the output."""
+def test_objects_are_not_overwritten(cli: Cli, store: Any) -> None:
+    """An existing object stays, also if the run fails; the input is never the output."""
     store.pipe("/out/fixes.parquet", b"mine")
     source, target = "memory://in/good_bearings.csv", "memory://out/fixes.parquet"
     assert "--overwrite replaces it" in cli("localize", source, "-o", target).err
@@ -132,7 +132,7 @@ def in_parts(folder: Path) -> Path:
 
 @pytest.fixture(params=["fsspec", "with folders"])
 def place(request: pytest.FixtureRequest, store: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The URL of a store without folders, and of one of pyarrow's that has them and shows files while they grow."""
+    """The URL of a store without folders, and of one of pyarrow's with folders and visible partial files."""
     if request.param == "fsspec":
         return "memory://bucket"
     (tmp_path / "disk" / "bucket").mkdir(parents=True)
@@ -154,7 +154,7 @@ def on_disk(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_path: Path) -> None:
-    """Parts, flags and manifests are the bytes of a local run, for any number of jobs; nothing else is left there."""
+    """Parts, flags and manifests have the bytes of a local run for any number of jobs; nothing else is left."""
     in_parts(tmp_path / "in")
     assert cli("localize", "in", "-o", "local/", "--flags-out", "local_flags/").code == 0
     for number, jobs in enumerate((1, 2)):
@@ -165,37 +165,37 @@ def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_
     assert not (location(place) / "o0" / "_unfinished").exists()
 
 
-def test_a_run_into_a_store_is_gone_on_with(
-    cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A run that ends at its second part keeps the first; ``--resume`` makes the others, and a part that was spoilt."""
+def test_a_run_into_a_store_is_resumed(cli: Cli, place: str, tmp_path: Path, acting_method: ActInCall) -> None:
+    """A run that fails at its second part keeps the first; ``--resume`` solves the others, and a changed part."""
     in_parts(tmp_path / "in")
-    assert cli("localize", "in", "-o", "local/").code == 0
-    words = ("localize", "in", "-o", f"{place}/out/")
-    make, made, failing = PartWork.make, [], [1]
+    acting_method(-1, lambda: None)
+    assert cli("localize", "in", "-m", "acting", "-o", "local/").code == 0
+    all_calls = calls_made()
+    words = ("localize", "in", "-m", "acting", "--jobs", 1, "-o", f"{place}/out/")
 
-    def making(work: PartWork, number: int, jobs: int = 1) -> dict[str, Any]:
-        if number in failing:
-            raise DataError("the store is gone")
-        made.append(number)
-        return make(work, number, jobs)
+    def fail() -> None:
+        raise DataError("the store is gone")
 
-    monkeypatch.setattr(PartWork, "make", making)
+    acting_method(all_calls // 2, fail)
     assert "the store is gone" in cli(*words).err
-    failing.clear()
     assert "unfinished run" in cli(*words).err
-    for spoilt, more, expected in (
-        (None, "--resume", [0, 1, 2]),
-        (None, "--resume", [0, 1, 2]),
-        ("key=1/b.parquet", "--resume", [0, 1, 2, 1]),
-        (None, "--overwrite", [0, 1, 2, 1, 0, 1, 2]),
+    calls = []
+    for changed, more in (
+        (None, "--resume"),
+        (None, "--resume"),
+        ("key=1/b.parquet", "--resume"),
+        (None, "--overwrite"),
     ):
-        if spoilt:
-            (tmp_path / "spoilt").write_bytes(b"half")
-            (location(f"{place}/out") / spoilt).take(tmp_path / "spoilt")
+        if changed:
+            (tmp_path / "changed").write_bytes(b"half")
+            (location(f"{place}/out") / changed).take(tmp_path / "changed")
+        acting_method(-1, lambda: None)
         told = cli(*words, more)
-        assert (told.code, made) == (0, expected), told.err
+        assert told.code == 0, told.err
+        calls.append(calls_made())
         assert content(f"{place}/out") == on_disk(tmp_path / "local")
+    others, none, one, everything = calls
+    assert none == 0 < one < others < everything == all_calls
     assert "contains results already" in cli(*words).err
     assert "method" in cli(*words, "-m", "ls", "--resume").err
 
@@ -222,8 +222,8 @@ def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Path) -> None:
-    """A folder that holds other files is refused, and ``--overwrite`` leaves alone what came beside the parts."""
+def test_foreign_objects_are_kept(cli: Cli, place: str, tmp_path: Path) -> None:
+    """A folder with other files is refused, and ``--overwrite`` keeps files beside the parts."""
     in_parts(tmp_path / "in")
     words = ("localize", "in", "-o", f"{place}/out/", "--overwrite")
     (tmp_path / "mine").write_bytes(b"mine")
@@ -257,10 +257,8 @@ def test_nothing_of_others_goes_from_a_store(cli: Cli, place: str, tmp_path: Pat
         (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "unknown file extension"),
     ],
 )
-def test_what_a_url_can_be_wrong_about_is_one_line(
-    cli: Cli, store: Any, words: list[str], code: int, said: str
-) -> None:
-    """Each fault is told in one line that names the URL, and no secret."""
+def test_invalid_urls(cli: Cli, store: Any, words: list[str], code: int, said: str) -> None:
+    """Each fault is one line that names the URL, and no secret."""
     told = cli("localize", *words)
     assert (told.code, told.err.count("\n")) == (code, 1), told.err
     assert said in told.err

@@ -46,6 +46,11 @@ def act_in_call(number: int, action: Callable[[], Any]) -> None:
     _action, _calls.value = (number, action), 0
 
 
+def calls_made() -> int:
+    """Return the number of calls of the method ``acting`` since `act_in_call`, in all processes."""
+    return int(_calls.value)
+
+
 def _solve(batch: BearingBatch, options: Any) -> Solution:
     with _calls.get_lock():
         mine, _calls.value = _calls.value, _calls.value + 1
