@@ -18,6 +18,8 @@ from nlosctl.errors import DataError
 from nlosctl.io.paths.locations import location
 from nlosctl.pipeline.engine.slices import SliceWork
 
+pytestmark = pytest.mark.extensive
+
 Cli = Callable[..., Outcome]
 NAMES = [f"good_bearings{end}" for end in (".csv", ".csv.gz", ".jsonl", ".arrow", ".arrows", ".parquet")]
 SCENE = "good_bearings.scene.toml"
@@ -47,6 +49,7 @@ def test_a_url_is_read_and_written_as_a_path_is(cli: Cli, store: Any, tmp_path: 
     assert rows(store.cat("/out/fixes.parquet")).equals(rows((tmp_path / "local.parquet").read_bytes()))
 
 
+@pytest.mark.process
 def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
     """Flags, report, bad rows and an explicit scene are URLs too; bytes do not depend on the jobs."""
     source = (FIXTURES / "good_bearings.csv").read_text().splitlines()
@@ -64,6 +67,7 @@ def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
     assert store.cat("/out/report.json").startswith(b"{")
 
 
+@pytest.mark.process
 def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tmp_path: Path) -> None:
     """Parts in order of their names without hidden ones; ``key=value`` is a column; also into a folder on disk."""
     table = pa.parquet.read_table(FIXTURES / "good_bearings.parquet")
@@ -86,6 +90,7 @@ def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tm
     assert parts.equals(found.replace_schema_metadata(None))
 
 
+@pytest.mark.process
 def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
     """``*`` matches within a folder, ``**`` descends; each file is a table of its own, as on disk."""
     store.pipe("/in/deep/er/good_bearings.csv", store.cat("/in/good_bearings.csv"))
@@ -153,6 +158,7 @@ def on_disk(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.process
 def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_path: Path) -> None:
     """Parts, flags and manifests have the bytes of a local run for any number of jobs; nothing else is left."""
     in_parts(tmp_path / "in")
@@ -165,6 +171,7 @@ def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_
     assert not (location(place) / "o0" / "_unfinished").exists()
 
 
+@pytest.mark.process
 def test_a_run_into_a_store_is_resumed(cli: Cli, place: str, tmp_path: Path, acting_method: ActInCall) -> None:
     """A run that fails at its second part keeps the first; ``--resume`` solves the others, and a changed part."""
     in_parts(tmp_path / "in")
@@ -200,6 +207,7 @@ def test_a_run_into_a_store_is_resumed(cli: Cli, place: str, tmp_path: Path, act
     assert "method" in cli(*words, "-m", "ls", "--resume").err
 
 
+@pytest.mark.process
 def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
     cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +230,7 @@ def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.process
 def test_foreign_objects_are_kept(cli: Cli, place: str, tmp_path: Path) -> None:
     """A folder with other files is refused, and ``--overwrite`` keeps files beside the parts."""
     in_parts(tmp_path / "in")

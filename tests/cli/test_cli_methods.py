@@ -118,6 +118,7 @@ def test_a_broken_method_that_is_used_is_told(with_broken: Cli) -> None:
         assert "ImportError: libfoo.so.3" in outcome.err
 
 
+@pytest.mark.process
 def test_a_name_that_is_there_twice_is_an_error_when_used(with_broken: Cli) -> None:
     """A duplicate name is exit 2 and names both distributions."""
     outcome = with_broken("localize", GOOD, "-m", "ls")

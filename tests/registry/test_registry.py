@@ -82,7 +82,7 @@ def test_unknown_methods_suggest_the_nearest(name: str, kind: str, says: str) ->
 @pytest.mark.usefixtures("installed")
 def test_a_method_of_another_job_is_refused() -> None:
     """A method of another job is a usage error."""
-    with pytest.raises(UsageError, match="'ml' does the job of 'localize', not of 'detect-ip'"):
+    with pytest.raises(UsageError, match="'ml' is for 'localize', not for 'detect-ip'"):
         registry.resolve("ml", "bearings", "detect-ip")
 
 
@@ -90,7 +90,7 @@ def test_ambiguous_names_are_errors_when_used(installed: list[EntryPoint]) -> No
     """Two distributions with one name are both listed; using the name is an error that names them."""
     installed.append(point("bearings.ml", distribution="rival"))
     assert [one.full_name for one in registry.entries()].count("bearings.ml") == 2
-    with pytest.raises(UsageError, match=r"'bearings\.ml' is provided more than once, by nlosctl and rival"):
+    with pytest.raises(UsageError, match=r"'bearings\.ml' is provided by nlosctl and rival"):
         registry.resolve("ml", "bearings")
     assert entry(installed[1]).full_name == "bearings.ls"
 
@@ -121,7 +121,7 @@ def test_plugins_can_be_hidden(
             "nlosctl.contract.methods:MethodSpec",
             "is a type, not a nlosctl.contract.methods.MethodSpec",
         ),
-        ("bearings.mlx", HERE, "calls itself 'bearings.ml'; entry point and spec must agree"),
+        ("bearings.mlx", HERE, "has the name 'bearings.ml' in its spec; entry point and spec must agree"),
     ],
 )
 def test_broken_entries_are_reported(installed: list[EntryPoint], name: str, value: str, says: str) -> None:
