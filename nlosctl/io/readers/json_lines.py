@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import IO, Any
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 
@@ -32,6 +34,12 @@ class JsonBlock:
                 self._take(number, line)
 
     def _take(self, number: int, line: bytes) -> None:
+        with suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            fast = msgspec.json.decode(line)
+            if isinstance(fast, dict) and line.count(b":") == len(fast):  # then no name occurs twice
+                self.objects.append(fast)
+                self.numbers.append(number)
+                return
         try:
             parsed = _DECODER.decode(line.decode("utf-8-sig" if number == 1 else "utf-8"))
             if b"\\u" in line and isinstance(parsed, dict):
