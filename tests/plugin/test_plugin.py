@@ -141,8 +141,5 @@ def test_a_broken_plugin_is_reported(centroid: Path, broken: Path) -> None:
 def test_ambiguous_names_are_errors_when_used(broken: Path) -> None:
     """A name of two distributions is an error that names both when used; other names work."""
     said = run(RESOLVE, "ls", path=[broken])
-    assert said == (
-        "UsageError: method 'bearings.ls' is provided more than once, by nlosctl and nlosctl-broken; "
-        "uninstall one of them"
-    )
+    assert said == "UsageError: method 'bearings.ls' is provided by nlosctl and nlosctl-broken; uninstall one of them"
     assert run(RESOLVE, "ml", path=[broken]) == "bearings.ml"
