@@ -95,7 +95,7 @@ def _numbers(words: str, text: str, count: int) -> tuple[float, ...]:
     except ValueError:
         raise UsageError(f"field {text!r} is invalid; expected {_FORMS}") from None
     if len(numbers) != count or not all(abs(number) <= LARGEST_NUMBER for number in numbers):
-        raise UsageError(f"field {text!r} requires {count} numbers within {LARGEST_NUMBER:g}; expected {_FORMS}")
+        raise UsageError(f"field {text!r} requires {count} finite numbers within {LARGEST_NUMBER:g}; expected {_FORMS}")
     return numbers
 
 
