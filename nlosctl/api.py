@@ -79,15 +79,7 @@ def localize(
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    read = InputOptions(
-        kind=kind,
-        columns=dict(columns or {}),
-        constants=dict(constants or {}),
-        all_rows=all_rows,
-        scene=_scene(scene),
-        crs=crs,
-        origin=origin,
-    )
+    read = _input_options(columns, constants, scene, kind=kind, all_rows=all_rows, crs=crs, origin=origin)
     options = SolveOptions(
         method=_names(method),
         parameters=parameters,
@@ -126,15 +118,7 @@ def bound(
 
     Raises DataError for faults of the data, UsageError for an invalid map.
     """
-    read = InputOptions(
-        kind=kind,
-        columns=dict(columns or {}),
-        constants=dict(constants or {}),
-        all_rows=all_rows,
-        scene=_scene(scene),
-        crs=crs,
-        origin=origin,
-    )
+    read = _input_options(columns, constants, scene, kind=kind, all_rows=all_rows, crs=crs, origin=origin)
     options = SolveOptions(noise=noise, use_ranges=use_ranges)
     bounds = _TableSink()
     bound_job.bound(
@@ -170,9 +154,7 @@ def detect_ip(
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    read = InputOptions(
-        kind="triplets", columns=dict(columns or {}), constants=dict(constants or {}), all_rows=all_rows
-    )
+    read = _input_options(columns, constants, None, kind="triplets", all_rows=all_rows)
     options = SolveOptions(
         method=_names(method), parameters=parameters, sweep=sweep or {}, seed=seed, jobs=jobs, block_size=block_size
     )
@@ -208,13 +190,7 @@ def identify_los(
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    read = InputOptions(
-        kind="ranges",
-        columns=dict(columns or {}),
-        constants=dict(constants or {}),
-        all_rows=all_rows,
-        scene=_scene(scene),
-    )
+    read = _input_options(columns, constants, scene, kind="ranges", all_rows=all_rows)
     options = SolveOptions(
         method=_names(method),
         parameters=parameters,
@@ -309,8 +285,11 @@ def _solve(
     return {name: sink.table() for name, sink in sinks.items()}, run.report
 
 
-def _scene(scene: SceneLike) -> Scene | str | None:
-    return scene if scene is None or isinstance(scene, Scene) else fspath(scene)
+def _input_options(
+    columns: Mapping[str, str] | None, constants: Mapping[str, float] | None, scene: SceneLike, **rest: Any
+) -> InputOptions:
+    scene = scene if scene is None or isinstance(scene, Scene) else fspath(scene)
+    return InputOptions(columns=dict(columns or {}), constants=dict(constants or {}), scene=scene, **rest)
 
 
 def _names(method: str | Sequence[str]) -> tuple[str, ...]:
