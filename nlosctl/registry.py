@@ -1,4 +1,4 @@
-"""The installed methods and formats, from their entry points, and loading them; imports no numpy."""
+"""The installed methods and formats: their entry points and how they are loaded. Does not import NumPy."""
 
 from __future__ import annotations
 
@@ -101,13 +101,15 @@ def load(entry: MethodEntry) -> MethodSpec:
 
 
 def is_built_in(spec: MethodSpec) -> bool:
-    """Whether a method comes with nlosctl, and therefore need not state a version of the contract."""
-    own = [entry for entry in entries() if entry.distribution == DISTRIBUTION and entry.full_name == spec.full_name]
-    return any(load(entry) is spec for entry in own)
+    """Whether a method is part of nlosctl, and therefore need not state a version of the contract."""
+    built_in = [
+        entry for entry in entries() if entry.distribution == DISTRIBUTION and entry.full_name == spec.full_name
+    ]
+    return any(load(entry) is spec for entry in built_in)
 
 
 def load_format(entry: MethodEntry) -> ImporterSpec | ExporterSpec:
-    """Import an importer or exporter and check it, as `load` does a method."""
+    """Import an importer or exporter and check it, as `load` does for a method."""
     from nlosctl.contract.formats import FORMATS_VERSION, ExporterSpec, ImporterSpec, formats_fault
 
     wanted = {"import": ImporterSpec, "export": ExporterSpec}.get(entry.kind)
@@ -138,7 +140,7 @@ def _load(
 
 
 def _touches_contract(error: BaseException, wanted: type[Any]) -> bool:
-    """Whether an error may come from another version of the contract, which lacks a name or an argument."""
+    """Whether an error may come from another version of the contract, which has other names or arguments."""
     missing = isinstance(error, ImportError) and str(error.name).startswith(DISTRIBUTION)
     return missing or (isinstance(error, TypeError) and wanted.__name__ in str(error))
 

@@ -144,7 +144,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         _limit_memory()
         outcome = app(words, standalone_mode=False, prog_name="nlosctl")
-        if outcome == _INTERRUPTED:  # the parser caught an interrupt, of whatever signal
+        if outcome == _INTERRUPTED:  # the parser caught an interrupt of any signal
             raise _StoppedError(128 + came[0] if came else _INTERRUPTED)
         sys.stdout.flush()
     except (_PipeClosedError, BrokenPipeError):

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 LARGEST_NUMBER = 1e15
-"""No number of a measurement, a scene or a search field is larger: squares and their products stay finite."""
+"""No number of a measurement, a scene or a search region is larger: squares and their products stay finite."""
 
 LEAST_POSITIVE = 1e-15
 """No standard deviation, range or length is less: its inverse square stays finite."""

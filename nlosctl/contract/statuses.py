@@ -1,4 +1,4 @@
-"""The status words of an estimate. Imports no numpy."""
+"""The statuses of an estimate. Does not import NumPy."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ __all__ = ["Status"]
 
 
 class Status(IntEnum):
-    """How the estimate of a snapshot ended; ``meaning`` is one line on it.
+    """The outcome of a snapshot's estimate; ``meaning`` describes it in one line.
 
-    ``word`` is the name in lower case, as in the ``status`` column. Rows have a position exactly where
-    ``has_position``, and a covariance exactly where ``has_covariance``.
+    ``word`` is the name in lower case, as in the ``status`` column. A row has a position if and only
+    if ``has_position``, and a covariance if and only if ``has_covariance``.
     """
 
     word: str
@@ -21,17 +21,17 @@ class Status(IntEnum):
 
     OK = 0, "a fix"
     AMBIGUOUS = 1, "another optimum is nearly as likely; x, y and covariance are of the best"
-    INFEASIBLE = 2, "outside what the scene allows; the free estimate is kept"
-    BOUNDARY = 3, "constrained estimate on the edge of what is allowed; no covariance"
+    INFEASIBLE = 2, "outside the region that the scene allows; the free estimate is kept"
+    BOUNDARY = 3, "constrained estimate on the edge of the allowed region; no covariance"
     TOO_FEW = 4, "fewer measurements than the method needs; no answer"
-    DEGENERATE = 5, "lines nearly parallel, or the fix lies on a sensor it uses; no answer"
+    DEGENERATE = 5, "lines nearly parallel, or the fix coincides with a sensor it uses; no answer"
     BEHIND = 6, "the lines meet behind a sensor that is used; no answer"
     NOT_CONVERGED = 7, "the iteration did not settle; no answer"
-    NO_CANDIDATE = 8, "no candidate position within the search field; no answer"
-    NO_TARGET = 9, "nothing in the measurements looks like a target; no answer"
+    NO_CANDIDATE = 8, "no candidate position within the search region; no answer"
+    NO_TARGET = 9, "the measurements contain no target; no answer"
 
     def __new__(cls, number: int, meaning: str = "") -> Status:
-        """Return the member of a number."""
+        """Return the member with a number."""
         member = int.__new__(cls, number)
         member._value_ = number
         member.meaning = meaning

@@ -58,7 +58,7 @@ def read_header(file: ForeignFile) -> tuple[dict[str, int], Iterator[tuple[int, 
     columns: dict[str, int] = {}
     for index, name in enumerate(_header(first[1], file)):
         if name.strip() in columns:
-            raise DataError(f"{file.name}: column {name.strip()!r} is there twice; rename or drop one")
+            raise DataError(f"{file.name}: column {name.strip()!r} occurs twice; rename or drop one")
         columns[name.strip()] = index
     return columns, numbered
 

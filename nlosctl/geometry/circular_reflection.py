@@ -1,8 +1,8 @@
-"""One specular reflection on the inner side of a circle. Coordinates are about the circle's centre.
+"""One specular reflection on the inner side of a circle. Coordinates are relative to the centre.
 
 Song, Willett, Zhou 2013, Section 3. With s, t the two points as complex numbers, w = s + t, p = s t and the
-reflection point R exp(i theta), equation (33) reads R |w| sin(arg w - theta) = |p| sin(arg p - 2 theta). Turned by
-half of arg p it is F(u) = |p| sin 2u - X sin u + Y cos u = 0 with X + i Y = R w exp(-i arg(p) / 2), and the number of
+reflection point R exp(i theta), equation (33) is R |w| sin(arg w - theta) = |p| sin(arg p - 2 theta). Rotated by
+arg(p) / 2 it is F(u) = |p| sin 2u - X sin u + Y cos u = 0 with X + i Y = R w exp(-i arg(p) / 2), and the number of
 its roots changes where |X|^(2/3) + |Y|^(2/3) = (2 |p|)^(2/3): an astroid, which is the separatrix (37)-(38).
 """
 
@@ -31,16 +31,16 @@ MAX_PATHS = 4
 """The largest number of specular points between two points in a circle (Lemma 1)."""
 
 _TANGENT = 1e-12
-"""Within this (relative) of the separatrix two of the points coincide."""
+"""Relative distance to the separatrix within which two of the points coincide."""
 
 
 @dataclass(frozen=True)
 class ReflectedPath:
     """Paths from a source to the reflection point to the sensor; all arrays have one shape, NaN where there is no path.
 
-    ``hit_x``, ``hit_y`` is the reflection point about the centre, ``first_leg_m`` its distance from the sensor,
-    ``second_leg_m`` from the source, ``bearing_rad`` the direction in which the sensor sees it, in (-pi, pi].
-    ``cosine``, ``sine`` is the direction from it to the source, ``tube_width_m`` the width of the ray tube there per
+    ``hit_x``, ``hit_y`` is the reflection point, ``first_leg_m`` its distance from the sensor,
+    ``second_leg_m`` from the source, ``bearing_rad`` its bearing from the sensor, in (-pi, pi].
+    ``cosine``, ``sine`` are its direction to the source, ``tube_width_m`` the width of the ray tube there per
     radian of bearing: negative beyond a focus, zero on a caustic.
     """
 
@@ -59,10 +59,10 @@ class ReflectedPath:
         return self.first_leg_m + self.second_leg_m
 
     def bearing_gradient(self) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of ``bearing_rad`` by the source's x and y: (sin b, -cos b) / spread.
+        """Return the derivatives of ``bearing_rad`` with respect to the source's x and y: (sin b, -cos b) / spread.
 
         b is the direction from the reflection point to the source. The sign is that of a mirror, equation (23);
-        what a flat mirror has as distance is here the spread of the ray tube.
+        the spread of the ray tube replaces the distance of a flat mirror.
         """
         with ignoring_division():
             inverse = 1.0 / self.tube_width_m
@@ -72,7 +72,7 @@ class ReflectedPath:
 def ray_tube_width(first_leg_m: FloatArray, second_leg_m: FloatArray, normal_m: FloatArray) -> FloatArray:
     """Return the width per radian of a ray tube after both legs; ``normal_m`` is radius times cos(incidence).
 
-    The concave mirror's l1 + l2 - 2 l1 l2 / (R cos i), in the plane of incidence; zero on a caustic.
+    For a concave mirror l1 + l2 - 2 l1 l2 / (R cos i), in the plane of incidence; zero on a caustic.
     """
     return first_leg_m + second_leg_m - 2.0 * first_leg_m * second_leg_m / normal_m
 
@@ -80,7 +80,7 @@ def ray_tube_width(first_leg_m: FloatArray, second_leg_m: FloatArray, normal_m: 
 def all_reflections(
     sensor_x: FloatArray, sensor_y: FloatArray, source_x: FloatArray, source_y: FloatArray, radius: FloatArray
 ) -> ReflectedPath:
-    """Return the paths (4, N) by `all_points`."""
+    """Return the paths (4, N) via the points of `all_points`."""
     hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
     return reflect_at(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y)
 
@@ -90,22 +90,22 @@ def all_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Return x, y (4, N) of every specular point between two points (N,) inside a circle (Lemma 1).
 
-    Two points always, two more inside the separatrix (one on it): NaN fills up to four. All are NaN where both points
+    There are two points, and two more inside the separatrix (one on it); the rest is NaN. All are NaN where both points
     are the centre (every point of the circle reflects) or one is not inside.
     """
     half_x, half_y, product, flip_x, flip_y, x, y, count = _turned(sensor_x, sensor_y, source_x, source_y, radius)
     angle = np.full((MAX_PATHS, count.shape[0]), np.nan)
-    found, folded = np.flatnonzero(count > 0), np.flatnonzero(count > 2)
+    rows, folded = np.flatnonzero(count > 0), np.flatnonzero(count > 2)
     fold = -np.arctan2(np.cbrt(y[folded]), np.cbrt(x[folded]))
-    quarter = np.full(found.shape, 0.5 * np.pi)
+    quarter = np.full(rows.shape, 0.5 * np.pi)
     brackets: tuple[tuple[IntArray, FloatArray, FloatArray, float], ...] = (
-        (found, 0.0 * quarter, quarter, -1.0),
-        (found, 2.0 * quarter, 3.0 * quarter, 1.0),
+        (rows, 0.0 * quarter, quarter, -1.0),
+        (rows, 2.0 * quarter, 3.0 * quarter, 1.0),
         (folded, np.full_like(fold, -0.5 * np.pi), fold, -1.0),
         (folded, fold, np.zeros_like(fold), 1.0),
     )
-    for number, (rows, low, high, orientation) in enumerate(brackets):
-        angle[number, rows] = _turning_root(product[rows], x[rows], y[rows], low, high, orientation)
+    for number, (chosen, low, high, orientation) in enumerate(brackets):
+        angle[number, chosen] = _turning_root(product[chosen], x[chosen], y[chosen], low, high, orientation)
     angle[2, folded] = np.where(count[folded] == 3, fold, angle[2, folded])
     angle[3, count == 3] = np.nan
     cosine, sine = flip_x * np.cos(angle), flip_y * np.sin(angle)
@@ -134,7 +134,7 @@ def _turning_root(
 def count_reflections(
     sensor_x: FloatArray, sensor_y: FloatArray, source_x: FloatArray, source_y: FloatArray, radius: FloatArray
 ) -> IntArray:
-    """Return how many specular points there are between points inside a circle: 2, 3 or 4 (Lemma 1), shape (N,).
+    """Return the number of specular points between points inside a circle: 2, 3 or 4 (Lemma 1), shape (N,).
 
     0 where both points are the centre (infinitely many) or one is not inside.
     """
@@ -144,9 +144,9 @@ def count_reflections(
 def separatrix(sensor_x: float, sensor_y: float, radius: float, parameter: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the curve across which the number of paths from a sensor changes between 2 and 4, shapes (P,).
 
-    Equations (37)-(38), scaled and turned to the sensor; ``parameter`` is theta in (0, 2 pi), the angle of the
+    Equations (37)-(38), scaled and rotated to the sensor; ``parameter`` is theta in (0, 2 pi), the angle of the
     reflection point from the sensor's direction (the paper's t is its cot(theta / 2), not its tangent). On the curve
-    two paths coincide and their ray tubes have no width. Points beyond the circle are not reached by any path.
+    two paths coincide and the width of their ray tubes is zero. No path reaches points beyond the circle.
     """
     distance = float(np.hypot(sensor_x, sensor_y))
     c = distance / radius
@@ -173,7 +173,7 @@ def reflect_at(
     source_x: FloatArray,
     source_y: FloatArray,
 ) -> ReflectedPath:
-    """Return the paths over known reflection points; shapes broadcast, (34) with atan2 for the bearing."""
+    """Return the paths via known reflection points; shapes broadcast; the bearing is (34) by atan2."""
     out_x, out_y = hit_x - sensor_x, hit_y - sensor_y
     back_x, back_y = source_x - hit_x, source_y - hit_y
     first, second = _length(out_x, out_y), _length(back_x, back_y)

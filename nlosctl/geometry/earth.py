@@ -95,7 +95,9 @@ def _pyproj() -> Any:
     try:
         import pyproj
     except ImportError:
-        raise UsageError("places on earth need pyproj, which is not installed: pip install 'nlosctl[geo]'") from None
+        raise UsageError(
+            "coordinates on earth need pyproj, which is not installed: pip install 'nlosctl[geo]'"
+        ) from None
     return pyproj
 
 

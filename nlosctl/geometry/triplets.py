@@ -1,13 +1,13 @@
-"""Triplets in the frame of their baseline: where the two rays and the ellipse of a path cross each other.
+"""Triplets in the frame of their baseline: crossings of the two rays and the ellipse of a path.
 
 The baseline frame has the transmitter at (-d/2, 0) and the receiver at (d/2, 0). Angles are stored as cosines and
-sines, so that no direction is special. With mu1 the direction of arrival (at the receiver, towards where the wave
-comes from), mu2 that of departure and l the path length, in the notation of Shen, Molisch 2012:
+sines, so that no direction is singular. With mu1 the direction of arrival (at the receiver, towards the origin of the
+wave), mu2 that of departure and l the path length, in the notation of Shen, Molisch 2012:
 
-- point 1 is where the two lines cross, point 2 where the departing ray meets the ellipse of equal path length,
-  point 3 where the arriving one does (equations (1)-(3), solved in polar form about the foci);
-- every coordinate comes with its exact derivatives by mu1, mu2 and l, so that their differences have the rows of
-  the matrix W of equation (14), its misprints corrected, wherever the triplet comes from.
+- point 1 is the crossing of the two lines, point 2 that of the departing ray and the ellipse of equal path length,
+  point 3 that of the arriving ray and the ellipse (equations (1)-(3), solved in polar form about the foci);
+- every coordinate has its exact derivatives with respect to mu1, mu2 and l; their differences are the rows of the
+  matrix W of equation (14), its misprints corrected, for any triplet.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ DIFFERENCES: dict[int, tuple[int, int, Axis]] = {
     5: (2, 3, "x"),
     6: (2, 3, "y"),
 }
-"""Which two points, and which of their coordinates, lambda 1 to 6 of equation (5) compare."""
+"""The two points and the coordinate that each of lambda 1 to 6 of equation (5) compares."""
 
 
 @dataclass(frozen=True)
 class BaselineFrame:
-    """Frames about the middle of each baseline, x from transmitter to receiver. Any shape, metres.
+    """Frames about the midpoint of each baseline, x from transmitter to receiver. Any shape, metres.
 
-    Where transmitter and receiver are one (monostatic), ``length_m`` is 0 and the axes are the global ones.
+    Where transmitter and receiver coincide (monostatic), ``length_m`` is 0 and the axes are the global ones.
     """
 
     center_x: FloatArray
@@ -99,7 +99,7 @@ def baseline_frames(tx_x: FloatArray, tx_y: FloatArray, rx_x: FloatArray, rx_y: 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A length in metres and its derivatives by the two angles (m/rad) and by the path length (m/m)."""
+    """A length in metres, and its derivatives with respect to the two angles (m/rad) and the path length (m/m)."""
 
     value_m: FloatArray
     by_doa: FloatArray | float
@@ -125,7 +125,7 @@ class Quantity:
     def weights_m(
         self, doa_std_rad: FloatArray, dod_std_rad: FloatArray, path_length_std_m: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what one standard deviation of DOA, DOD and path length moves the quantity by, in metres."""
+        """Return the change of the quantity per standard deviation of DOA, DOD and path length, in metres."""
         return self.by_doa * doa_std_rad, self.by_dod * dod_std_rad, self.by_length * path_length_std_m
 
 
@@ -161,17 +161,17 @@ class TripletRays:
 
     @cached_property
     def dod_range_to_crossing_m(self) -> FloatArray:
-        """Return how far along the departing ray point 1 is; negative behind the transmitter."""
+        """Return the distance of point 1 along the departing ray; negative behind the transmitter."""
         return self._over_crossing_sine(self.baseline_m * self.doa_sine)
 
     @cached_property
     def doa_range_to_crossing_m(self) -> FloatArray:
-        """Return how far along the arriving ray point 1 is; negative behind the receiver."""
+        """Return the distance of point 1 along the arriving ray; negative behind the receiver."""
         return self._over_crossing_sine(self.baseline_m * self.dod_sine)
 
     @cached_property
     def meets_behind(self) -> BoolArray:
-        """Whether the lines meet behind the transmitter or behind the receiver, so that the rays do not."""
+        """Whether the lines meet behind the transmitter or the receiver, so that the rays do not meet."""
         return (self.dod_range_to_crossing_m < 0.0) | (self.doa_range_to_crossing_m < 0.0)
 
     @cached_property
@@ -189,12 +189,12 @@ class TripletRays:
 
     @cached_property
     def dod_range_to_ellipse_m(self) -> FloatArray:
-        """Return how far along the departing ray point 2 is: (l^2 - d^2) / (2 (l - d cos mu2))."""
+        """Return the distance of point 2 along the departing ray: (l^2 - d^2) / (2 (l - d cos mu2))."""
         return 0.5 * self._squares / self._dod_denominator
 
     @cached_property
     def doa_range_to_ellipse_m(self) -> FloatArray:
-        """Return how far along the arriving ray point 3 is: (l^2 - d^2) / (2 (l + d cos mu1))."""
+        """Return the distance of point 3 along the arriving ray: (l^2 - d^2) / (2 (l + d cos mu1))."""
         return 0.5 * self._squares / self._doa_denominator
 
     def coordinate(self, point: int, axis: Axis) -> Quantity:
@@ -211,7 +211,7 @@ class TripletRays:
             return np.where(self.crossing_sine != 0.0, numerator / self.crossing_sine, np.nan)
 
     def _crossing(self, axis: Axis) -> Quantity:
-        """Return point 1 = tx + r2 u(mu2) = rx + r1 u(mu1): each angle slides it along the other's line."""
+        """Return point 1 = tx + r2 u(mu2) = rx + r1 u(mu1): each angle moves it along the line of the other."""
         along_dod, along_doa = self.dod_range_to_crossing_m, self.doa_range_to_crossing_m
         dod = self.dod_cosine if axis == "x" else self.dod_sine
         doa = self.doa_cosine if axis == "x" else self.doa_sine
@@ -252,7 +252,7 @@ class TripletRays:
         return along, self._range_by_length(self._doa_denominator, self.doa_cosine)
 
     def _range_by_length(self, denominator: FloatArray, cosine: FloatArray) -> FloatArray:
-        """Return the derivative of a range to the ellipse by l: (l^2 + 2 l d cos + d^2) / (2 (l + d cos)^2)."""
+        """Return d range / d l of a range to the ellipse: (l^2 + 2 l d cos + d^2) / (2 (l + d cos)^2)."""
         length, baseline = self.path_length_m, self.baseline_m
         numerator = length * length + 2.0 * length * baseline * cosine + baseline * baseline
         with ignoring_division():

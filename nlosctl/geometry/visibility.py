@@ -1,7 +1,7 @@
-"""What a sensor on or above an opaque circle can see, directly and by a concentric reflector around it.
+"""Visibility from a sensor on or above an opaque circle, directly and by a concentric reflector around it.
 
-Song, Willett, Zhou 2013, Lemmas 2 and 3. Coordinates are about the common centre, elevations are above the
-horizontal of the sensor. All lengths carry a tolerance of ``TOLERANCE`` times the blocker's radius.
+Song, Willett, Zhou 2013, Lemmas 2 and 3. Coordinates are relative to the common centre, elevations to the
+horizontal of the sensor. All lengths have a tolerance of ``TOLERANCE`` times the blocker's radius.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ def elevation(sensor_x: FloatArray, sensor_y: FloatArray, bearing_rad: FloatArra
 
 
 def horizon_elevation(sensor_radius: FloatArray, blocker_radius: FloatArray) -> FloatArray:
-    """Return the elevation of the blocker's edge: 0 for a sensor on it, negative for one above it."""
+    """Return the elevation of the blocker's horizon: 0 for a sensor on it, negative for one above it."""
     return -_dip(sensor_radius, blocker_radius)
 
 
 def clears_blocker(
     first_x: FloatArray, first_y: FloatArray, second_x: FloatArray, second_y: FloatArray, blocker_radius: FloatArray
 ) -> BoolArray:
-    """Return which straight segments between points on or above the blocker stay out of it.
+    """Return which straight segments between points on or above the blocker do not cross it.
 
-    The points are not farther apart than both their horizons: acos(r / r1) + acos(r / r2). False where NaN.
+    Their angle is then at most the sum of the horizons, acos(r / r1) + acos(r / r2). False where NaN.
     """
     first_r, second_r = np.hypot(first_x, first_y), np.hypot(second_x, second_y)
     reach = _dip(first_r, blocker_radius) + _dip(second_r, blocker_radius)
@@ -59,9 +59,9 @@ def sees_directly(
     blocker_radius: FloatArray,
     min_elevation_rad: FloatArray,
 ) -> BoolArray:
-    """Return which sources are in the region A3: above the blocker, and the straight path to them is free.
+    """Return which sources are in the region A3: above the blocker, with an unobstructed straight path.
 
-    For a sensor on the blocker: rho cos(dphi) >= r. ``min_elevation_rad`` may be -inf (the horizon is the limit).
+    For a sensor on the blocker: rho cos(dphi) >= r. With ``min_elevation_rad`` -inf the horizon is the limit.
     """
     source_r = np.hypot(source_x, source_y)
     slack = TOLERANCE * blocker_radius
@@ -81,23 +81,23 @@ def sees_by_reflection(
     blocker_radius: FloatArray,
     min_elevation_rad: FloatArray,
 ) -> BoolArray:
-    """Return which sources are in the region A2: between the circles, and both legs of their ``path`` are free.
+    """Return which sources are in the region A2: between the circles, with both legs of ``path`` unobstructed.
 
-    ``path`` is the path in question; False where it is NaN.
+    False where ``path`` is NaN.
     """
     source_r = np.hypot(source_x, source_y)
     slack = TOLERANCE * blocker_radius
     first = clears_blocker(sensor_x, sensor_y, path.hit_x, path.hit_y, blocker_radius)
     second = clears_blocker(source_x, source_y, path.hit_x, path.hit_y, blocker_radius)
     high = elevation(sensor_x, sensor_y, path.bearing_rad) >= min_elevation_rad - TOLERANCE
-    between = (source_r >= blocker_radius - slack) & (source_r <= radius)
-    return first & second & high & between
+    in_ring = (source_r >= blocker_radius - slack) & (source_r <= radius)
+    return first & second & high & in_ring
 
 
 def reach_by_reflection(
     source_radius: FloatArray, radius: FloatArray, blocker_radius: FloatArray, min_elevation_rad: FloatArray
 ) -> FloatArray:
-    """Return the largest angle, seen from the centre, to a source that a sensor on the blocker sees by reflection.
+    """Return the largest angle, seen from the centre, to a source visible by reflection from a sensor on the blocker.
 
     2 acos(r / R) - acos(r / rho) with the horizon as limit: the edge of A2 in Lemma 2. With a least elevation e the
     limiting ray passes the centre at q = r cos(e), and the reach is 2 acos(q / R) - e - acos(q / rho).
@@ -124,7 +124,7 @@ def sees_by_reflection_from_ground(
 
 
 def _dip(outer_radius: FloatArray, inner_radius: FloatArray) -> FloatArray:
-    """Return acos(inner / outer): the angle at the centre from a point to where its tangent touches; 0 under it."""
+    """Return acos(inner / outer): the angle at the centre between a point and its tangent point; 0 if it is inside."""
     with ignoring_division():
         return np.arccos(np.minimum(inner_radius / outer_radius, 1.0))
 

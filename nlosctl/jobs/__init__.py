@@ -1,1 +1,1 @@
-"""The jobs of the command line and of ``import nlosctl``: each goes from inputs to outputs, all or nothing."""
+"""The jobs of the command line and of ``import nlosctl``: from inputs to complete outputs, or to none."""

@@ -38,5 +38,5 @@ def bound(
     start = partial(BoundRun, options=options, grid=grid, map=map)
     with open_measurements(inputs, read, write, destination) as opened:
         run = start(opened.reader)
-        Execution("bound", run, start, opened, options, write, destination).to_the_end()
+        Execution("bound", run, start, opened, options, write, destination).complete()
     return run

@@ -1,4 +1,4 @@
-"""What a job shows while it runs, and its report as text."""
+"""The output of a job while it runs, and its report as text."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from typing import Any, Protocol
 __all__ = ["Console", "Silent", "json_text"]
 
 Progress = Callable[[int, int | None], None]
-"""Takes the rows done and the total, None if it is not known."""
+"""Receives the number of rows done and the total, None if unknown."""
 
 
 class Console(Protocol):
-    """Shows what a job does while it runs."""
+    """Shows the progress of a job."""
 
     def progress(self, title: str) -> AbstractContextManager[Progress]:
         """Return a context manager that shows progress under ``title`` until it ends."""
         ...
 
     def detail(self, text: str) -> None:
-        """Show a line about what the job is about to do."""
+        """Show a line about the next step of the job."""
 
     def worded(self, text: str) -> str:
-        """Return a message with the settings that it names as the user knows them."""
+        """Return a message with its settings named as in the user interface."""
         ...
 
 
 class Silent:
-    """A console that shows nothing."""
+    """A console without output."""
 
     def progress(self, title: str) -> AbstractContextManager[Progress]:
-        """Return a function that shows nothing."""
+        """Return a function without output."""
         return nullcontext(lambda done, total: None)
 
     def detail(self, text: str) -> None:
-        """Show nothing."""
+        """Do nothing."""
 
     def worded(self, text: str) -> str:
-        """Return the text as it is."""
+        """Return the text unchanged."""
         return text
 
 

@@ -24,7 +24,7 @@ __all__ = ["ConversionReport", "convert"]
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionReport:
-    """Rows written, bad rows set aside, and whether the output format has no room for the scene."""
+    """Rows written, bad rows set aside, and whether the output format cannot store the scene."""
 
     rows: int
     bad_rows: int
@@ -59,8 +59,8 @@ def convert(
 ) -> ConversionReport:
     """Convert one input to one output, by an importer or as a table, and by an exporter or as a table.
 
-    ``parameters`` are those of the exporter, else of the importer. ``preview`` takes the rows of a table instead of
-    the output. Raises DataError for faults of the data, UsageError for options that do not fit.
+    ``parameters`` are those of the exporter, else of the importer. ``preview`` receives the rows of a table instead
+    of the output. Raises DataError for faults of the data, UsageError for options that do not apply.
     """
     if read.frame is not None:
         plane_of(read.frame)  # report an unusable CRS before anything is read
@@ -72,7 +72,7 @@ def convert(
     with OutputSet() as outputs:
         check_targets([write.output, write.scene_out, write.bad_rows], overwrite=write.overwrite, inputs=paths)
         if importer is not None:
-            opened = _foreign(inputs[0], importer, to_importer, read, write, outputs, paths)
+            opened = _imported(inputs[0], importer, to_importer, read, write, outputs, paths)
         else:
             opened = _table(inputs, read, write, outputs, paths)
         with opened as source:
@@ -101,7 +101,7 @@ def convert(
 
 
 @contextmanager
-def _foreign(
+def _imported(
     name: str,
     importer: str,
     parameters: dict[str, str],
@@ -110,7 +110,7 @@ def _foreign(
     outputs: OutputSet,
     paths: Sequence[Location],
 ) -> Iterator[_Source]:
-    """Read another program's file."""
+    """Read another program's file by an importer."""
     if read.input_format is not None:
         raise UsageError("`input_format` is for tables; `from` names the importer")
     job = Import(
@@ -130,7 +130,7 @@ def _foreign(
 def _table(
     inputs: Sequence[str], read: InputOptions, write: OutputOptions, outputs: OutputSet, paths: Sequence[Location]
 ) -> Iterator[_Source]:
-    """Read a table as it is."""
+    """Read a table unchanged."""
     try:
         (given, *more) = open_inputs(inputs, read.input_format)
     except UsageError as error:

@@ -38,7 +38,7 @@ def evaluate(
     With ``wants_table`` the figures are written to the output as a table, a row per method and swept values. Raises
     DataError if the inputs are neither estimates nor flags, or have no ground truth.
     """
-    conditions = [parse_condition(words) for words in fail_if]
+    conditions = [parse_condition(text) for text in fail_if]
     given = open_inputs(inputs, read.input_format)
     paths = [part.path for table in given for part in table.parts if part.path is not None]
     check_targets(

@@ -1,4 +1,4 @@
-"""Inputs and outputs of a job: opened and checked before anything is written."""
+"""Inputs and outputs of a job, opened and checked before the first output is written."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ __all__ = ["Destination", "Opened", "bad_row_writer", "open_inputs", "open_measu
 
 @dataclass(frozen=True, kw_only=True)
 class Destination:
-    """Where the tables of a job go: ``targets`` by table name (None: not wanted), the main table first.
+    """Targets of the tables of a job: ``targets`` by table name (None: not wanted), the main table first.
 
-    A table of ``sinks`` goes to the sink that the function makes from the table's schema instead. The files of
-    ``protected`` must not be overwritten, as the inputs. ``console`` shows progress.
+    A table of ``sinks`` is written to the sink that the function returns for its schema instead. The files of
+    ``protected`` must not be overwritten, like the inputs. ``console`` shows progress.
     """
 
     targets: Mapping[str, str | None] = field(default_factory=dict)
@@ -35,7 +35,7 @@ class Destination:
 
     @property
     def wanted(self) -> dict[str, str]:
-        """The targets of the tables that are wanted, ``-`` for a table that goes to a sink only."""
+        """The targets of the tables that are wanted, ``-`` for a table that only a sink receives."""
         targets = {name: target for name, target in self.targets.items() if target is not None}
         return {**targets, **{name: "-" for name in self.sinks if name not in targets}}
 
@@ -56,7 +56,7 @@ class Opened:
 
 
 def open_inputs(inputs: Sequence[str] | Sequence[Input], input_format: str | None) -> list[Input]:
-    """Return the inputs that names, folders and globs stand for; inputs that are open already stay as they are."""
+    """Return the inputs of names, folders and globs; inputs that are already open are returned unchanged."""
     opened = [given for given in inputs if isinstance(given, Input)]
     if opened:
         return opened
@@ -68,14 +68,14 @@ def open_inputs(inputs: Sequence[str] | Sequence[Input], input_format: str | Non
 def open_measurements(
     inputs: Sequence[str] | Sequence[Input], read: InputOptions, write: OutputOptions, destination: Destination
 ) -> Iterator[Opened]:
-    """Open the inputs and check all targets before anything is written."""
+    """Open the inputs and check all targets before the first output is written."""
     given = open_inputs(inputs, read.input_format)
     if write.bad_rows is not None:
         read = dataclasses.replace(read, extra_columns=None)
     names = [*destination.protected, read.scene if isinstance(read.scene, str) else None]
     with closing(MeasurementReader(given, read)) as reader:
-        parts = [part.path for one in given for part in one.parts if part.path is not None]
-        folders = [one.path for one in given if one.path is not None]
+        parts = [part.path for source in given for part in source.parts if part.path is not None]
+        folders = [source.path for source in given if source.path is not None]
         protected = [*parts, *folders, *(location(name) for name in names if name is not None)]
         check_targets(
             [None if write.report == "-" else write.report],
@@ -122,6 +122,6 @@ def bad_row_writer(
 
 
 def write_report(write: OutputOptions, report: Mapping[str, Any], outputs: OutputSet, console: Console) -> None:
-    """Write a report as JSON to the file that is wanted, one of ``outputs``; ``-`` is left to the caller."""
+    """Write a report as JSON to its file, one of ``outputs``; the caller handles ``-``."""
     if write.report is not None and write.report != "-":
         outputs.write_text(write.report, console.worded(json_text(report)))

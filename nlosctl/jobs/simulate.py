@@ -26,8 +26,8 @@ def simulate(
 ) -> tuple[Simulation, int]:
     """Write ``trials`` snapshots of a scenario, and its scene if wanted; return the simulation and the number of rows.
 
-    ``sink`` makes from schema and metadata what takes the rows instead of the output. Raises UsageError for an unknown
-    scenario or parameter.
+    ``sink`` returns, for schema and metadata, a receiver of the rows that replaces the output. Raises UsageError
+    for an unknown scenario or parameter.
     """
     simulation = Simulation(scenario, options.parameters, seed=options.seed, trials=trials, sweep=options.sweep)
     check_targets([write.output, write.scene_out], overwrite=write.overwrite, inputs=[])

@@ -1,4 +1,4 @@
-"""Jobs over measurements: solve them (or bound them) and write the tables, all or nothing."""
+"""Jobs over measurements: solve them (or bound them) and write all tables or none."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def solve(
     """Solve measurements by the methods of ``options`` and write the tables; return the run with its report.
 
     The tables are estimates, flags and trace. Raises DataError for faults of the data, UsageError for options that do
-    not fit the data or each other.
+    not suit the data or contradict each other.
     """
     wanted = tuple(destination.wanted)
     options = dataclasses.replace(options, jobs=options.jobs or usable_jobs(0))
@@ -53,13 +53,13 @@ def solve(
         run = start(opened.reader)
         for line in run.plan():
             destination.console.detail(line)
-        Execution(job, run, start, opened, options, write, destination).to_the_end()
+        Execution(job, run, start, opened, options, write, destination).complete()
     return run
 
 
 @dataclass(frozen=True)
 class Execution:
-    """A run from its first chunk to its files; ``start`` makes an equal run over another reader."""
+    """A run from its first chunk to its files; ``start`` returns an equal run over another reader."""
 
     job: str
     run: Run
@@ -69,8 +69,8 @@ class Execution:
     write: OutputOptions
     destination: Destination
 
-    def to_the_end(self) -> None:
-        """Write all tables and the report file; nothing is left of a run that fails."""
+    def complete(self) -> None:
+        """Write all tables and the report file; a run that fails leaves no file."""
         if any(map(is_folder_target, self.destination.wanted.values())):
             self._write_folders()
         elif self.write.resume:

@@ -26,8 +26,8 @@ __all__ = ["METHOD", "GridOptions", "solve"]
 class GridOptions:
     """Parameters of ``ml-grid``."""
 
-    width_m: float = option(160e3, unit="m", minimum=0.0, exclusive=True, meaning="size of the search field along x")
-    height_m: float = option(200e3, unit="m", minimum=0.0, exclusive=True, meaning="size of the search field along y")
+    width_m: float = option(160e3, unit="m", minimum=0.0, exclusive=True, meaning="size of the search region along x")
+    height_m: float = option(200e3, unit="m", minimum=0.0, exclusive=True, meaning="size of the search region along y")
     step_m: float = option(1e3, unit="m", minimum=0.0, exclusive=True, meaning="distance between vertices of the grid")
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"

@@ -88,7 +88,7 @@ def _candidates(echoes: Echoes, gate: Gate, options: AssignmentOptions) -> Candi
     seeds = find_seeds(cross_all(echoes, options.gap_tolerance_m, gate))
     gates = Gates(min_sensors=least, gate_std=options.gate_std, false_alarm=options.false_alarm)
     candidates = find_candidates(echoes, seeds.x, seeds.y, gates)
-    return candidates.take(np.flatnonzero(gate.holds(candidates.x, candidates.y)))
+    return candidates.take(np.flatnonzero(gate.contains(candidates.x, candidates.y)))
 
 
 METHOD = MethodSpec(

@@ -46,7 +46,7 @@ class RangeMixtureOptions(OutlierOptions, MixtureModeOptions):
 def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     """Solve a batch by the maximum of (23) of Ananthasubramaniam and Madhow, with ranges in place of bearings.
 
-    Every crossing of two circles in the search field is scored, the best few that are apart are followed to their
+    Every crossing of two circles in the search region is scored, the best few that are apart are followed to their
     modes. The default search region, that of the sensors, is enlarged by the longest range. The cost is the negative
     log-likelihood in nats. no_candidate: no crossing in the field; too_few: all sensors at one point.
     """

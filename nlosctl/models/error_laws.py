@@ -1,9 +1,9 @@
-"""Distributions of measurement errors: how often a weighted sum of three errors exceeds a threshold.
+"""Distributions of measurement errors, and the exceedance probability of a weighted sum of three errors.
 
 A decision variable is linear in the errors of DOA, DOD and path length (equation (19) of Shen, Molisch 2012): three
 independent errors of one law, each with standard deviation 1, weighted by w1, w2, w3 (metres). Its distribution is
-the convolution (20)-(23). For every law the convolution is done by the quadrature that suits it, for all rows at
-once, to better than 1e-6.
+the convolution (20)-(23). Each law evaluates it by a quadrature of its choice, for all rows at once, with an error
+below 1e-6.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Weights = tuple[FloatArray | float, FloatArray | float, FloatArray | float]
 
 
 class ErrorLaw(Protocol):
-    """A symmetric law of errors with standard deviation 1."""
+    """A symmetric error distribution with standard deviation 1."""
 
     def draw(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Return ``count`` errors."""
@@ -62,16 +62,16 @@ class GaussianErrors:
 
 @dataclass(frozen=True)
 class UniformErrors:
-    """Errors that are uniform between plus and minus sqrt(3)."""
+    """Errors uniform between -sqrt(3) and sqrt(3)."""
 
     def draw(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Return ``count`` errors."""
         return generator.uniform(-math.sqrt(3.0), math.sqrt(3.0), count)
 
     def survival(self, scaled: FloatArray, weights: Weights) -> FloatArray:
-        """Return the integral of the cubic box spline that the sum of three uniform errors has.
+        """Return the integral of the density of the sum of three uniform errors, a box spline.
 
-        The two smaller half-widths are averaged over in a form that keeps its digits when they vanish.
+        The averages over the two smaller half-widths are in a form that stays accurate when these vanish.
         """
         large, middle, small = (math.sqrt(3.0) * weight for weight in _unit_weights(weights))
 
@@ -87,7 +87,7 @@ class UniformErrors:
             return np.where(np.abs(z) < small, inside, np.maximum(z, 0.0))
 
         def over_middle(z: FloatArray) -> FloatArray:
-            """Return the mean of the slope over the middle one: a difference quotient, or its limit."""
+            """Return the mean of the slope over the middle half-width: a difference quotient, or its limit."""
             wide = middle > 1e-8
             width = np.where(wide, middle, 1.0)
             quotient = (averaged(z + width) - averaged(z - width)) / (2.0 * width)
@@ -99,7 +99,7 @@ class UniformErrors:
 
 @dataclass(frozen=True)
 class LaplaceErrors:
-    """Errors with a two-sided exponential law."""
+    """Errors with a Laplace (two-sided exponential) distribution."""
 
     def draw(self, generator: np.random.Generator, count: int) -> FloatArray:
         """Return ``count`` errors."""
@@ -108,8 +108,8 @@ class LaplaceErrors:
     def survival(self, scaled: FloatArray, weights: Weights) -> FloatArray:
         """Return the survival as a divided difference, by quadrature over a simplex (Hermite-Genocchi).
 
-        With s = (scale parameter)^2 of each, P(|sum| > z) is the second divided difference of s^2 exp(-z / sqrt s)
-        over the three s: partial fractions would lose all digits where two of them are alike.
+        With s the squared scale parameter of each error, P(|sum| > z) is the second divided difference of
+        s^2 exp(-z / sqrt s) over the three s. Partial fractions would lose all digits where two are nearly equal.
         """
         return _by_rows(self._integrate, scaled, weights)
 
@@ -124,7 +124,7 @@ class LaplaceErrors:
 
 @dataclass(frozen=True)
 class StudentErrors:
-    """Errors with Student's law of ``degrees_of_freedom`` > 2, scaled to standard deviation 1."""
+    """Errors with Student's t distribution, ``degrees_of_freedom`` > 2, scaled to standard deviation 1."""
 
     degrees_of_freedom: float
 
@@ -136,7 +136,7 @@ class StudentErrors:
     def survival(self, scaled: FloatArray, weights: Weights) -> FloatArray:
         """Return the survival from the product of characteristic functions (Gil-Pelaez), by the trapezoidal rule.
 
-        The step repeats the law with a period so long that its tails there do not matter.
+        The step makes the distribution periodic; the period is long enough that the tails of its copies are negligible.
         """
         return _by_rows(self._invert, scaled, weights)
 
@@ -153,7 +153,7 @@ class StudentErrors:
 
 @lru_cache(maxsize=8)
 def _student_characteristic(nu: float) -> tuple[FloatArray, float, CubicSpline]:
-    """Return the nodes t, their step, and the characteristic function of Student's law with standard deviation 1."""
+    """Return the nodes t, their step, and the characteristic function of Student's t with std 1."""
     step = 2.0 * math.pi / min(max(2.0 * 10.0 ** (8.0 / nu), 60.0), 400.0)
     t = np.arange(1, math.ceil(max(9.0, 36.0 / math.sqrt(nu - 2.0)) / step) + 1) * step
     knots = np.linspace(0.0, float(t[-1]), 6001)
@@ -166,7 +166,7 @@ def _student_characteristic(nu: float) -> tuple[FloatArray, float, CubicSpline]:
 def _by_rows(
     survival: Callable[[FloatArray, list[FloatArray]], FloatArray], scaled: FloatArray, weights: Weights
 ) -> FloatArray:
-    """Return ``survival`` of flat rows with unit weights, a few at a time: each row needs a row of quadrature."""
+    """Return ``survival`` of flat rows with unit weights, in blocks: each row needs all nodes of the quadrature."""
     arrays = np.broadcast_arrays(np.asarray(scaled, dtype=np.float64), *_unit_weights(weights))
     flat = [array.ravel() for array in arrays]
     result = np.empty(flat[0].shape)
@@ -200,8 +200,8 @@ def parse_error_law(text: str) -> ErrorLaw:
 def quantile(law: ErrorLaw, probability: float, weights: Weights, shift: FloatArray | float = 0.0) -> FloatArray:
     """Return the threshold, in standard deviations, that |shift + sum| exceeds with ``probability``; elementwise.
 
-    ``shift`` >= 0 is the mean in standard deviations: 0 for direct paths, equations (25), (27). Computed by false
-    position in brackets (Illinois) to 1e-12 in probability; converged rows do not change.
+    ``shift`` >= 0 is the mean in standard deviations: 0 for direct paths, equations (25), (27). Computed by the
+    Illinois variant of false position to 1e-12 in probability; converged rows do not change.
     """
     arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in (shift, *weights)))
     if isinstance(law, GaussianErrors) and not np.any(arrays[0]):
@@ -268,9 +268,10 @@ def _unit_weights(weights: Weights) -> tuple[FloatArray, FloatArray, FloatArray]
 
 
 def _simplex_rule(nodes_u: int, nodes_v: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return shares of corners 2 and 3 and weights of a rule over a triangle of area 1/2.
+    """Return the shares of corners 2 and 3, and the weights, of a quadrature rule over a triangle of area 1/2.
 
-    Gauss's rule, its nodes concentrated at the corner of the smallest weights, where the integrand may end abruptly.
+    A Gauss-Legendre rule whose nodes concentrate at the corner of the smallest weights, where the integrand may drop
+    abruptly.
     """
     point_u, weight_u = np.polynomial.legendre.leggauss(nodes_u)
     point_v, weight_v = np.polynomial.legendre.leggauss(nodes_v)

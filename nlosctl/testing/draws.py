@@ -202,7 +202,7 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
 
 
 def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
-    """Two mirrors that all of the field lies to one side of, one of them vertical, and one across the field."""
+    """Two mirrors with all of the search region on one side, one of them vertical, and a third across the region."""
     angle = generator.uniform(-np.pi, np.pi)
     across = generator.uniform(-np.pi, np.pi)
     outside = (-1.5 * scale * np.sin(angle), 1.5 * scale * np.cos(angle))

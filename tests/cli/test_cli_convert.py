@@ -169,4 +169,4 @@ def test_foreign_files_suggest_the_importers(cli: Any) -> None:
         assert "--from" in outcome.err
         assert "internal error" not in outcome.err
     wrong = cli("convert", LOGS / "kraken_app.csv", "--from", "wildlife")
-    assert wrong.err == f"nlosctl: {LOGS / 'kraken_app.csv'}: column '0.0' is there twice; rename or drop one\n"
+    assert wrong.err == f"nlosctl: {LOGS / 'kraken_app.csv'}: column '0.0' occurs twice; rename or drop one\n"

@@ -135,7 +135,7 @@ def test_swept_flags_are_refused_as_input(cli: Cli) -> None:
         (["bearing_std_deg"], "--sweep takes KEY=VALUE"),
         (["bearing_std_deg="], "--sweep takes KEY=VALUE,VALUE"),
         (["bearing_std_deg=1,,2"], "--sweep takes KEY=VALUE,VALUE"),
-        (["bearing_std_deg=1,1.0"], "bearing_std_deg=1.0 is there twice"),
+        (["bearing_std_deg=1,1.0"], "bearing_std_deg=1.0 occurs twice"),
         (["sensors=3", "sensors=4"], "--sweep sensors is given twice"),
         (
             ["sensors=" + ",".join(map(str, range(3, 200))), "radius_m=" + ",".join(map(str, range(1, 100)))],

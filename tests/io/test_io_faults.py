@@ -34,7 +34,7 @@ BAD = {
     "bad_unknown_sensor.csv": ["row 5", "did you mean 'north'"],
     "bad_malformed_scene.csv": ["reflector[1].direction", "'north'", "[x, y]"],
     "bad_empty.csv": ["no rows", "0 bytes"],
-    "bad_header_only.csv": ["no rows", "columns and nothing else"],
+    "bad_header_only.csv": ["no rows", "columns only"],
     "bad_truncated.parquet": ["Parquet"],
     "bad_ragged_line.csv": ["row 5 (line 6)", "12 fields", "expected 11"],
     "bad_encoding.csv": ["row 5", "'sensor'", "0xfc", "UTF-8"],

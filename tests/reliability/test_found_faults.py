@@ -115,7 +115,7 @@ def test_duplicate_columns_in_results(words: list[str], folder: Path) -> None:
     text = "\n".join([f"{header},note,note", *(f"{line},a,b" for line in lines)])
     (folder / "e.csv").write_text(text)
     ending = run_guarded([*words, "-q"])
-    assert (ending.code, ending.err) == (1, "nlosctl: e.csv: column 'note' is there twice; rename or drop one\n")
+    assert (ending.code, ending.err) == (1, "nlosctl: e.csv: column 'note' occurs twice; rename or drop one\n")
 
 
 def test_files_refused_by_evaluate_are_closed(folder: Path) -> None:

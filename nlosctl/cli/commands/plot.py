@@ -167,7 +167,7 @@ def plot(
 
 @contextmanager
 def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[PlotInput]]:
-    """Open the inputs; without inputs, import nothing heavy."""
+    """Open the inputs; the readers are imported only if there are inputs."""
     if not inputs:
         yield []
         return
@@ -178,8 +178,8 @@ def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[PlotInpu
     scene = read.scene if isinstance(read.scene, str) else None
     with ExitStack() as stack:
         files = []
-        for one in given:
-            files.append(open_plot_input(one, scene, read.kind))
+        for source in given:
+            files.append(open_plot_input(source, scene, read.kind))
             stack.callback(files[-1].close)
         yield files
 
@@ -199,12 +199,12 @@ def _list_views(files: Sequence[PlotInput], json: bool) -> None:
         print_table(rows, ["view", "shows", "takes"])
 
 
-def _size(words: str) -> tuple[float, float]:
-    width, _, height = words.lower().partition("x")
+def _size(text: str) -> tuple[float, float]:
+    width, _, height = text.lower().partition("x")
     try:
         size = float(width), float(height)
     except ValueError:
         size = (0.0, 0.0)
     if not all(1.0 <= side <= 50.0 for side in size):
-        raise UsageError(f"--size takes WIDTHxHEIGHT in inches, each from 1 to 50. Got {words!r} instead.")
+        raise UsageError(f"--size takes WIDTHxHEIGHT in inches, each from 1 to 50. Got {text!r} instead.")
     return size

@@ -81,7 +81,7 @@ def imported_table(
         count += 1
     log.raise_if_stopping()
     if not count:
-        raise DataError(f"{file}: no row: nothing in it is a measurement")
+        raise DataError(f"{file}: no rows: the file contains no measurement")
     filled = {name: cells for name, cells in columns.items() if any(cell is not None for cell in cells)}
     return pa.table({name: _array(name, cells, types[name]) for name, cells in filled.items()})
 

@@ -41,7 +41,7 @@ class TableCopy:
             twice = sorted({name for name in self._source.names if self._source.names.count(name) > 1})
             if twice:
                 raise DataError(
-                    f"{part.name}: column {twice[0]!r} is there twice; rename or drop one, or name the importer of "
+                    f"{part.name}: column {twice[0]!r} occurs twice; rename or drop one, or name the importer of "
                     f"another program's file with `from` ('nlosctl convert' lists them)"
                 )
             self._schema = self._source.start(self._types(self._source), None)

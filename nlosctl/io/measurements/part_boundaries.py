@@ -31,7 +31,7 @@ class PartBoundaries:
     read: Callable[[Part], Iterator[RowBatch]]
     end_id: Callable[[Part, int], Any]
 
-    def begun_id(self) -> Any:
+    def preceding_id(self) -> Any:
         """Return the snapshot id of the last good row before the part as an Arrow scalar, or None without one."""
         for part in reversed(self.parts[: self.index]):
             for tail in _tails(part):
@@ -43,15 +43,15 @@ class PartBoundaries:
                     return last
         return None
 
-    def rows(self, own: Iterator[RowBatch], begun: Any) -> Iterator[RowBatch]:
-        """Yield the good rows of the snapshots, given the part's ``own`` rows (all are read) and its `begun_id`."""
+    def rows(self, own: Iterator[RowBatch], preceding: Any) -> Iterator[RowBatch]:
+        """Yield the good rows of the snapshots, given the part's ``own`` rows (all are read) and its `preceding_id`."""
         last = None
         for rows in own:
-            if begun is not None:
-                head = _leading(rows, begun)
+            if preceding is not None:
+                head = _leading(rows, preceding)
                 if head == len(rows):
                     continue
-                rows, begun = rows.slice(head, len(rows)), None
+                rows, preceding = rows.slice(head, len(rows)), None
             last = rows.ids[len(rows) - 1]
             yield rows
         if last is not None:

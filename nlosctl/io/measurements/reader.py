@@ -139,7 +139,7 @@ class MeasurementReader:
             yield from filter(self._is_wanted, (snapshots.rest(),))
             self.spans.append(snapshots.span)
             if self.report.rows_in_all == rows_before and self._only is None:
-                raise DataError(f"{given.name}: no rows: the file has columns and nothing else")
+                raise DataError(f"{given.name}: no rows: the file has columns only")
         self._tally.log.raise_if_stopping()
         if self.report.snapshots_lost:
             self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
@@ -161,9 +161,9 @@ class MeasurementReader:
         else:
             index = self._only[1]
             others = PartBoundaries(parts=given.parts, index=index, read=self._uncounted_rows, end_id=self._end_id)
-            begun = others.begun_id()
-            self._tally.lost = LostSnapshots(None if begun is None else begun.as_py())
-            yield from others.rows(self._rows(given.parts[index], self._tally), begun)
+            preceding = others.preceding_id()
+            self._tally.lost = LostSnapshots(None if preceding is None else preceding.as_py())
+            yield from others.rows(self._rows(given.parts[index], self._tally), preceding)
         self.report.snapshots_lost += self._tally.lost.count
 
     def _rows(self, part: Part, tally: RowTally) -> Iterator[RowBatch]:

@@ -36,11 +36,11 @@ def run_starts(ids: Any, before: Any) -> IntArray:
 
 
 class LostSnapshots:
-    """Counts snapshots without a good row; ``begun`` is the id of one that has a good row already."""
+    """Counts snapshots without a good row; ``preceding`` is the id of one that has a good row already."""
 
-    def __init__(self, begun: Any = None) -> None:
+    def __init__(self, preceding: Any = None) -> None:
         self._complete = 0
-        self._last: Any = begun
+        self._last: Any = preceding
         self._last_is_good = True
 
     @property

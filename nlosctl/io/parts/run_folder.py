@@ -50,7 +50,7 @@ class RunFolder:
 
         ``plan`` is all that the results depend on, as plain values, its ``parts`` their names; ``modified`` is the time
         of the last change of each input (ns). Raises DataError if a folder contains something else, or (with
-        ``resume``) was begun with another plan or on other inputs.
+        ``resume``) was started with another plan or on other inputs.
         """
         for root in self.roots.values():
             with writing(root):
@@ -67,12 +67,12 @@ class RunFolder:
     def _opened(
         self, plan: Mapping[str, Any], modified: Mapping[str, int], *, resume: bool, overwrite: bool
     ) -> dict[int, dict[str, Any]]:
-        begun = self._plan_begun()
-        if begun is not None and resume:
-            return self._resumed(begun, json.loads(json.dumps(plan)), dict(modified))
-        if begun is not None and not overwrite:
+        earlier = self._earlier_plan()
+        if earlier is not None and resume:
+            return self._resumed(earlier, json.loads(json.dumps(plan)), dict(modified))
+        if earlier is not None and not overwrite:
             raise DataError(self._is_there())
-        if begun is not None:
+        if earlier is not None:
             self._clear()
         for root in self.roots.values():
             _refuse_other_files(location(root))
@@ -80,7 +80,7 @@ class RunFolder:
         return {}
 
     def keep(self, number: int, record: Mapping[str, Any]) -> None:
-        """Record that a part is complete, if a plan was begun."""
+        """Record that a part is complete, if a run was started."""
         if self._state.is_dir():
             write_text(str(self._record_path(number)), json.dumps(sealed_record(record)))
 
@@ -103,7 +103,7 @@ class RunFolder:
         self._state.mkdir(exist_ok=True)
         write_text(str(self._state / _PLAN), json.dumps({"plan": plan, "modified": dict(modified)}))
 
-    def _plan_begun(self) -> dict[str, Any] | None:
+    def _earlier_plan(self) -> dict[str, Any] | None:
         """Return the plan of the run in the folder, finished or not, or None without one."""
         state = _read_json(self._state / _PLAN)
         if state is not None:
@@ -116,9 +116,9 @@ class RunFolder:
         return manifest if manifest is not None and {"parts", "inputs", "table"} <= manifest.keys() else None
 
     def _resumed(
-        self, begun: dict[str, Any], plan: dict[str, Any], modified: dict[str, int]
+        self, earlier: dict[str, Any], plan: dict[str, Any], modified: dict[str, int]
     ) -> dict[int, dict[str, Any]]:
-        difference = _difference(begun, plan) or self._changed_input(modified)
+        difference = _difference(earlier, plan) or self._changed_input(modified)
         if difference is not None:
             raise DataError(
                 f"{self.main}: `resume`: {difference}; run it with the same options on the same inputs, or start "
@@ -135,7 +135,7 @@ class RunFolder:
         return records
 
     def _changed_input(self, modified: Mapping[str, int]) -> str | None:
-        """Return a message about an input that has changed since the run was begun, or finished; None without one."""
+        """Return a message about an input that has changed since the run was started, or finished; None without one."""
         state = _read_json(self._state / _PLAN)
         if state is not None:
             changed = [name for name, when in modified.items() if state.get("modified", {}).get(name) != when]
@@ -169,7 +169,7 @@ class RunFolder:
     def _clear(self) -> None:
         """Remove the files of the earlier run, its manifest first; nothing else."""
         records = self._records()
-        plan = self._plan_begun() or {}
+        plan = self._earlier_plan() or {}
         self.remove_temporary_files(plan.get("parts", []))
         for root in self.roots.values():
             (location(root) / MANIFEST).unlink(missing_ok=True)
@@ -256,22 +256,22 @@ def _remove_empty_folders(root: Location, name: str) -> None:
             (root / str(folder)).rmdir()
 
 
-def _difference(begun: Any, now: Any, where: str = "") -> str | None:
+def _difference(before: Any, now: Any, where: str = "") -> str | None:
     """Return a message about the first difference of two plans, or None."""
-    if isinstance(begun, dict) and isinstance(now, dict):
-        for key in [*begun, *(key for key in now if key not in begun)]:
-            difference = _difference(begun.get(key), now.get(key), f"{where}.{key}" if where else key)
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in [*before, *(key for key in now if key not in before)]:
+            difference = _difference(before.get(key), now.get(key), f"{where}.{key}" if where else key)
             if difference is not None:
                 return difference
         return None
-    if isinstance(begun, list) and isinstance(now, list) and len(begun) == len(now):
-        for index, (earlier, later) in enumerate(zip(begun, now, strict=True)):
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        for index, (earlier, later) in enumerate(zip(before, now, strict=True)):
             name = later.get("name", index) if isinstance(later, dict) else index
             difference = _difference(earlier, later, f"{where}[{name}]")
             if difference is not None:
                 return difference
         return None
-    return None if begun == now else f"{where} was {_short(begun)} and is {_short(now)}"
+    return None if before == now else f"{where} was {_short(before)} and is {_short(now)}"
 
 
 def _short(value: Any) -> str:

@@ -100,7 +100,7 @@ def _parquet_metadata(path: Location, size: int, modified: int) -> Any:
 
 
 class ParquetReader:
-    """A Parquet file, read in batches whatever the size of its row groups."""
+    """A Parquet file, read in batches of any size, independent of its row groups."""
 
     def __init__(self, part: Part, batch_rows: int, use_threads: bool) -> None:
         self._part, self._batch_rows, self._use_threads = part, batch_rows, use_threads

@@ -106,7 +106,7 @@ def _table_of(part: Part, source: TableFile, tables: Sequence[Table]) -> Table:
     twice = sorted({name for name in source.names if source.names.count(name) > 1})
     if twice:
         source.close()
-        raise DataError(f"{part.name}: column {twice[0]!r} is there twice; rename or drop one")
+        raise DataError(f"{part.name}: column {twice[0]!r} occurs twice; rename or drop one")
     for table in tables:
         if all(column.name in source.names for column in table.required):
             return table

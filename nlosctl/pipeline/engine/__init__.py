@@ -1,1 +1,1 @@
-"""Parts of the input, processes, Dask, and the order of their results."""
+"""Execution engines: parts of the input, processes, Dask, and the order of the results."""

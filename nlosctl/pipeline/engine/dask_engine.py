@@ -18,16 +18,16 @@ __all__ = ["dask_engine"]
 _SECONDS_TO_ANSWER = 20
 _SECONDS_FOR_A_WORKER = 60
 _TASKS_PER_THREAD = 4
-"""Bounds the number of results that wait for an earlier one."""
+"""Limits the number of results that wait for an earlier one."""
 
 _SILENT = logging.CRITICAL + 1
 
 
 def dask_engine(scheduler: str | None, jobs: int) -> Engine:
-    """Return the engine of a cluster: that of ``scheduler`` (tcp://host:port), else a local one of ``jobs`` workers.
+    """Return the engine of the cluster of ``scheduler`` (tcp://host:port), else of a local one of ``jobs`` workers.
 
-    If a worker is lost, another does its tasks. Raises MissingExtraError without Dask; the engine raises UsageError if
-    no scheduler or worker answers, or a worker has another version.
+    If a worker is lost, another worker repeats its tasks. Raises MissingExtraError without Dask; the engine raises
+    UsageError if no scheduler or worker answers, or a worker has another version.
     """
     try:
         distributed: Any = import_module("distributed")
@@ -36,7 +36,7 @@ def dask_engine(scheduler: str | None, jobs: int) -> Engine:
 
     def make(work: Work, numbers: Sequence[int]) -> Generator[Any, None, None]:
         with _client(distributed, scheduler, jobs) as client:
-            shared = client.submit(_itself, work.with_absolute_paths(), pure=False)
+            shared = client.submit(_unchanged, work.with_absolute_paths(), pure=False)
             most = _TASKS_PER_THREAD * max(1, sum(client.nthreads().values()))
             pending: deque[Any] = deque()
             for number in numbers:
@@ -49,7 +49,7 @@ def dask_engine(scheduler: str | None, jobs: int) -> Engine:
     return make
 
 
-def _itself(work: Work) -> Work:
+def _unchanged(work: Work) -> Work:
     return work
 
 
@@ -63,7 +63,7 @@ def _make(work: Work, number: int, version: str) -> Any:
 @contextmanager
 def _client(distributed: Any, scheduler: str | None, jobs: int) -> Iterator[Any]:
     for name in ("distributed", "distributed.client", "distributed.comm", "distributed.nanny", "distributed.core"):
-        logging.getLogger(name).setLevel(_SILENT)  # we report each error once ourselves
+        logging.getLogger(name).setLevel(_SILENT)  # each error is reported once, by the run
     cluster = None
     if scheduler is None:
         cluster = distributed.LocalCluster(

@@ -1,4 +1,4 @@
-"""A run into folders: a part file for each part of the input, finished parts kept, the manifest at the end."""
+"""A run into folders: one part file per part of the input; finished parts are kept, the manifest is written last."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ Records = Generator[tuple[int, dict[str, Any]], None, None]
 
 
 class FolderRun:
-    """``run`` (not begun) over ``inputs``, its tables into the folders ``roots`` (table name -> folder).
+    """Writes the tables of ``run`` (not started) over ``inputs`` into the folders ``roots`` (table name -> folder).
 
-    ``start`` makes an equal run over another reader. Raises UsageError if an input is a stream.
+    ``start`` returns an equal run over another reader. Raises UsageError if an input is a stream.
     """
 
     def __init__(
@@ -55,10 +55,10 @@ class FolderRun:
     def write(
         self, engine: Engine | None, jobs: int, *, resume: bool, overwrite: bool, progress: Callable[[int], None]
     ) -> None:
-        """Make every part that is missing, then the manifests; the run's report is of all parts.
+        """Write every missing part, then the manifests; the run's report covers all parts.
 
-        ``engine`` None: ``jobs`` processes of this machine. ``progress`` receives the number of rows done. Raises
-        DataError as `RunFolder.open` and the parts do.
+        Without ``engine``, ``jobs`` processes of this machine do the work. ``progress`` receives the number of rows
+        done. Raises the errors of `RunFolder.open` and of the parts.
         """
         described = describe_inputs(self._inputs, {}, with_hash=self._with_hash)
         plan = self._plan(described)
@@ -134,7 +134,7 @@ class FolderRun:
             rows_by_group[group] += _rows([records[number]])
         for given, rows in zip(self._inputs, rows_by_group, strict=True):
             if not rows:
-                raise DataError(f"{given.name}: no rows: the files have columns and nothing else")
+                raise DataError(f"{given.name}: no rows: the files have columns only")
         lost = getattr(report, "snapshots_lost", 0)
         if lost:
             remarks.append(f"all rows of {lost} snapshots are bad: they are left out")
@@ -142,27 +142,27 @@ class FolderRun:
 
 
 def _rows(records: Iterable[Mapping[str, Any]]) -> int:
-    """Return how many rows the inputs of these parts have."""
+    """Return the number of input rows of these parts."""
     return sum(record["rows"] for record in records)
 
 
 def _made_here(work: PartWork, numbers: Sequence[int], jobs: int) -> Records:
-    """Make parts by processes of this machine, each a part at a time; a single part is made by all of them."""
+    """Write parts by processes of this machine, one part each at a time; all of them share a single part."""
     if len(numbers) == 1 or work.is_remote:  # the connection to a store cannot be used in a forked process
         yield from ((number, work.make(number, jobs)) for number in numbers)
         return
     try:
         with closing(map_in_processes(work.make, numbers, jobs)) as records:
             yield from zip(numbers, records, strict=True)
-    except BaseException:  # processes that are killed leave temporary files
+    except BaseException:  # killed processes leave temporary files
         RunFolder(work.roots).remove_temporary_files(work.names)
         raise
 
 
 def _made_by(engine: Engine, work: PartWork, numbers: Sequence[int]) -> Records:
-    """Make parts by an engine: a part of more slices than there are parts is cut into slices, unless it has bad rows.
+    """Write parts by an engine; a part with more slices than there are parts is cut into them, unless it has bad rows.
 
-    A fault in a slice is raised as that of the whole part.
+    After a fault in a slice the part is solved as a whole, which raises the error.
     """
     slices = sliced(work.inputs, size("task_rows"))
     of_part = _slices_of_parts(work, slices)
@@ -183,8 +183,8 @@ def _slices_of_parts(work: PartWork, slices: Sequence[Input]) -> list[list[tuple
     """Return the positions of the slices of each part."""
     names = [[part.name for part in given.parts] for given in slices]
     return [
-        [(group, index) for index, name in enumerate(names[group]) if name == work.inputs[group].parts[own].name]
-        for group, own in work.positions
+        [(group, index) for index, name in enumerate(names[group]) if name == work.inputs[group].parts[part].name]
+        for group, part in work.positions
     ]
 
 
@@ -194,15 +194,15 @@ def _made_from_slices(
     """Write the files of a part from the results of its slices, and return its record."""
     reader = work.reader(number)
     run = work.start(reader)
-    pieces = SliceWork(
+    slice_work = SliceWork(
         inputs=slices, options=work.options, survey=work.survey, start=work.start, positions=tuple(positions)
     )
     spans: list[dict[str, Any]] = []
-    return work.write(number, reader, run, pieces.tables(run, engine, spans), lambda: _joined(spans))
+    return work.write(number, reader, run, slice_work.tables(run, engine, spans), lambda: _joined(spans))
 
 
 def _joined(spans: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the span of the ids of consecutive slices, as reading them at once gives it."""
+    """Return the span of the ids of consecutive slices, equal to that of one read of all of them."""
     ends = [end for span in spans if span["first"] is not None for end in {span["first"]: 0, span["last"]: 0}]
     if not ends:
         return {"first": None, "last": None, "ordered": True}

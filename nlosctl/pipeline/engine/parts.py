@@ -25,7 +25,7 @@ BAD_ROWS = "bad_rows"
 
 @dataclass(frozen=True, kw_only=True)
 class PartWork:
-    """All that is needed to make any part of a run: names and options, no data.
+    """Everything that is needed to write any part of a run: names and options, no data.
 
     ``roots`` are the folders of the tables by name, ``names`` the part files in each, ``positions`` the parts of the
     input (index of the input, index of the part within it) in the same order.
@@ -45,14 +45,14 @@ class PartWork:
     def make(self, number: int, jobs: int = 1) -> dict[str, Any]:
         """Write the files of one part, keep its record, and return it.
 
-        The files are complete under their names before the record is; a repetition writes the same bytes.
+        The files are complete under their names before the record is written; a repetition writes the same bytes.
         """
         reader = self.reader(number)
         run = self.start(reader)
         return self.write(number, reader, run, run.tables(jobs), lambda: asdict(reader.spans[0]))
 
     def reader(self, number: int) -> MeasurementReader:
-        """Return a reader of the snapshots that begin in one part."""
+        """Return a reader of the snapshots that start in one part."""
         return MeasurementReader(self.inputs, self.options, survey=self.survey, only=self.positions[number])
 
     def write(
@@ -65,15 +65,14 @@ class PartWork:
     ) -> dict[str, Any]:
         """Write the files of one part from its tables, as `make` does; ``reader`` passes on the bad rows.
 
-        When the tables have ended, ``reader`` and ``run`` have counted all rows, and ``span`` returns the span of the
-        ids.
+        After the last table, ``reader`` and ``run`` have counted all rows, and ``span`` returns the span of the ids.
         """
         group, index = self.positions[number]
         given = self.inputs[group]
-        own = Input(name=given.name, parts=(given.parts[index],))
+        part = Input(name=given.name, parts=(given.parts[index],))
 
         def metadata() -> dict[str, str]:
-            return run.metadata(self.command, [own], with_hash=self.with_hash)
+            return run.metadata(self.command, [part], with_hash=self.with_hash)
 
         with OutputSet() as outputs:
             writers = {table: outputs.take(self._writer(table, number, run, metadata())) for table in self.roots}
@@ -85,7 +84,7 @@ class PartWork:
             table: describe_file(self.roots[table], self.names[number], writer.rows)
             for table, writer in writers.items()
         }
-        name = own.parts[0].name
+        name = part.parts[0].name
         record = {
             "input": name,
             "rows": reader.report.rows_by_file.get(name, 0),

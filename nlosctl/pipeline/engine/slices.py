@@ -1,4 +1,4 @@
-"""Slices of the input, solved independently of each other and put together in order."""
+"""Slices of the input, solved independently and joined in order."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ class Work(Protocol):
     """Work that is cut into numbered tasks and can be sent to another process."""
 
     def make(self, number: int) -> Any:
-        """Do a task and return its result."""
+        """Execute a task and return its result."""
 
     def with_absolute_paths(self) -> Any:
         """Return the same work for a process with another current folder."""
 
 
 Engine = Callable[[Work, Sequence[int]], Generator[Any, None, None]]
-"""Does the tasks with these numbers and yields their results in order."""
+"""Executes the tasks with these numbers and yields their results in order."""
 
 
 class SliceError(Exception):
-    """A slice has a fault: solve it as part of the whole, so that the error is the same for any cut of the input."""
+    """A slice has a fault; the whole input is solved at once then, so that the error does not depend on the slices."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SliceWork:
-    """All that is needed to solve any slice of the input: names and options, no data.
+    """Everything that is needed to solve any slice of the input: names and options, no data.
 
-    ``inputs`` are cut into slices; the task of a number solves the slice at ``positions`` (index of the input, index of
-    the slice within it).
+    ``inputs`` are cut into slices; task N solves the slice at ``positions[N]`` (index of the input, index of the slice
+    within it).
     """
 
     inputs: tuple[Input, ...]
@@ -96,15 +96,15 @@ class SliceWork:
 def local_tables(
     run: Run, start: Callable[[MeasurementReader], Run], inputs: Sequence[Input], jobs: int
 ) -> Iterator[ChunkTables]:
-    """Yield the tables of a run by ``jobs`` processes, which read the input themselves if it is long Parquet files.
+    """Yield the tables of a run by ``jobs`` processes, which read the input themselves if it is large Parquet files.
 
-    Otherwise this process reads and the others solve; so it does if bad rows are set aside.
+    Otherwise, and if bad rows are set aside, this process reads and the others solve.
     """
     if jobs > 1 and CAN_FORK and not run.reader.sets_bad_rows_aside and _is_local_parquet(inputs):
-        pieces = sliced(inputs, size("slice_rows"))
-        if sum(len(given.parts) for given in pieces) >= _SLICES_PER_JOB * jobs:
+        slices = sliced(inputs, size("slice_rows"))
+        if sum(len(given.parts) for given in slices) >= _SLICES_PER_JOB * jobs:
             yield from _tables(
-                run, start, inputs, pieces, lambda work, numbers: map_in_processes(work.make, numbers, jobs)
+                run, start, inputs, slices, lambda work, numbers: map_in_processes(work.make, numbers, jobs)
             )
             return
     yield from run.tables(jobs)
@@ -125,13 +125,13 @@ def _tables(
     run: Run,
     start: Callable[[MeasurementReader], Run],
     inputs: Sequence[Input],
-    pieces: tuple[Input, ...],
+    slices: tuple[Input, ...],
     engine: Engine,
 ) -> Iterator[ChunkTables]:
     reader = run.reader
     options = replace(reader.options, use_threads=False)
     survey = reader.survey()
-    work = SliceWork(inputs=pieces, options=options, survey=survey, start=start, positions=positions_of(pieces))
+    work = SliceWork(inputs=slices, options=options, survey=survey, start=start, positions=positions_of(slices))
     try:
         yield from work.tables(run, engine)
     except SliceError:
@@ -171,10 +171,10 @@ def absolute(inputs: Sequence[Input]) -> tuple[Input, ...]:
 
 @dataclass
 class IdOrder:
-    """Checks that no snapshot is in two parts, from the span of the ids of each part.
+    """Checks that no snapshot is in two parts, by the span of the ids of each part.
 
     Parts whose spans do not overlap share no snapshot. Otherwise all ids are read once, which raises the same DataError
-    as reading the whole input does.
+    as a read of the whole input.
     """
 
     inputs: Sequence[Input]

@@ -1,7 +1,7 @@
 """Parallel maps over a stream of items by processes or threads, with results in the order of the stream.
 
-Processes are used if they can be forked: a method's many short NumPy calls hold the interpreter's lock for so long that
-threads spend more time waiting for it than they save (see docs/performance.md). Otherwise threads are used.
+Processes are used if they can be forked: a method makes many short NumPy calls, so that
+threads would mostly wait for the interpreter's lock (see docs/performance.md). Otherwise threads are used.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
 CAN_FORK = sys.platform == "linux"
-"""Whether processes can be forked; on other systems the system libraries do not support it."""
+"""Whether processes can be forked; the libraries of other systems do not support it."""
 
 _inherited: Callable[[Any], Any]
 
@@ -38,8 +38,8 @@ _inherited: Callable[[Any], Any]
 def map_in_order(function: Callable[[ItemT], ResultT], items: Iterable[ItemT], jobs: int) -> Iterator[ResultT]:
     """Yield ``function(item)`` for each item in order, with up to ``jobs`` threads.
 
-    At most ``jobs`` + 1 items are in memory at a time. With one job no thread is started. The first error, of the
-    function or of the stream, is raised in the position of its result, and no further item is started.
+    At most ``jobs`` + 1 items are in memory at a time. With one job no thread is started. The first error of the
+    function or the stream is raised in place of its result, and no further item is started.
     """
     if jobs == 1:
         yield from map(function, items)
@@ -51,9 +51,9 @@ def map_in_order(function: Callable[[ItemT], ResultT], items: Iterable[ItemT], j
 def map_in_processes(
     function: Callable[[ItemT], ResultT], items: Iterable[ItemT], jobs: int
 ) -> Generator[ResultT, None, None]:
-    """Yield as `map_in_order` does, by processes that inherit ``function``; items and results are pickled.
+    """Yield the results of `map_in_order`, by processes that inherit ``function``; items and results are pickled.
 
-    This process does a single item itself, and uses threads if it cannot fork. Raises MethodError if a process dies.
+    This process handles a single item itself, and uses threads if it cannot fork. Raises MethodError if a process dies.
     All processes end with the iteration, or with this process.
     """
     iterator = iter(items)
@@ -93,7 +93,7 @@ def _forked_pool(function: Callable[[Any], Any], jobs: int) -> Iterator[Executor
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_work, initargs=(function,))
     try:
         _start(pool)
-        # Close our write end: reading a result that a kill truncated then fails instead of waiting for the rest.
+        # Close the write end here: a read of a result truncated by a kill then fails instead of waiting for the rest.
         cast(Any, pool._result_queue)._writer.close()
         yield pool
     except BaseException:
@@ -115,7 +115,7 @@ def _start(pool: ProcessPoolExecutor) -> None:
 
 @contextmanager
 def _deferred_signals() -> Iterator[None]:
-    """Defer Ctrl-C and similar signals to the end of the block: an exception raised while forking would be lost."""
+    """Defer Ctrl-C and similar signals to the end of the block: an exception raised during the fork would be lost."""
     if threading.current_thread() is not threading.main_thread():
         yield  # no handler runs in this thread
         return
@@ -135,7 +135,7 @@ def _deferred_signals() -> Iterator[None]:
 
 
 def _begin_work(function: Callable[[Any], Any]) -> None:
-    """Store the function, leave Ctrl-C to the parent process, and exit when it does."""
+    """Store the function, leave Ctrl-C to the parent process, and exit when the parent does."""
     global _inherited
     _inherited = function
     signal.signal(signal.SIGINT, signal.SIG_IGN)

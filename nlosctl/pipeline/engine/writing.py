@@ -1,6 +1,6 @@
-"""The tables of a run, what receives them, and the provenance in their metadata.
+"""The tables of a run, their sinks, and the provenance in their metadata.
 
-Provenance contains no time, no path except for the names given, and nothing that differs between equal runs.
+The provenance is identical in equal runs: it contains no time, and no path other than the names given.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Run(Protocol):
         """The Arrow schema of each wanted table by its name."""
 
     def provenance(self) -> dict[str, Any]:
-        """Return what determines the results, as plain values."""
+        """Return everything that determines the results, as plain values."""
 
     def choices(self) -> dict[str, Any]:
         """Return the other options that two runs must share to write equal tables, as plain values."""
@@ -101,9 +101,9 @@ def write_tables(
             sink.write(chunk.named[name])
         rows += chunk.rows
         progress(rows)
-    closing = metadata()
+    final_metadata = metadata()
     for sink in sinks.values():
-        sink.set_metadata(closing)
+        sink.set_metadata(final_metadata)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,7 +49,7 @@ def swept_options(
                 raise UsageError(f"`sweep` {key}={point[key]}: only numbers, words, true and false can be swept")
         if values in seen:
             shown = ", ".join(f"{key}={value}" for key, value in values.items())
-            raise UsageError(f"`sweep`: {shown} is there twice")
+            raise UsageError(f"`sweep`: {shown} occurs twice")
         seen.append(values)
         yield values, options
 

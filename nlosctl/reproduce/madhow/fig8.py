@@ -96,7 +96,7 @@ EXPERIMENT = Experiment(
             ours=_share_below,
             expected=at_least(0.8, "~ 1"),
             note="ML itself is beyond 3 rms in 0.7 to 1.6 % of trials, and outliers that the residual test lets in "
-            "(masking) fail whatever the bootstrap. (27) is printed upside down.",
+            "(masking) fail with any bootstrap. (27) is printed upside down.",
         ),
         *(
             Claim(

@@ -35,7 +35,7 @@ _LABELS = {
 
 
 def _grid(epsilon_deg: float) -> dict[str, float]:
-    """Return the paper's search field with vertices every 8 km, or a small one with 1 km for small errors."""
+    """Return the paper's search region with vertices every 8 km, or a small one with 1 km for small errors."""
     if epsilon_deg < _SMALL_DEG:
         return {"width_m": 20e3, "height_m": 25e3, "step_m": 1e3}
     return {"width_m": 160e3, "height_m": 200e3, "step_m": 8e3}
@@ -123,8 +123,8 @@ def _claims(parameter_set: str) -> tuple[Claim, ...]:
             where=third,
             ours=partial(slope, name="ml-grid"),
             expected=at_least(1.25, "> 1.25"),
-            note="Linear within a few per cent. A search field about the true target saturates near half its size, and "
-            "would show both this and a large gain of ML; that the paper's was there is our inference alone.",
+            note="Linear within a few per cent. A search region about the true target saturates near half its size, "
+            "and would show both this and a large gain of ML; that the paper's was there is our inference alone.",
         ),
         Claim(
             text=f"{name}: RMSE of grid ML at 1 deg",

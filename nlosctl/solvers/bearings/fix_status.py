@@ -84,7 +84,8 @@ def judge_fixes(
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
-    infeasible: outside what the scene allows (`SightLines.outside_scene`), or all bearings below the horizon.
+    infeasible: outside the region that the scene allows (`SightLines.outside_scene`), or all bearings are below the
+    horizon.
     """
     farthest = rays.farthest_m
     with ignoring_overflow():

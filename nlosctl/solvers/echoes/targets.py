@@ -39,7 +39,7 @@ class IdentificationOptions:
         20.0, unit="m", minimum=0.0, meaning="circles that miss each other by at most this have a point in the gap"
     )
     field_margin_m: float = option(
-        20.0, unit="m", minimum=0.0, meaning="points up to this far outside the search field are kept"
+        20.0, unit="m", minimum=0.0, meaning="points up to this far outside the search region are kept"
     )
     max_echoes: int = option(100, minimum=1, meaning="most echoes of one sensor in a snapshot; more are an error")
     min_range_m: float = option(

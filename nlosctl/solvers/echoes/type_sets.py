@@ -1,6 +1,6 @@
-"""Crossings of the circles of every two sensors (type sets, equation (2) of Liang, Zeng, Li), and tuples of circles.
+"""Crossings of the circles of every pair of sensors (type sets, equation (2) of Liang, Zeng, Li); tuples of circles.
 
-A *circle* is numbered sensor * M + echo; there are U = N M of them, some of them absent. A *point* is a crossing of
+A *circle* is numbered sensor * M + echo; there are U = N M of them, some absent. A *point* is a crossing of
 two circles of different sensors: it has two parents and a root, 0 or 1.
 """
 
@@ -19,18 +19,18 @@ __all__ = ["CrossingTable", "Gate", "Seeds", "cross_all", "find_seeds", "gather_
 
 
 _CHUNK = 1 << 16
-"""Distances at a time: temporaries that stay in cache."""
+"""Number of distances per block: temporaries stay in cache."""
 
 
 @dataclass(frozen=True)
 class Gate:
-    """Where points of one snapshot may lie: its search region (of one row) and ``margin_m`` around it."""
+    """Where points of one snapshot may be: its search region (one row) and ``margin_m`` around it."""
 
     region: Region
     margin_m: float
 
-    def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (...) lie within; NaN does not."""
+    def contains(self, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which points (...) are inside; NaN is not."""
         distance = self.region.edge_distance_m(x.reshape(1, -1), y.reshape(1, -1))
         inside: BoolArray = distance.reshape(x.shape) >= -self.margin_m
         return inside
@@ -38,7 +38,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class CrossingTable:
-    """Where every circle crosses every other: ``x`` and ``y`` (2, U, U) by root, metres; infinite where it does not."""
+    """Crossings of all pairs of circles: ``x`` and ``y`` (2, U, U) by root, metres; infinite without a crossing."""
 
     sensors: int
     most: int
@@ -48,7 +48,7 @@ class CrossingTable:
 
 @dataclass(frozen=True)
 class Seeds:
-    """Points (P,): their coordinates and their parents, the first of the sensor with the smaller number."""
+    """Points (P,): coordinates and parents; the first parent is of the sensor with the smaller number."""
 
     x: FloatArray
     y: FloatArray
@@ -61,35 +61,35 @@ class Seeds:
 
 
 def cross_all(echoes: Echoes, gap_tolerance_m: float, gate: Gate) -> CrossingTable:
-    """Return the crossings of all circles of different sensors that lie within the gate; equation (2).
+    """Return the crossings of all circles of different sensors inside the gate; equation (2).
 
-    Circles that miss each other by at most ``gap_tolerance_m`` have one, the middle of their closest approach.
+    Circles that miss each other by at most ``gap_tolerance_m`` have one, the midpoint of their closest approach.
     """
     sensors, most = echoes.radius.shape
     count = sensors * most
     circle = np.flatnonzero(np.isfinite(echoes.radius))
     sensor = circle // most
-    one, other = np.nonzero(sensor[:, None] < sensor[None, :])
-    one, other = circle[one], circle[other]
+    first, second = np.nonzero(sensor[:, None] < sensor[None, :])
+    first, second = circle[first], circle[second]
     centers = np.stack([echoes.sensor_x, echoes.sensor_y], axis=-1)
     radius = echoes.radius.reshape(-1)
     points = cross_circles(
-        centers[one // most], radius[one], centers[other // most], radius[other], gap_tolerance=gap_tolerance_m
+        centers[first // most], radius[first], centers[second // most], radius[second], gap_tolerance=gap_tolerance_m
     )
-    keep = gate.holds(points[..., 0], points[..., 1])
+    keep = gate.contains(points[..., 0], points[..., 1])
     x, y = np.full((2, count * count), np.inf), np.full((2, count * count), np.inf)
-    there, back = one * count + other, other * count + one
+    forward, backward = first * count + second, second * count + first
     for table, axis in ((x, 0), (y, 1)):
         for root in (0, 1):
-            found = np.where(keep[:, root], points[:, root, axis], np.inf)
-            table[root][there] = found
-            table[root][back] = found
+            values = np.where(keep[:, root], points[:, root, axis], np.inf)
+            table[root][forward] = values
+            table[root][backward] = values
     x, y = x.reshape(2, count, count), y.reshape(2, count, count)
     return CrossingTable(sensors, most, x, y)
 
 
 def find_seeds(table: CrossingTable) -> Seeds:
-    """Return every point of every type once."""
+    """Return each point of the table once."""
     root, parent_1, parent_2 = np.nonzero(np.isfinite(table.x))
     once = parent_1 < parent_2
     root, parent_1, parent_2 = root[once], parent_1[once], parent_2[once]
@@ -97,10 +97,10 @@ def find_seeds(table: CrossingTable) -> Seeds:
 
 
 def gather_circles(table: CrossingTable, seeds: Seeds) -> tuple[IntArray, Seeds]:
-    """Return the tuples of circles (S, N) that the first stage builds around the seeds, and the seeds they are of.
+    """Return the tuples of circles (S, N) that the first stage builds around the seeds, and those seeds.
 
-    Each sensor that is not a parent gives the circle whose crossings with both parents lie nearest to the seed
-    (least sum of squares). A seed whose parents do not both cross any circle of some sensor is dropped.
+    Each sensor that is not a parent contributes the circle whose crossings with both parents are nearest to the seed
+    (least sum of squares). A seed is dropped if some sensor has no circle that crosses both parents.
     """
     count = seeds.x.shape[0]
     circles = np.empty((count, table.sensors), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Candidates of a block of bearings within the search field."""
+"""Candidates of a block of bearings within the search region."""
 
 from __future__ import annotations
 

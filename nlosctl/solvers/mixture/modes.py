@@ -65,11 +65,11 @@ def find_modes(
     """Return the modes of B mixtures, at most ``most`` each.
 
     ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` returns
-    which points (b, P) are in the search field. Candidates costlier than the best by more than ``gap`` nats are not
+    which points (b, P) are in the search region. Candidates costlier than the best by more than ``gap`` nats are not
     followed, nor those in the basin of a known mode.
     """
     size = mixture.obstructed.shape[0]
-    search = _Search(mixture, allowed, _Descents.nothing(size, most))
+    search = _Search(mixture, allowed, _Descents.empty(size, most))
     if points > 0:
         section = max(1, _SECTION // points)
         for first in range(0, size, section):
@@ -118,7 +118,7 @@ class _Descents:
     at_boundary: BoolArray
 
     @classmethod
-    def nothing(cls, size: int, most: int) -> _Descents:
+    def empty(cls, size: int, most: int) -> _Descents:
         start_x, start_y, x, y = (np.full((size, most), np.nan) for _ in range(4))
         usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
         cost, at_boundary = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
@@ -208,7 +208,7 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Bounded(RowBlock):
-    """Mixtures (N,) of some snapshots whose cost is infinite outside the search field."""
+    """Mixtures (N,) of some snapshots whose cost is infinite outside the search region."""
 
     mixture: Mixture
     snapshot: IntArray

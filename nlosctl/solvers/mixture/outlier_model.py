@@ -1,4 +1,4 @@
-"""The outlier model of a block of bearings: shares, densities, groups of paths, minimum ranges, the search field."""
+"""The outlier model of a block of bearings: shares, densities, groups of paths, minimum ranges, the search region."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class OutlierModel(RowBlock):
     """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
 
     ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the
-    diagonal of the search field, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN
+    diagonal of the search region, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN
     in rows without a range, None where no row has one.
     """
 
@@ -84,7 +84,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     """Return the model of a grouped batch: outlier share alpha and density 1 / field of view, equation (23).
 
     The direct density is (1), Gaussian and truncated to a right angle on either side. A row with a range has the
-    product of both densities, as an outlier too: its range is then uniform over the search field's diagonal.
+    product of both densities, as an outlier too: its range is then uniform over the search region's diagonal.
     """
     lines = sight_lines(batch)
     sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]

@@ -26,7 +26,7 @@ def posterior_covariance(
 ) -> SymmetricMatrix:
     """Return the second moments (B, T) of the posterior about each mode, in square metres; NaN for missing modes.
 
-    The posterior is flat-prior within the search field and is integrated over grids about all modes, each point
+    The posterior is flat-prior within the search region and is integrated over grids about all modes, each point
     counted for the mode that it is nearest to. So the moment about the best mode includes the chance that another
     mode is the true one.
     """

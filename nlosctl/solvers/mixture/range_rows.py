@@ -96,7 +96,7 @@ def range_outlier_model(
 ) -> RangeOutlierModel:
     """Return the model of a grouped batch: a share ``alpha`` of outliers, whose range has a uniform density.
 
-    The density is one over the diagonal of the search field where none is given.
+    The density is one over the diagonal of the search region where none is given.
     """
     circles = range_circles(batch)
     region = _region(batch, circles)
@@ -180,5 +180,5 @@ class RangeCandidates:
         return Candidates(x, y, np.isfinite(x) & np.concatenate([may, may], axis=1))
 
     def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (b, P) of some snapshots are in the search field."""
+        """Return which points (b, P) of some snapshots are in the search region."""
         return self.model.region.take(rows).contains(x, y)

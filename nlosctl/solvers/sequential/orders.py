@@ -121,11 +121,11 @@ def run_all_orders(
         if step == 0:
             end = ranged_state(rows) or start
             state = end if from_prior is None else updated.where(from_prior, end)
-            before, begun = rows, state.alive
+            previous, alive = rows, state.alive
         elif step == 1:
-            pair = bootstrap_state(before, rows)
+            pair = bootstrap_state(previous, rows)
             pair = update_ranges(pair, rows, lognormal=ranged.lognormal)
-            state = updated.where(begun, pair)
+            state = updated.where(alive, pair)
         else:
             state = updated
         states.append(state)

@@ -1,4 +1,4 @@
-"""The estimates of outlier suppression: rounds of random pairs until one lies in the search field, ranked."""
+"""Outlier suppression: rounds of random pairs until an estimate is in the search region; the estimates are ranked."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ __all__ = ["SuppressedFixes", "suppress_outliers"]
 
 
 _STATES = 8192
-"""So many hypotheses grow at once, that temporaries stay in the cache."""
+"""Number of hypotheses per block: temporaries stay in cache."""
 
 _KEPT = 10
 _APART = 3.0
-"""Estimates closer than so many standard deviations are one: the order of the rows alone moves them by less."""
+"""Estimates closer than this, in standard deviations, are one: the order of the rows moves them by less."""
 
 
 @dataclass(frozen=True)
 class SuppressedFixes:
-    """Ranked fixes (B, 10), the rows (B, K) that the best rests on, and whether any estimate was in the field (B,)."""
+    """Ranked fixes (B, 10), the rows (B, K) that the best one uses, and whether any estimate was in the region (B,)."""
 
     fixes: RankedFixes
     used: BoolArray
     candidates: BoolArray
 
     @classmethod
-    def nothing(cls, size: int, count: int) -> SuppressedFixes:
-        """Return no fix for any of ``size`` snapshots of ``count`` rows."""
+    def empty(cls, size: int, count: int) -> SuppressedFixes:
+        """Return ``size`` snapshots of ``count`` rows without a fix."""
         shape = (size, _KEPT)
         fixes = RankedFixes(
             np.full(shape, np.nan),
@@ -47,10 +47,10 @@ class SuppressedFixes:
 
     def put(self, rows: IntArray, part: SuppressedFixes) -> None:
         """Fill in the fixes of some snapshots."""
-        mine, theirs = self.fixes, part.fixes
-        mine.x[rows], mine.y[rows], mine.cost[rows] = theirs.x, theirs.y, theirs.cost
-        mine.covariance.put(rows, theirs.covariance)
-        mine.n_used[rows] = theirs.n_used
+        target, source = self.fixes, part.fixes
+        target.x[rows], target.y[rows], target.cost[rows] = source.x, source.y, source.cost
+        target.covariance.put(rows, source.covariance)
+        target.n_used[rows] = source.n_used
         self.used[rows] = part.used
         self.candidates[rows] = part.candidates
 
@@ -66,35 +66,35 @@ def suppress_outliers(
     lognormal: bool,
     max_pairs: int,
 ) -> SuppressedFixes:
-    """Return the ranked estimates of a block; where none was inside yet, as many further pairs as there were before."""
+    """Return the ranked estimates of a block; the number of pairs doubles until one is in the search region."""
     count = model.mixture.count
-    found = SuppressedFixes.nothing(seed.shape[0], count)
+    result = SuppressedFixes.empty(seed.shape[0], count)
     pairs = min(count * (count - 1) // 2, max_pairs)
-    open_rows = np.arange(seed.shape[0])
-    some = slice(0, bootstraps)
-    while open_rows.size and some.start < pairs:
-        block = max(1, _STATES // (some.stop - some.start))
-        for start in range(0, open_rows.shape[0], block):
-            rows = open_rows[start : start + block]
+    unsolved = np.arange(seed.shape[0])
+    window = slice(0, bootstraps)
+    while unsolved.size and window.start < pairs:
+        block = max(1, _STATES // (window.stop - window.start))
+        for start in range(0, unsolved.shape[0], block):
+            rows = unsolved[start : start + block]
             part = model if rows.shape[0] == seed.shape[0] else model.take(rows)
-            one, other = _possible_first(part, *shuffled_pairs(seed[rows], count, max_pairs))
+            first, second = _possible_first(part, *shuffled_pairs(seed[rows], count, max_pairs))
             grown = grow_hypotheses(
                 part,
-                np.asfortranarray(one[:, some]),
-                np.asfortranarray(other[:, some]),
+                np.asfortranarray(first[:, window]),
+                np.asfortranarray(second[:, window]),
                 alpha=alpha,
                 field_of_view_deg=field_of_view_deg,
                 by_likelihood=by_likelihood,
                 lognormal=lognormal,
             )
-            found.put(rows, _rank(part, grown))
-        open_rows = open_rows[~found.candidates[open_rows]]
-        some = slice(some.stop, 2 * some.stop)
-    return found
+            result.put(rows, _rank(part, grown))
+        unsolved = unsolved[~result.candidates[unsolved]]
+        window = slice(window.stop, 2 * window.stop)
+    return result
 
 
 def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the pairs (B, P) with those in front that may both be direct: not of one group, and of some share."""
+    """Return the pairs (B, P), first those that may both be direct: of different groups, each of positive share."""
     leaders, shares = (
         [np.take_along_axis(values, index, axis=1) for index in (first, second)]
         for values in (model.leader, model.share)
@@ -107,32 +107,32 @@ def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> t
 
 
 def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
-    """Return the estimates inside the search field by their likelihood (23), without those near a better one."""
+    """Rank the estimates inside the search region by their likelihood (23); drop those near a better one."""
     state = grown.state
     inside = state.alive & model.region.contains(state.x, state.y)
     with ignoring_overflow():
         cost = np.where(inside, model.mixture.score(state.x, state.y), np.inf)
     size = cost.shape[0]
-    found = SuppressedFixes.nothing(size, model.mixture.count)
-    found.candidates[:] = inside.any(axis=1)
+    result = SuppressedFixes.empty(size, model.mixture.count)
+    result.candidates[:] = inside.any(axis=1)
     snapshot = np.arange(size)
-    fixes = found.fixes
+    fixes = result.fixes
     for t in range(min(_KEPT, cost.shape[1])):
         index = np.argmin(cost, axis=1)
-        here = np.isfinite(cost[snapshot, index])
-        if not here.any():
+        valid = np.isfinite(cost[snapshot, index])
+        if not valid.any():
             break
-        rows, index = snapshot[here], index[here]
+        rows, index = snapshot[valid], index[valid]
         fixes.x[rows, t], fixes.y[rows, t] = state.x[rows, index], state.y[rows, index]
         fixes.covariance.put((rows, t), state.covariance.at(rows, index))
         fixes.cost[rows, t] = _exact_cost(model, rows, fixes.x[rows, t], fixes.y[rows, t])
         used = np.stack([part[rows, index] for part in grown.used], axis=1)
         fixes.n_used[rows, t] = np.count_nonzero(used, axis=1)
         if t == 0:
-            found.used[rows] = used
+            result.used[rows] = used
         cost[_near(state.x, state.y, fixes, t) | ~np.isfinite(cost)] = np.inf
         cost[rows, index] = np.inf
-    return found
+    return result
 
 
 def _exact_cost(model: OutlierModel, rows: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
