@@ -11,8 +11,8 @@ from timing import best_of
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.methods import bearings_ml, bearings_stansfield_focused
 from nlosctl.models.bearings import sight_lines
-from nlosctl.scenarios.drawing import draw_snapshots
 from nlosctl.scenarios.song_circle import SCENARIO
+from nlosctl.scenarios.spec import draw_snapshots
 from nlosctl.solvers.bearings.grid_search import search_grid
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
 from nlosctl.solvers.bearings.multistart import find_ends
