@@ -15,7 +15,7 @@ from nlosctl.scenarios.song_circle import SCENARIO
 from nlosctl.scenarios.spec import draw_snapshots
 from nlosctl.solvers.bearings.grid_search import search_grid
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
-from nlosctl.solvers.bearings.multistart import find_ends
+from nlosctl.solvers.bearings.multistart import find_optima
 
 _SNAPSHOTS, _LOOPED, _SEARCHED = 1024, 200, 8
 _STD_DEG = 1.0
@@ -120,9 +120,9 @@ def _evaluations(batch: BearingBatch) -> list[str]:
     lines = sight_lines(batch).take(np.arange(_SEARCHED))
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
-    ends = find_ends(lines, start.x, start.y, 30)
+    optima = find_optima(lines, start.x, start.y, 30)
     grid = search_grid(lines, first.x, first.y, width_m=160e3, height_m=200e3, step_m=1e3)
-    steps, vertices = ends.evaluations.mean(), grid.evaluations.mean()
+    steps, vertices = optima.evaluations.mean(), grid.evaluations.mean()
     return [
         "| program | model evaluations per snapshot | times those of `ml` |",
         "|---|---|---|",
