@@ -67,8 +67,8 @@ def test_tables_equal_those_of_the_command_line(tmp_path: Path, keywords: dict[s
     result = nlosctl.localize(good(), scene=SCENE, **keywords)
     assert same_bits(result.estimates, estimates)
     assert same_bits(result.flags, flags)
-    told = result.report.as_dict()
-    assert {key: told[key] for key in told if key not in ("inputs", "notes")} == {
+    report = result.report.as_dict()
+    assert {key: report[key] for key in report if key not in ("inputs", "notes")} == {
         key: report[key] for key in report if key not in ("inputs", "notes")
     }
 
@@ -110,9 +110,9 @@ def test_evaluate_equals_the_command_line(tmp_path: Path, capsys: pytest.Capture
     result = nlosctl.localize(good(), scene=SCENE, method=["ml", "ls"])
     pyarrow.parquet.write_table(result.estimates, tmp_path / "e.parquet")
     assert run(["evaluate", str(tmp_path / "e.parquet"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    output = json.loads(capsys.readouterr().out)
     evaluation = nlosctl.evaluate(result.estimates)
-    assert (evaluation.of, evaluation.groups, evaluation.overall) == (told["of"], told["groups"], told["overall"])
+    assert (evaluation.of, evaluation.groups, evaluation.overall) == (output["of"], output["groups"], output["overall"])
 
 
 def test_a_scene_can_be_an_object_a_path_or_text() -> None:
@@ -153,7 +153,7 @@ def test_tables_without_rows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("keywords", "error", "told"),
+    ("keywords", "error", "message"),
     [
         ({"method": "mll"}, UsageError, "did you mean 'ml'"),
         ({"max_iteration": 3}, UsageError, "did you mean 'max_iterations'"),
@@ -165,9 +165,9 @@ def test_tables_without_rows() -> None:
         ({"carry": ["truth"]}, DataError, "truth"),
     ],
 )
-def test_errors_agree_with_the_command_line(keywords: dict[str, Any], error: type, told: str) -> None:
+def test_errors_agree_with_the_command_line(keywords: dict[str, Any], error: type, message: str) -> None:
     """Unknown names, invalid values and missing files raise errors with the same text."""
-    with pytest.raises(error, match=told) as caught:
+    with pytest.raises(error, match=message) as caught:
         nlosctl.localize(good(), **{"scene": SCENE, **keywords})
     assert "\n" not in str(caught.value)
 

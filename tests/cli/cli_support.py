@@ -26,7 +26,7 @@ HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How a run of the program ended."""
+    """The result of a run of the program."""
 
     code: int
     out: bytes
@@ -49,7 +49,7 @@ class Outcome:
 
 
 def _refuse(word: str) -> Any:
-    raise ValueError(f"{word} is no JSON")
+    raise ValueError(f"{word} is not JSON")
 
 
 def plain_environment(**extra: str) -> dict[str, str]:
@@ -59,7 +59,7 @@ def plain_environment(**extra: str) -> dict[str, str]:
 
 
 def process(*words: Any, cwd: Path, stdin: bytes = b"", **environment: str) -> Outcome:
-    """Run the program in a process of its own."""
+    """Run the program in a separate process."""
     done = subprocess.run(
         [str(PROGRAM), *map(str, words)],
         input=stdin,

@@ -88,7 +88,7 @@ def test_the_function_equals_the_command() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         (("--map", "1,2,3"), 2, "--map takes xmin,xmax,ymin,ymax,step"),
         (("--map", "1,0,0,1,1"), 2, "rising and step above 0"),
@@ -100,11 +100,11 @@ def test_the_function_equals_the_command() -> None:
         (("--scene", "absent.toml"), 1, "absent.toml: the scene can't be read"),
     ],
 )
-def test_invalid_maps_and_scenes(words: tuple[str, ...], code: int, told: str) -> None:
+def test_invalid_maps_and_scenes(words: tuple[str, ...], code: int, message: str) -> None:
     """An invalid map is a usage error, a missing scene a data error; stdout stays empty."""
     done = run(MEASUREMENTS, *words)
     assert (done.returncode, done.stdout) == (code, b"")
-    assert told in done.stderr.decode()
+    assert message in done.stderr.decode()
 
 
 def test_missing_truth_is_an_error(tmp_path: Path) -> None:
@@ -122,8 +122,8 @@ def test_the_report_counts(tmp_path: Path) -> None:
     """``--report`` has the number of positions and of bounds."""
     report = tmp_path / "report.json"
     rows(run(MEASUREMENTS, "--map", "0,1e5,6.3e6,6.4e6,1e5", "--report", str(report)))
-    told = json.loads(report.read_text(encoding="utf-8"))
-    assert told == {"kind": "bearings", "map": "0,1e5,6.3e6,6.4e6,1e5", "positions": 4, "bounded": 2}
+    output = json.loads(report.read_text(encoding="utf-8"))
+    assert output == {"kind": "bearings", "map": "0,1e5,6.3e6,6.4e6,1e5", "positions": 4, "bounded": 2}
 
 
 def test_it_reads_standard_input() -> None:

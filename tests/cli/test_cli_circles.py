@@ -33,7 +33,7 @@ def rows(done: subprocess.CompletedProcess[bytes]) -> list[dict[str, str]]:
 
 
 def ring_file(folder: Path) -> Path:
-    """Write 60 snapshots of four sensors in an open circle, each row by any of its paths, 0.2 rad of noise."""
+    """Write 60 snapshots of four sensors in an open circle, each row along any of its paths, 0.2 rad of noise."""
     generator = np.random.default_rng(2)
     sensor = generator.uniform(-60.0, 60.0, (240, 2))
     source = np.repeat(generator.uniform(-60.0, 60.0, (60, 2)), 4, axis=0)

@@ -22,10 +22,10 @@ HEAVY = ["numpy", "scipy", "pyarrow", "msgspec", "pandas", "matplotlib"]
 COMPLETE = """
 import contextlib, io, json, sys
 from nlosctl.cli.main import run
-told = io.StringIO()
-with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
+output = io.StringIO()
+with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
     run([])
-print(json.dumps([told.getvalue(), sorted({name.partition(".")[0] for name in sys.modules})]))
+print(json.dumps([output.getvalue(), sorted({name.partition(".")[0] for name in sys.modules})]))
 """
 
 CASES = {
@@ -69,8 +69,8 @@ def offered(line: str, shell: str) -> tuple[list[str], list[str]]:
         check=True,
         env=plain_environment(**asked(line, shell)),
     )
-    told, modules = json.loads(done.stdout)
-    lines = told.strip().splitlines()
+    output, modules = json.loads(done.stdout)
+    lines = output.strip().splitlines()
     if shell == "zsh":
         lines = [line.removeprefix("_arguments '*: :((").split(":")[0].strip("\"()'") for line in lines]
     return [line.split("\t")[0] for line in lines], modules
@@ -93,23 +93,23 @@ def test_every_shell_gets_the_same_names(shell: str) -> None:
 
 
 @pytest.mark.parametrize("entry", registry.entries(), ids=lambda entry: entry.full_name)
-def test_what_the_source_says_is_what_holds(entry: registry.MethodEntry) -> None:
+def test_options_from_the_source_are_those_of_the_method(entry: registry.MethodEntry) -> None:
     """Job, parameters and meanings as read from the source are those of the method once it is imported."""
-    told, spec = glance(entry.entry_point.module, entry.entry_point.attr), registry.load(entry)
-    assert told.job == spec.job
-    assert list(told.options) == [(item["name"], item["meaning"]) for item in describe_options(spec.options)]
+    declared, spec = glance(entry.entry_point.module, entry.entry_point.attr), registry.load(entry)
+    assert declared.job == spec.job
+    assert list(declared.options) == [(item["name"], item["meaning"]) for item in describe_options(spec.options)]
 
 
 @pytest.mark.extensive
 @pytest.mark.parametrize("name", scenarios())
-def test_what_the_source_of_a_scenario_says_is_what_holds(name: str) -> None:
-    """The parameters of a scenario as read from its source are those that it has."""
+def test_options_from_the_source_are_those_of_the_scenario(name: str) -> None:
+    """The parameters of a scenario as read from its source are its actual parameters."""
     names = [item["name"] for item in describe_options(find_scenario(name).options)]
     assert [option for option, _ in glance(str(scenario_module(name)), "SCENARIO").options] == names
 
 
-def test_a_source_that_is_not_there_says_nothing() -> None:
-    """A module that can't be found, or an attribute that it lacks, offers nothing and raises nothing."""
+def test_a_missing_source_has_no_options() -> None:
+    """A module that can't be found, or a missing attribute, gives no completions and no exception."""
     for module, attribute in (("no_such.module", "METHOD"), ("nlosctl.errors", "METHOD"), ("math", "pi")):
         assert (glance(module, attribute).job, glance(module, attribute).options) == ("", ())
 

@@ -37,14 +37,14 @@ def test_shown_settings_are_effective(
     if flag:
         words += ["--seed", "3", "-m", "ml", "-m", "ls"]
         sources.append("flag")
-    told = shown(cli("config", "show", *words, "--json"))
+    output = shown(cli("config", "show", *words, "--json"))
     assert cli(*words, GOOD, "-o", "e.parquet").code == 0
     used = provenance(tmp_path / "e.parquet")
-    assert told["seed"][0] == used["seed"]
-    assert told["method"][0] == [method["name"].removeprefix("bearings.") for method in used["methods"]]
+    assert output["seed"][0] == used["seed"]
+    assert output["method"][0] == [method["name"].removeprefix("bearings.") for method in used["methods"]]
     for name in ("seed", "method"):
-        assert told[name][1].startswith(sources[-1])
-    assert told["block-size"] == (8192, "default")
+        assert output[name][1].startswith(sources[-1])
+    assert output["block-size"] == (8192, "default")
 
 
 def test_all_settings_that_are_not_defaults(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,10 +52,10 @@ def test_all_settings_that_are_not_defaults(cli: Cli, tmp_path: Path, monkeypatc
     (tmp_path / "c.toml").write_text("[simulate]\ntrials = 7\n[bound]\nuse-ranges = false\n")
     monkeypatch.setenv("NLOSCTL_DETECT_IP_DETAILS", "1")
     rows = cli("config", "show", "--config", "c.toml", "--json").json
-    told = {
+    output = {
         (row["command"], row["setting"]): (row["value"], row["source"]) for row in rows if row["setting"] != "config"
     }
-    assert told == {
+    assert output == {
         ("simulate", "trials"): (7, "config c.toml"),
         ("bound", "use-ranges"): (False, "config c.toml"),
         ("detect-ip", "details"): (True, "environment NLOSCTL_DETECT_IP_DETAILS"),
@@ -70,9 +70,9 @@ def test_no_settings(cli: Cli) -> None:
 
 def test_flags_after_two_dashes_belong_to_the_command(cli: Cli) -> None:
     """``--json`` belongs to ``config show``; after ``--`` to the command."""
-    told = shown(cli("config", "show", "evaluate", "--json", "--", "--json", "--fail-if", "rmse_m>5"))
-    assert told["json"] == (True, "flag")
-    assert told["fail-if"] == (["rmse_m>5"], "flag")
+    output = shown(cli("config", "show", "evaluate", "--json", "--", "--json", "--fail-if", "rmse_m>5"))
+    assert output["json"] == (True, "flag")
+    assert output["fail-if"] == (["rmse_m>5"], "flag")
 
 
 def test_unknown_variables_are_reported(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,18 +83,18 @@ def test_unknown_variables_are_reported(cli: Cli, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["localise"], "no command 'localise' (did you mean 'localize'?)"),
         (["localize", "--sead", "3"], "--sead"),
         (["localize", "--seed", "x"], "'--seed'"),
     ],
 )
-def test_usage_errors(cli: Cli, words: list[str], told: str) -> None:
+def test_usage_errors(cli: Cli, words: list[str], message: str) -> None:
     """An unknown command or flag, and an invalid value, exit 2 with one line, as in the command."""
     outcome = cli("config", "show", *words)
     assert (outcome.code, outcome.out) == (2, b"")
-    assert told in outcome.err
+    assert message in outcome.err
     assert len(outcome.err.splitlines()) == 1
 
 

@@ -28,9 +28,9 @@ def test_formats_are_listed(cli: Any) -> None:
 
 def test_show_lists_the_parameters(cli: Any) -> None:
     """Parameters of a format have type, default and meaning, with the document of the format."""
-    told = cli("convert", "--from", "uwb", "--show", "--json").json
-    assert told["name"] == "import.uwb"
-    assert "window" in {item["name"] for item in told["parameters"]}
+    output = cli("convert", "--from", "uwb", "--show", "--json").json
+    assert output["name"] == "import.uwb"
+    assert "window" in {item["name"] for item in output["parameters"]}
     assert "UBX-21004616" in cli("convert", "--from", "uudf", "--show").text
     wrong = cli("convert", "--from", "uwd", "--show")
     assert (wrong.code, wrong.out) == (2, b"")
@@ -115,7 +115,7 @@ def test_a_map_without_a_frame_is_an_error(cli: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["a.csv", "--from", "krakn-csv"], "no importer 'krakn-csv' (did you mean 'kraken-csv'?)"),
         (["a.csv", "--to", "geo-json"], "no exporter 'geo-json' (did you mean 'geojson'?)"),
@@ -129,12 +129,12 @@ def test_a_map_without_a_frame_is_an_error(cli: Any) -> None:
         (["a.csv", "--from", "uwb", "--input-format", "csv"], "--input-format is for tables"),
     ],
 )
-def test_contradicting_options(cli: Any, words: list[str], says: str) -> None:
+def test_contradicting_options(cli: Any, words: list[str], message: str) -> None:
     """Contradicting options exit 2 with one line, and nothing is written."""
     Path("a.csv").write_text("time,anchor,range\n0,a,1\n", encoding="utf-8")
     outcome = cli("convert", *words)
     assert (outcome.code, outcome.out) == (2, b"")
-    assert says in outcome.err
+    assert message in outcome.err
     assert len(list(Path().iterdir())) == 1
 
 

@@ -1,4 +1,4 @@
-"""A Dask cluster on loopback: the bytes of a local run, whichever process is killed."""
+"""A Dask cluster on loopback: the bytes of a local run, also after any process is killed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WORDS = ["localize", "in", "-m", "mixture-ml", "-q"]
 
 
 class Cluster:
-    """A scheduler and two workers, processes of their own, started from Dask's command line in ``folder``."""
+    """A scheduler and two workers, in separate processes, started from Dask's command line in ``folder``."""
 
     def __init__(self, address: str, folder: Path, stack: ExitStack) -> None:
         self.address, self.workers = address, []
@@ -38,14 +38,14 @@ class Cluster:
             self.start_worker()
 
     def start_worker(self) -> None:
-        """Let one more worker join."""
+        """Start another worker."""
         local = str(self._folder / f"worker{len(self.workers)}")
         words = ("worker", self.address, "--nthreads", "1", "--no-nanny", "--local-directory", local)
         self.workers.append(self._stack.enter_context(started(*words, cwd=self._folder)))
 
     @property
     def words(self) -> list[str]:
-        """How the program is told to use the cluster."""
+        """The arguments that select the cluster."""
         return ["--engine", "dask", "--scheduler", self.address]
 
 
@@ -68,14 +68,17 @@ def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """A cluster whose processes are gone at the end of the tests."""
     folder = tmp_path_factory.mktemp("cluster")
-    told = folder / "scheduler.json"
+    address_file = folder / "scheduler.json"
     with ExitStack() as stack:
-        words = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told))
+        words = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(address_file))
         stack.enter_context(started(*words, cwd=folder))
         deadline = time.monotonic() + 60
-        while not (told.exists() and told.read_text().rstrip().endswith("}")) and time.monotonic() < deadline:
+        while (
+            not (address_file.exists() and address_file.read_text().rstrip().endswith("}"))
+            and time.monotonic() < deadline
+        ):
             time.sleep(0.05)
-        address = str(json.loads(told.read_text())["address"])
+        address = str(json.loads(address_file.read_text())["address"])
         yield Cluster(address, folder, stack)
 
 
@@ -86,7 +89,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     parameters = ("-p", "nlos_receivers=2", "-p", "nlos_span_deg=360", "-p", "bearing_std_deg=2")
     assert run(["simulate", "madhow-ring", "-n", str(PARTS * SNAPSHOTS), *parameters, "-o", "m.parquet", "-q"]) == 0
     table = pyarrow.parquet.read_table("m.parquet")
-    cuts = [place * table.num_rows // PARTS + (3 if 0 < place < PARTS else 0) for place in range(PARTS + 1)]
+    cuts = [index * table.num_rows // PARTS + (3 if 0 < index < PARTS else 0) for index in range(PARTS + 1)]
     Path("in").mkdir()
     for number, (first, behind) in enumerate(pairwise(cuts)):  # within snapshots
         pyarrow.parquet.write_table(table.slice(first, behind - first), f"in/p{number}.parquet")
@@ -106,7 +109,7 @@ def done(folder: Path) -> int:
 
 
 def when_half_way(running: subprocess.Popen[bytes], folder: Path, strike: Callable[[], None]) -> None:
-    """Wait until some parts are complete and some are not, then do something."""
+    """Wait until some parts are complete and some are not, then call ``strike``."""
     deadline = time.monotonic() + 90
     while done(folder) < 2 and running.poll() is None and time.monotonic() < deadline:
         time.sleep(0.005)
@@ -150,9 +153,9 @@ def test_errors_of_a_worker(cli: Cli, cluster: Cluster, folder: Path) -> None:
     """A bad row on a worker gives the line and exit code of a local run."""
     path = folder / "in" / "p4.parquet"
     table = pyarrow.parquet.read_table(path)
-    spoilt = pyarrow.array([-0.5] * table.num_rows)
-    place = table.column_names.index("bearing_std_rad")
-    pyarrow.parquet.write_table(table.set_column(place, "bearing_std_rad", spoilt), path)
+    negative = pyarrow.array([-0.5] * table.num_rows)
+    index = table.column_names.index("bearing_std_rad")
+    pyarrow.parquet.write_table(table.set_column(index, "bearing_std_rad", negative), path)
     local = cli(*WORDS, "-o", "bad/")
     there = cli(*WORDS, "-o", "bad2/", *cluster.words)
     assert (there.code, there.err) == (local.code, local.err)
@@ -160,18 +163,18 @@ def test_errors_of_a_worker(cli: Cli, cluster: Cluster, folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         (["--engine", "dusk"], 2, "did you mean 'dask'"),
         (["--scheduler", "tcp://127.0.0.1:1"], 2, "set --engine to dask"),
         (["--engine", "dask", "--bad-rows", "bad.csv"], 2, "a folder each"),
     ],
 )
-def test_engine_usage_errors(cli: Cli, tmp_path: Path, words: list[str], code: int, told: str) -> None:
+def test_engine_usage_errors(cli: Cli, tmp_path: Path, words: list[str], code: int, message: str) -> None:
     """Unknown engines, and a scheduler without its engine, give one line."""
     from cli_support import GOOD
 
     outcome = cli("localize", GOOD, "-o", "e.csv", *words)
     assert (outcome.code, outcome.err.count("\n")) == (code, 1), outcome.err
-    assert told in outcome.err
+    assert message in outcome.err
     assert list(tmp_path.iterdir()) == []

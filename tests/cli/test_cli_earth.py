@@ -69,8 +69,8 @@ def test_errors_of_the_plane_are_reported(cli: Any, tmp_path: Path) -> None:
     """The summary states the direction error of the plane if it matters beside the std."""
     name = bearings(tmp_path)
     assert "flat plane" not in cli("localize", name).err
-    told = cli("localize", name, "--origin", "40,0").err
-    assert "the scene is large for a flat plane: it turns lines by up to 0.23 deg (23% of the stated std" in told
+    output = cli("localize", name, "--origin", "40,0").err
+    assert "the scene is large for a flat plane: it turns lines by up to 0.23 deg (23% of the stated std" in output
 
 
 def test_crs_and_origin_exclude_each_other(cli: Any, tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_the_functions_take_an_origin_or_a_crs(cli: Any, tmp_path: Path) -> None
 
 
 def test_the_bound_reads_degrees_too(cli: Any, tmp_path: Path) -> None:
-    """The bound at a true place in degrees is there, and that of the same fix in metres."""
+    """The bound at a true position in degrees is equal to that of the same position in metres."""
     (row,) = cli("bound", bearings(tmp_path)).table.to_pylist()
     (fix,) = cli("localize", bearings(tmp_path)).table.to_pylist()
     assert row["bound_xx_m2"] == pytest.approx(fix["cov_xx_m2"], rel=1e-5)
@@ -148,14 +148,14 @@ def test_the_gdop_is_that_of_the_rows_used(cli: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["--ellipse", "1.5"], "--ellipse must be a probability between 0 and 1. Got 1.5 instead."),
         (["--add", "cep95"], "--add cep95: no such column (did you mean 'cep50'?); there are: cep50, gdop"),
     ],
 )
-def test_invalid_coverage_and_columns(cli: Any, words: list[str], says: str) -> None:
+def test_invalid_coverage_and_columns(cli: Any, words: list[str], message: str) -> None:
     """An invalid coverage and an unknown column are usage errors."""
     outcome = cli("localize", str(FIXTURES / "good_bearings.csv"), *words)
     assert (outcome.code, outcome.out) == (2, b"")
-    assert says in outcome.err
+    assert message in outcome.err

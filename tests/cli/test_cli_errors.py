@@ -39,7 +39,7 @@ BAD = {
     "bad_blocker_outside_circle.csv": ["bad_blocker_outside_circle.scene.toml", "blocker_radius", "(0, 6.481e+06)"],
     "bad_snapshot_comes_back.csv": ["row 13", "'snapshot'", "row 1", "sort"],
 }
-ROW_FAULTS = [name for name, told in BAD.items() if "row 5" in told]
+ROW_FAULTS = [name for name, texts in BAD.items() if "row 5" in texts]
 
 
 def test_every_bad_fixture_is_tested() -> None:
@@ -92,13 +92,13 @@ def test_faults_of_a_file_stop_the_run(cli: Cli, tmp_path: Path, name: str) -> N
 
 def test_the_problems_of_a_file_are_gathered(cli: Cli, tmp_path: Path) -> None:
     """20 problems are printed, one line each with file and row, then the total."""
-    rows = [(*row[:5], 0 if place < 30 else 1) for place, row in enumerate(crossing_rows(1, 50))]
+    rows = [(*row[:5], 0 if index < 30 else 1) for index, row in enumerate(crossing_rows(1, 50))]
     (tmp_path / "m.csv").write_text(plain_csv(rows))
     outcome = cli("localize", "m.csv", "-o", "e.csv")
     lines = outcome.err.splitlines()
     assert outcome.code == 1
     assert len(lines) == 21
-    assert all(f"m.csv, row {place + 1} " in line for place, line in enumerate(lines[:20]))
+    assert all(f"m.csv, row {index + 1} " in line for index, line in enumerate(lines[:20]))
     assert "30" in lines[20]
     assert "--bad-rows" in lines[20]
     assert listing(tmp_path) == ["m.csv"]
@@ -201,8 +201,8 @@ FAULTS: list[tuple[list[Any], int, list[str]]] = [
 
 
 @pytest.mark.extensive
-@pytest.mark.parametrize(("words", "code", "told"), FAULTS, ids=lambda value: str(value)[:70])
-def test_usage_errors_are_one_line(cli: Cli, tmp_path: Path, words: list[Any], code: int, told: list[str]) -> None:
+@pytest.mark.parametrize(("words", "code", "message"), FAULTS, ids=lambda value: str(value)[:70])
+def test_usage_errors_are_one_line(cli: Cli, tmp_path: Path, words: list[Any], code: int, message: list[str]) -> None:
     """The exit code, one line, fault and cure; nothing is written, nor printed on stdout."""
     for name in ("good_bearings.csv", "good_bearings.scene.toml"):
         (tmp_path / name).write_bytes((FIXTURES / name).read_bytes())
@@ -217,7 +217,7 @@ def test_usage_errors_are_one_line(cli: Cli, tmp_path: Path, words: list[Any], c
     assert outcome.err.startswith("nlosctl: ")
     assert len(outcome.err.splitlines()) == 1
     assert "internal error" not in outcome.err
-    assert [word for word in told if word not in outcome.err] == []
+    assert [word for word in message if word not in outcome.err] == []
     assert (outcome.out, listing(tmp_path)) == (b"", before)
 
 

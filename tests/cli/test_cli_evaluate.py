@@ -83,17 +83,17 @@ def by_hand(rows: list[int]) -> dict[str, float | None]:
         **{f"coverage_{p}": np.mean(np.array(squared) <= stats.chi2.ppf(p / 100, 2)) for p in (50, 90, 95, 99)},
     }
     for name, percent in (("median_m", 50), ("p90_m", 90), ("p95_m", 95), ("p99_m", 99)):
-        place = percent / 100 * (len(errors) - 1)
-        low_error, high_error = np.sort(errors)[[int(np.floor(place)), int(np.ceil(place))]]
-        fraction = place - np.floor(place)
+        position = percent / 100 * (len(errors) - 1)
+        low_error, high_error = np.sort(errors)[[int(np.floor(position)), int(np.ceil(position))]]
+        fraction = position - np.floor(position)
         reached = high_error if fraction else low_error
         figures[name] = float(low_error + fraction * (high_error - low_error)) if np.isfinite(reached) else None
     return figures
 
 
-def assert_metrics_agree(told: dict[str, Any], expected: dict[str, float | None]) -> None:
+def assert_metrics_agree(metrics: dict[str, Any], expected: dict[str, float | None]) -> None:
     """Compare metrics."""
-    assert {name: told[name] for name in expected} == {
+    assert {name: metrics[name] for name in expected} == {
         name: None if value is None else pytest.approx(value, rel=1e-12) for name, value in expected.items()
     }
 
@@ -101,10 +101,10 @@ def assert_metrics_agree(told: dict[str, Any], expected: dict[str, float | None]
 def test_metrics_agree_with_values_by_hand(cli: Cli, tmp_path: Path) -> None:
     """RMSE, bias, percentiles, fix rate, NEES with its interval and coverage of eight mixed rows."""
     write(tmp_path)
-    told = cli("evaluate", "e.csv", "--json").json
-    assert told["of"] == "estimates"
-    assert_metrics_agree(told["overall"], by_hand(list(range(8))))
-    assert told["overall"]["statuses"] == {
+    output = cli("evaluate", "e.csv", "--json").json
+    assert output["of"] == "estimates"
+    assert_metrics_agree(output["overall"], by_hand(list(range(8))))
+    assert output["overall"]["statuses"] == {
         "ok": 3, "ambiguous": 1, "infeasible": 1, "boundary": 1, "too_few": 1, "degenerate": 1
     }  # fmt: skip
 
@@ -112,12 +112,12 @@ def test_metrics_agree_with_values_by_hand(cli: Cli, tmp_path: Path) -> None:
 def test_rows_without_a_fix_are_infinite_in_the_percentiles_alone(cli: Cli, tmp_path: Path) -> None:
     """Two of eight rows have no fix: the median is finite, the 90 % error is not; RMSE excludes them."""
     write(tmp_path)
-    told = cli("evaluate", "e.csv", "--json").json["overall"]
+    output = cli("evaluate", "e.csv", "--json").json["overall"]
     expected = by_hand(list(range(8)))
-    assert told["median_m"] == pytest.approx(expected["median_m"])
-    assert [told[name] for name in ("p90_m", "p95_m", "p99_m")] == [None] * 3
-    assert told["rmse_m"] == pytest.approx(by_hand([0, 1, 2, 3, 4, 6])["rmse_m"])
-    assert told["fix_rate"] == 0.75
+    assert output["median_m"] == pytest.approx(expected["median_m"])
+    assert [output[name] for name in ("p90_m", "p95_m", "p99_m")] == [None] * 3
+    assert output["rmse_m"] == pytest.approx(by_hand([0, 1, 2, 3, 4, 6])["rmse_m"])
+    assert output["fix_rate"] == 0.75
 
 
 def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -> None:
@@ -134,11 +134,11 @@ def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -
 def test_metrics_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
     """Each method has its metrics, in order of appearance, and all rows together too."""
     write(tmp_path, method=["ml", "ls"] * 4)
-    told = cli("evaluate", "e.csv", "--json").json
-    assert [group["method"] for group in told["groups"]] == ["ml", "ls"]
-    assert_metrics_agree(told["groups"][0], by_hand([0, 2, 4, 6]))
-    assert_metrics_agree(told["groups"][1], by_hand([1, 3, 5, 7]))
-    assert_metrics_agree(told["overall"], by_hand(list(range(8))))
+    output = cli("evaluate", "e.csv", "--json").json
+    assert [group["method"] for group in output["groups"]] == ["ml", "ls"]
+    assert_metrics_agree(output["groups"][0], by_hand([0, 2, 4, 6]))
+    assert_metrics_agree(output["groups"][1], by_hand([1, 3, 5, 7]))
+    assert_metrics_agree(output["overall"], by_hand(list(range(8))))
     shown = cli("evaluate", "e.csv", "--format", "text").text.splitlines()[0].split()
     assert shown == ["figure", "ml", "ls", "overall"]
 
@@ -146,19 +146,19 @@ def test_metrics_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
 def test_metrics_per_swept_value(cli: Cli, tmp_path: Path) -> None:
     """Columns ``sweep_*`` form groups like methods."""
     write(tmp_path, sweep_sigma_deg=[1.0, 2.0] * 4)
-    told = cli("evaluate", "e.csv", "--json").json
-    assert [group["sweep_sigma_deg"] for group in told["groups"]] == [1.0, 2.0]
-    assert_metrics_agree(told["groups"][1], by_hand([1, 3, 5, 7]))
+    output = cli("evaluate", "e.csv", "--json").json
+    assert [group["sweep_sigma_deg"] for group in output["groups"]] == [1.0, 2.0]
+    assert_metrics_agree(output["groups"][1], by_hand([1, 3, 5, 7]))
 
 
 def test_metrics_per_file(cli: Cli, tmp_path: Path) -> None:
     """Several inputs have their own metrics under the file's name."""
     write(tmp_path)
     write(tmp_path, "g.csv", x_m=[value and value + 100 for value in X])
-    told = cli("evaluate", "e.csv", "g.csv", "--json").json
-    assert [group["file"] for group in told["groups"]] == ["e.csv", "g.csv"]
-    assert_metrics_agree(told["groups"][0], by_hand(list(range(8))))
-    assert told["groups"][1]["rmse_m"] > 100 > told["groups"][0]["rmse_m"]
+    output = cli("evaluate", "e.csv", "g.csv", "--json").json
+    assert [group["file"] for group in output["groups"]] == ["e.csv", "g.csv"]
+    assert_metrics_agree(output["groups"][0], by_hand(list(range(8))))
+    assert output["groups"][1]["rmse_m"] > 100 > output["groups"][0]["rmse_m"]
 
 
 def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
@@ -173,9 +173,9 @@ def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
     }
     (tmp_path / "t.csv").write_text(table_csv(columns))
     for name in ("e.csv", "wrong.csv"):
-        told = cli("evaluate", name, "--truth", "t.csv", "--json").json["overall"]
-        assert_metrics_agree(told, by_hand([0, 1, 2, 3, 4, 6, 7]))
-        assert told["without_truth"] == 1
+        output = cli("evaluate", name, "--truth", "t.csv", "--json").json["overall"]
+        assert_metrics_agree(output, by_hand([0, 1, 2, 3, 4, 6, 7]))
+        assert output["without_truth"] == 1
 
 
 def test_missing_truth_is_an_error(cli: Cli, tmp_path: Path) -> None:
@@ -263,25 +263,25 @@ def test_every_met_condition_is_reported(cli: Cli, tmp_path: Path) -> None:
     write(tmp_path, method=["ml", "ls"] * 4)
     words = ["--fail-if", "rows>3", "--fail-if", "ls:rows>=4", "--fail-if", "ml:rows>4"]
     outcome = cli("evaluate", "e.csv", "--json", "--report", "r.json", *words)
-    told = [line.removeprefix("nlosctl: ") for line in outcome.err.splitlines()]
-    assert [line.split(" is ")[0] for line in told] == ["rows of ml", "rows of ls", "rows of ls"]
-    assert told[2] == "rows of ls is 4, which meets 'ls:rows>=4'"
-    assert outcome.json["failed"] == json.loads((tmp_path / "r.json").read_text())["failed"] == told
+    lines = [line.removeprefix("nlosctl: ") for line in outcome.err.splitlines()]
+    assert [line.split(" is ")[0] for line in lines] == ["rows of ml", "rows of ls", "rows of ls"]
+    assert lines[2] == "rows of ls is 4, which meets 'ls:rows>=4'"
+    assert outcome.json["failed"] == json.loads((tmp_path / "r.json").read_text())["failed"] == lines
 
 
 @pytest.mark.parametrize(
-    ("condition", "told"),
+    ("condition", "message"),
     [
         ("rmse>5", "no metric 'rmse' (did you mean 'rmse_m'?); there are: rows, "),
         ("mle:rmse_m>5", "no method 'mle' in the input (did you mean 'ml'?); there are: ml"),
     ],
 )
-def test_unknown_names_in_conditions(cli: Cli, tmp_path: Path, condition: str, told: str) -> None:
+def test_unknown_names_in_conditions(cli: Cli, tmp_path: Path, condition: str, message: str) -> None:
     """An unknown metric or method exits 2, with the nearest name and all names."""
     write(tmp_path)
     outcome = cli("evaluate", "e.csv", "--fail-if", condition)
     assert (outcome.code, outcome.out) == (2, b"")
-    assert told in outcome.err
+    assert message in outcome.err
 
 
 def test_conditions_name_swept_values(cli: Cli, tmp_path: Path) -> None:
@@ -303,9 +303,9 @@ def test_flags_are_compared_with_the_truth(cli: Cli, tmp_path: Path) -> None:
     truth = ["true", "false", "false", "true", "true", "true", ""]
     columns = {"snapshot": [1] * 7, "sensor": list("abcdefg"), "used": ["true"] * 7, "los": los, "truth_los": truth}
     (tmp_path / "f.csv").write_text(table_csv(columns))
-    told = cli("evaluate", "f.csv", "--json").json
-    figures = told["overall"]
-    assert told["of"] == "flags"
+    output = cli("evaluate", "f.csv", "--json").json
+    figures = output["overall"]
+    assert output["of"] == "flags"
     assert (figures["rows"], figures["without_flag"], figures["without_truth"]) == (5, 1, 1)
     assert [figures[name] for name in ("los_called_los", "los_called_nlos", "nlos_called_los", "nlos_called_nlos")] == [
         2, 1, 1, 1
@@ -317,11 +317,11 @@ def test_flags_are_compared_with_the_truth(cli: Cli, tmp_path: Path) -> None:
 
 def test_metrics_do_not_depend_on_the_format(cli: Cli, tmp_path: Path) -> None:
     """CSV, Parquet and Arrow of the same estimates have the same metrics to the last digit."""
-    told = []
+    output = []
     for extension in ("csv", "parquet", "arrow", "jsonl"):
         assert cli("localize", GOOD, "-o", f"e.{extension}", "-m", "ml", "-m", "ls").code == 0
-        told.append(cli("evaluate", f"e.{extension}", "--json").json)
-    assert told[1:] == told[:1] * 3
+        output.append(cli("evaluate", f"e.{extension}", "--json").json)
+    assert output[1:] == output[:1] * 3
 
 
 def test_parts_of_a_folder_are_one_table_of_estimates(cli: Cli, tmp_path: Path) -> None:
@@ -357,8 +357,8 @@ def test_the_table_of_scores(cli: Cli, tmp_path: Path) -> None:
     write(tmp_path, method=["ml", "ls"] * 4)
     assert cli("evaluate", "e.csv", "-o", "scores.parquet").code == 0
     table = pyarrow.parquet.read_table(tmp_path / "scores.parquet").to_pylist()
-    told = cli("evaluate", "e.csv", "--json").json["groups"]
-    for row, group in zip(table, told, strict=True):
+    output = cli("evaluate", "e.csv", "--json").json["groups"]
+    for row, group in zip(table, output, strict=True):
         assert row.pop("of") == "estimates"
         statuses = group.pop("statuses")
         assert {name: row.pop(name) for name in list(row) if name.startswith("status_") and row[name]} == {

@@ -112,12 +112,12 @@ def feed_without_end(pipe: IO[bytes]) -> None:
     pipe.write(plain_csv([]).encode())
     with contextlib.suppress(OSError):
         for start in range(0, 10_000_000, 500):
-            rows = (f"{place},a,0,0,0.98,0.01\n{place},b,1,0,1.25,0.01\n" for place in range(start, start + 500))
+            rows = (f"{index},a,0,0,0.98,0.01\n{index},b,1,0,1.25,0.01\n" for index in range(start, start + 500))
             pipe.write("".join(rows).encode())
 
 
 def interrupted(work: Path, delay: float) -> tuple[int | None, str]:
-    """Return exit code (None: it hangs) and stderr of a run that is interrupted while it writes."""
+    """Return exit code (None: a hang) and stderr of a run that is interrupted while it writes."""
     work.mkdir()
     words = ["localize", "-", "-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]
     running = subprocess.Popen(
@@ -138,7 +138,7 @@ def interrupted(work: Path, delay: float) -> tuple[int | None, str]:
         time.sleep(delay)
         running.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            running.wait(timeout=30)  # a hang is for ever; a busy machine takes its time
+            running.wait(timeout=30)  # a hang never ends; a busy machine is slow
         ended = running.poll()
     finally:
         running.kill()
@@ -151,11 +151,11 @@ def interrupted(work: Path, delay: float) -> tuple[int | None, str]:
 def test_interrupted_is_130_and_leaves_nothing(tmp_path: Path) -> None:
     """Ctrl-C during a run: 130, at most one line, and no file, complete or partial."""
     with ThreadPoolExecutor(3) as pool:
-        futures = [pool.submit(interrupted, tmp_path / str(place), 0.15 * place) for place in range(3)]
+        futures = [pool.submit(interrupted, tmp_path / str(index), 0.15 * index) for index in range(3)]
         ended = [future.result() for future in futures]
     assert [code for code, _ in ended] == [130] * 3, ended
     assert [err for _, err in ended if len(err.strip().splitlines()) > 1] == []
-    assert [listing(tmp_path / str(place)) for place in range(3)] == [[]] * 3
+    assert [listing(tmp_path / str(index)) for index in range(3)] == [[]] * 3
 
 
 @pytest.mark.process

@@ -1,4 +1,4 @@
-"""What the message of each bad fixture states, whatever its wording."""
+"""The content of the message of each bad fixture, independent of its wording."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def measured(folder: Path, **columns: Sequence[Any]) -> Path:
 
 def some_false() -> list[bool | None]:
     """Return a mark for each of the good rows: mostly true, some false, some unknown."""
-    return [None if place % 9 == 0 else place % 7 != 3 for place in range(240)]
+    return [None if index % 9 == 0 else index % 7 != 3 for index in range(240)]
 
 
 @pytest.mark.process
@@ -155,7 +155,7 @@ def test_estimates_of_several_methods_follow_each_other(cli: Cli, tmp_path: Path
     methods = ["stansfield", "ml", "ls"]
     estimates, _ = localize(cli, tmp_path, GOOD, *(word for name in methods for word in ("-m", name)))
     assert estimates.column("method").to_pylist() == methods * 40
-    assert estimates.column("snapshot").to_pylist() == [place for place in range(40) for _ in range(3)]
+    assert estimates.column("snapshot").to_pylist() == [index for index in range(40) for _ in range(3)]
     for name in methods:
         alone, _ = localize(cli, tmp_path, GOOD, "-m", name)
         assert estimates.filter(pc.equal(estimates.column("method"), name)).equals(alone)
@@ -179,9 +179,9 @@ def test_a_snapshot_of_excluded_rows_has_a_row(cli: Cli, tmp_path: Path) -> None
     header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad,los"
     (tmp_path / "m.csv").write_text(plain_csv(rows, header))
     estimates, _ = localize(cli, tmp_path, "m.csv")
-    told = estimates.select(["status", "n_measurements", "n_used"]).to_pylist()
-    assert told[0] == {"status": "too_few", "n_measurements": 3, "n_used": 0}
-    assert told[1] == {"status": "ok", "n_measurements": 3, "n_used": 3}
+    rows = estimates.select(["status", "n_measurements", "n_used"]).to_pylist()
+    assert rows[0] == {"status": "too_few", "n_measurements": 3, "n_used": 0}
+    assert rows[1] == {"status": "ok", "n_measurements": 3, "n_used": 3}
 
 
 def test_flags_on_stdout(cli: Cli) -> None:
@@ -205,13 +205,13 @@ def test_carried_columns_reach_the_estimates(cli: Cli, tmp_path: Path) -> None:
     """Truth, ``sweep_*``, ``scene`` and ``--carry`` columns have the first row's value; others are dropped."""
     path = measured(
         tmp_path,
-        sweep_sigma_deg=[float(place) for place in range(240)],
+        sweep_sigma_deg=[float(index) for index in range(240)],
         scene=["yard"] * 240,
-        site=[f"site {place}" for place in range(240)],
+        site=[f"site {index}" for index in range(240)],
         other=[1] * 240,
     )
     estimates, _ = localize(cli, tmp_path, path, "--carry", "site")
     assert estimates.column_names[-5:] == ["truth_x_m", "truth_y_m", "sweep_sigma_deg", "scene", "site"]
     first = np.concatenate([[0], np.cumsum(counts(good_table()))[:-1]])
     assert estimates.column("sweep_sigma_deg").to_pylist() == first.astype(float).tolist()
-    assert estimates.column("site").to_pylist() == [f"site {place}" for place in first]
+    assert estimates.column("site").to_pylist() == [f"site {index}" for index in first]

@@ -58,8 +58,8 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a folder."""
-    told: dict[str, Any] = json.loads((folder / "_manifest.json").read_text())
-    return told
+    recorded: dict[str, Any] = json.loads((folder / "_manifest.json").read_text())
+    return recorded
 
 
 @pytest.fixture
@@ -96,8 +96,8 @@ def test_a_snapshot_belongs_to_the_part_where_it_begins(cli: Cli, tmp_path: Path
 def test_the_summary_adds_up(cli: Cli, good: Path) -> None:
     """The summary and report of the parts are those of a single file."""
     words = ("localize", good, "--scene", SCENE, "--report", "-")
-    told, parts = cli(*words, "-o", "one.parquet"), cli(*words, "-o", "out/")
-    assert parts.err == told.err
+    outcome, parts = cli(*words, "-o", "one.parquet"), cli(*words, "-o", "out/")
+    assert parts.err == outcome.err
 
 
 def test_the_manifest_records_the_run(cli: Cli, good: Path, tmp_path: Path) -> None:
@@ -108,18 +108,18 @@ def test_the_manifest_records_the_run(cli: Cli, good: Path, tmp_path: Path) -> N
 
     assert cli("localize", good, "--scene", SCENE, "-m", "ml", "-p", "max_iterations=9", "-o", "out", "-q").code == 2
     assert cli("localize", good, "--scene", SCENE, "-m", "ml", "-p", "max_iterations=9", "-o", "out/", "-q").code == 0
-    told = manifest(tmp_path / "out")
-    assert (told["version"], told["command"], told["seed"]) == (__version__, "localize", 0)
-    assert told["methods"][0]["parameters"]["max_iterations"] == 9
-    assert [given["rows"] for given in told["inputs"]] == [101, 49, 2, 1, 47, 40]
-    assert [given["bytes"] for given in told["inputs"]] == [path.stat().st_size for path in sorted(good.iterdir())]
-    for part in told["parts"]:
+    recorded = manifest(tmp_path / "out")
+    assert (recorded["version"], recorded["command"], recorded["seed"]) == (__version__, "localize", 0)
+    assert recorded["methods"][0]["parameters"]["max_iterations"] == 9
+    assert [given["rows"] for given in recorded["inputs"]] == [101, 49, 2, 1, 47, 40]
+    assert [given["bytes"] for given in recorded["inputs"]] == [path.stat().st_size for path in sorted(good.iterdir())]
+    for part in recorded["parts"]:
         path = tmp_path / "out" / part["name"]
         assert part["bytes"] == path.stat().st_size
         assert part["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
         assert part["rows"] == read_parquet(path).num_rows
         assert sum(part["record"]["counts"]["methods"]["ml"]["statuses"].values()) == part["rows"]
-    assert sum(part["rows"] for part in told["parts"]) == told["rows"] == 40
+    assert sum(part["rows"] for part in recorded["parts"]) == recorded["rows"] == 40
     assert not (tmp_path / "out" / "_unfinished").exists()
 
 
@@ -216,7 +216,7 @@ def test_missing_and_changed_parts_are_made_again(cli: Cli, good: Path, tmp_path
     assert cli(*words).code == 0
     before = content(tmp_path / "out")
     (tmp_path / "out" / "p1.parquet").unlink()
-    (tmp_path / "out" / "p4.parquet").write_bytes(b"spoilt")
+    (tmp_path / "out" / "p4.parquet").write_bytes(b"corrupted")
     times = {name: (tmp_path / "out" / name).stat().st_mtime_ns for name in ("p0.parquet", "p5.parquet")}
     assert cli(*words, "--resume").code == 0
     assert content(tmp_path / "out") == before
@@ -225,7 +225,7 @@ def test_missing_and_changed_parts_are_made_again(cli: Cli, good: Path, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (("-m", "ls"), "bearings.ls"),
         (("-p", "max_iterations=3"), "max_iterations was 30 and is 3"),
@@ -235,13 +235,15 @@ def test_missing_and_changed_parts_are_made_again(cli: Cli, good: Path, tmp_path
         (("--all-rows",), "all_rows"),
     ],
 )
-def test_resume_refuses_another_run(cli: Cli, good: Path, tmp_path: Path, change: tuple[str, ...], told: str) -> None:
+def test_resume_refuses_another_run(
+    cli: Cli, good: Path, tmp_path: Path, change: tuple[str, ...], message: str
+) -> None:
     """Other parameters are refused in one line that names them, and nothing changes."""
     assert cli("localize", good, "--scene", SCENE, "-o", "out/", "-q").code == 0
     before = content(tmp_path / "out")
     refused = cli("localize", good, "--scene", SCENE, "-o", "out/", "-q", "--resume", *change)
     assert (refused.code, refused.err.count("\n")) == (1, 1)
-    assert told in refused.err
+    assert message in refused.err
     assert content(tmp_path / "out") == before
 
 
@@ -264,9 +266,9 @@ def break_the_last(cli: Cli, words: tuple[Any, ...], folder: Path) -> None:
     """Run over inputs whose last part has a bad row: earlier parts are made, then the run stops."""
     last = folder / "p5.parquet"
     table = read_parquet(last)
-    place = table.column_names.index("bearing_std_rad")
+    index = table.column_names.index("bearing_std_rad")
     bad = pa.array([-1.0] * table.num_rows)
-    pa.parquet.write_table(table.set_column(place, "bearing_std_rad", bad), last)
+    pa.parquet.write_table(table.set_column(index, "bearing_std_rad", bad), last)
     outcome = cli(*words)
     assert outcome.code == 1
     assert "p5.parquet" in outcome.err
@@ -321,7 +323,7 @@ def test_ids_need_not_rise(cli: Cli, tmp_path: Path) -> None:
     assert together(tmp_path / "out").column("snapshot").to_pylist() == ["x", "b", "k", "c", "z", "a"]
 
 
-def test_foreign_folders_are_left_alone(cli: Cli, good: Path, tmp_path: Path) -> None:
+def test_folders_with_other_files_are_refused(cli: Cli, good: Path, tmp_path: Path) -> None:
     """A folder with other files is refused, with and without ``--overwrite``; so is the input's folder."""
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.txt").write_text("mine")
@@ -343,11 +345,11 @@ def test_overwrite_replaces_only_listed_parts(cli: Cli, good: Path, tmp_path: Pa
     elsewhere.mkdir()
     (elsewhere / "p.parquet").write_bytes(b"not ours")
     (tmp_path / "out" / "link").symlink_to(elsewhere)
-    told = manifest(tmp_path / "out")
-    for place, name in enumerate(("../victim.parquet", str(victim), "link/p.parquet")):
-        told["parts"][place]["name"] = name
-        told["parts"][place]["record"]["files"]["estimates"]["name"] = name
-    (tmp_path / "out" / "_manifest.json").write_text(json.dumps(told))
+    recorded = manifest(tmp_path / "out")
+    for index, name in enumerate(("../victim.parquet", str(victim), "link/p.parquet")):
+        recorded["parts"][index]["name"] = name
+        recorded["parts"][index]["record"]["files"]["estimates"]["name"] = name
+    (tmp_path / "out" / "_manifest.json").write_text(json.dumps(recorded))
     outcome = cli(*words, "-m", "ml", "--overwrite")
     assert victim.read_bytes() == (elsewhere / "p.parquet").read_bytes() == b"not ours"
     assert outcome.code == 1, "the link is a stranger in the folder"
@@ -365,7 +367,7 @@ def test_overwrite_starts_again(cli: Cli, good: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         (("-o", "out/", "--flags-out", "f.parquet"), 2, "f.parquet"),
         (("-o", "e.parquet", "--flags-out", "f/"), 2, "e.parquet"),
@@ -375,11 +377,11 @@ def test_overwrite_starts_again(cli: Cli, good: Path, tmp_path: Path) -> None:
         (("-o", "same/", "--flags-out", "same/"), 2, "the same output"),
     ],
 )
-def test_contradicting_outputs(cli: Cli, tmp_path: Path, words: tuple[str, ...], code: int, told: str) -> None:
+def test_contradicting_outputs(cli: Cli, tmp_path: Path, words: tuple[str, ...], code: int, message: str) -> None:
     """Files and folders can't be mixed, ``--resume`` needs a folder: one line each, and nothing is written."""
     outcome = cli("localize", GOOD, *words)
     assert (outcome.code, outcome.err.count("\n")) == (code, 1), outcome.err
-    assert told in outcome.err
+    assert message in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -402,9 +404,9 @@ def test_part_names_are_safe_and_unique(cli: Cli, tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
     outcome = cli("localize", *names, "-o", "out/", "-q", "--format", "csv")
     assert outcome.code == 0, outcome.err
-    told = manifest(tmp_path / "out")
-    assert [part["input"] for part in told["parts"]] == names
-    assert [part["name"] for part in told["parts"]] == [
+    recorded = manifest(tmp_path / "out")
+    assert [part["input"] for part in recorded["parts"]] == names
+    assert [part["name"] for part in recorded["parts"]] == [
         "a.csv.csv",
         "a.jsonl.csv",
         "a.csv-2.csv",
@@ -466,12 +468,12 @@ def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
     monkeypatch.setenv("NLOSCTL_TASK_ROWS", "8")
-    told = {}
+    outcomes = {}
     for name, more in (("here", ()), ("there", ("--engine", "dask"))):
         outputs = ("-o", f"{name}/", "--flags-out", f"{name}_flags/")
-        told[name] = cli("localize", "in", "--scene", SCENE, "-m", "ls", *outputs, *more)
-    assert (told["there"].code, told["there"].err) == (told["here"].code, told["here"].err)
-    assert told["here"].code == (1 if ids == "coming back" else 0)
+        outcomes[name] = cli("localize", "in", "--scene", SCENE, "-m", "ls", *outputs, *more)
+    assert (outcomes["there"].code, outcomes["there"].err) == (outcomes["here"].code, outcomes["here"].err)
+    assert outcomes["here"].code == (1 if ids == "coming back" else 0)
     if ids != "coming back":
         assert made.count("slice") == 29
         for end in ("", "_flags"):

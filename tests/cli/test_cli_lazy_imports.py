@@ -18,10 +18,10 @@ HEAVY = {"numpy", "scipy", "pyarrow", "msgspec", "pandas", "matplotlib"}
 LIST = """
 import contextlib, io, json, sys
 from nlosctl.cli.main import run
-told = io.StringIO()
-with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
+output = io.StringIO()
+with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
     run(sys.argv[1:])
-print(json.dumps([sorted({name.partition(".")[0] for name in sys.modules}), told.getvalue()]))
+print(json.dumps([sorted({name.partition(".")[0] for name in sys.modules}), output.getvalue()]))
 """
 
 CASES: dict[str, tuple[list[str], dict[str, str], str]] = {
@@ -59,8 +59,8 @@ def modules(words: list[str], environment: dict[str, str]) -> tuple[set[str], st
         check=True,
         env=plain_environment(**environment),
     )
-    names, told = json.loads(done.stdout)
-    return set(names), told
+    names, output = json.loads(done.stdout)
+    return set(names), output
 
 
 @pytest.fixture(scope="module")
@@ -74,15 +74,15 @@ def imported() -> dict[str, tuple[set[str], str]]:
 @pytest.mark.parametrize("case", CASES)
 def test_nothing_heavy_is_imported(imported: dict[str, tuple[set[str], str]], case: str) -> None:
     """The run works, and imports neither numpy nor scipy, pyarrow or msgspec."""
-    names, told = imported[case]
-    assert CASES[case][2] in told
+    names, output = imported[case]
+    assert CASES[case][2] in output
     assert names & HEAVY == set()
 
 
 def test_heavy_imports_are_detected() -> None:
     """A command that needs arrays imports numpy."""
-    names, told = modules(["simulate", "ring", "--show"], {})
-    assert "sensors" in told
+    names, output = modules(["simulate", "ring", "--show"], {})
+    assert "sensors" in output
     assert "numpy" in names
 
 

@@ -1,4 +1,4 @@
-"""URLs in place of paths, in a store of fsspec within this process."""
+"""URLs instead of paths, in a store of fsspec in this process."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def test_all_outputs_may_be_urls(cli: Cli, store: Any) -> None:
     for jobs in (1, 2):
         words = ["--flags-out", "memory://out/flags.parquet", "--bad-rows", "memory://out/bad.csv", "--overwrite"]
         words += ["--report", "memory://out/report.json", "--scene", f"memory://in/{SCENE}", "--jobs", jobs]
-        told = cli("localize", "memory://bad/rows.csv", "-o", "memory://out/fixes.parquet", *words)
-        assert told.code == 0, told.err
+        outcome = cli("localize", "memory://bad/rows.csv", "-o", "memory://out/fixes.parquet", *words)
+        assert outcome.code == 0, outcome.err
         written.append([store.cat(f"/out/{name}") for name in ("fixes.parquet", "flags.parquet", "bad.csv")])
     assert written[0] == written[1]
     assert b"nowhere" in written[0][2]
@@ -76,15 +76,17 @@ def test_a_folder_of_a_store_is_one_table_with_its_keys(cli: Cli, store: Any, tm
         pa.parquet.write_table(table.slice(first, rows_), sink)
         store.pipe(f"/all/year={year}/p.parquet", sink.getvalue().to_pybytes())
     store.pipe("/all/_log/x.parquet", b"no table")
-    told = cli("localize", "memory://all", "--scene", f"memory://in/{SCENE}", "--carry", "year", "-o", "fixes.parquet")
-    assert told.code == 0, told.err
+    outcome = cli(
+        "localize", "memory://all", "--scene", f"memory://in/{SCENE}", "--carry", "year", "-o", "fixes.parquet"
+    )
+    assert outcome.code == 0, outcome.err
     found = pa.parquet.read_table(tmp_path / "fixes.parquet")
     assert found.num_rows == 40
     assert set(found["year"].to_pylist()) == {2025, 2026}
-    told = cli(
+    outcome = cli(
         "localize", "memory://all/", "--scene", f"memory://in/{SCENE}", "--carry", "year", "-o", "parts/", "--jobs", 2
     )
-    assert told.code == 0, told.err
+    assert outcome.code == 0, outcome.err
     names = ["year=2025/p.parquet", "year=2026/p.parquet"]
     parts = pa.concat_tables([rows((tmp_path / "parts" / name).read_bytes()) for name in names])
     assert parts.equals(found.replace_schema_metadata(None))
@@ -96,8 +98,8 @@ def test_a_pattern_matches_names_in_a_store(cli: Cli, store: Any) -> None:
     store.pipe("/in/deep/er/good_bearings.csv", store.cat("/in/good_bearings.csv"))
     words = ("--scene", f"memory://in/{SCENE}", "-o", "fixes.csv", "--overwrite")
     assert "40 snapshots" in cli("localize", "memory://in/*.csv", *words).err
-    told = cli("localize", "memory://in/**/*.csv", *words).err
-    assert "80 snapshots" in told
+    output = cli("localize", "memory://in/**/*.csv", *words).err
+    assert "80 snapshots" in output
     assert "no file matches" in cli("localize", "memory://in/*.pq").err
 
 
@@ -105,8 +107,8 @@ def test_file_urls_are_paths(cli: Cli, tmp_path: Path) -> None:
     """``file:///...`` reads and writes the path, ``%20`` a space; another host is refused."""
     (tmp_path / "a b.parquet").write_bytes((FIXTURES / "good_bearings.parquet").read_bytes())
     (tmp_path / "scene.toml").write_bytes((FIXTURES / SCENE).read_bytes())
-    told = cli("localize", f"file://{tmp_path}/a%20b.parquet", "-o", f"file://{tmp_path}/out.parquet")
-    assert told.code == 0, told.err
+    outcome = cli("localize", f"file://{tmp_path}/a%20b.parquet", "-o", f"file://{tmp_path}/out.parquet")
+    assert outcome.code == 0, outcome.err
     assert pa.parquet.read_table(tmp_path / "out.parquet").num_rows == 40
     assert cli("localize", "file://elsewhere/a.parquet").code == 2
 
@@ -136,7 +138,7 @@ def in_parts(folder: Path) -> Path:
 
 
 @pytest.fixture(params=["fsspec", "with folders"])
-def place(request: pytest.FixtureRequest, store: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def root(request: pytest.FixtureRequest, store: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The URL of a store without folders, and of one of pyarrow's with folders and visible partial files."""
     if request.param == "fsspec":
         return "memory://bucket"
@@ -159,26 +161,26 @@ def on_disk(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.process
-def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, place: str, tmp_path: Path) -> None:
+def test_a_folder_of_a_store_is_filled_as_one_on_disk(cli: Cli, root: str, tmp_path: Path) -> None:
     """Parts, flags and manifests have the bytes of a local run for any number of jobs; nothing else is left."""
     in_parts(tmp_path / "in")
     assert cli("localize", "in", "-o", "local/", "--flags-out", "local_flags/").code == 0
     for number, jobs in enumerate((1, 2)):
-        told = cli("localize", "in", "-o", f"{place}/o{number}/", "--flags-out", f"{place}/f{number}/", "--jobs", jobs)
-        assert told.code == 0, told.err
-        assert content(f"{place}/o{number}") == on_disk(tmp_path / "local")
-        assert content(f"{place}/f{number}") == on_disk(tmp_path / "local_flags")
-    assert not (location(place) / "o0" / "_unfinished").exists()
+        outcome = cli("localize", "in", "-o", f"{root}/o{number}/", "--flags-out", f"{root}/f{number}/", "--jobs", jobs)
+        assert outcome.code == 0, outcome.err
+        assert content(f"{root}/o{number}") == on_disk(tmp_path / "local")
+        assert content(f"{root}/f{number}") == on_disk(tmp_path / "local_flags")
+    assert not (location(root) / "o0" / "_unfinished").exists()
 
 
 @pytest.mark.process
-def test_a_run_into_a_store_is_resumed(cli: Cli, place: str, tmp_path: Path, acting_method: ActInCall) -> None:
+def test_a_run_into_a_store_is_resumed(cli: Cli, root: str, tmp_path: Path, acting_method: ActInCall) -> None:
     """A run that fails at its second part keeps the first; ``--resume`` solves the others, and a changed part."""
     in_parts(tmp_path / "in")
     acting_method(-1, lambda: None)
     assert cli("localize", "in", "-m", "acting", "-o", "local/").code == 0
     all_calls = calls_made()
-    words = ("localize", "in", "-m", "acting", "--jobs", 1, "-o", f"{place}/out/")
+    words = ("localize", "in", "-m", "acting", "--jobs", 1, "-o", f"{root}/out/")
 
     def fail() -> None:
         raise DataError("the store is gone")
@@ -195,12 +197,12 @@ def test_a_run_into_a_store_is_resumed(cli: Cli, place: str, tmp_path: Path, act
     ):
         if changed:
             (tmp_path / "changed").write_bytes(b"half")
-            (location(f"{place}/out") / changed).take(tmp_path / "changed")
+            (location(f"{root}/out") / changed).take(tmp_path / "changed")
         acting_method(-1, lambda: None)
-        told = cli(*words, more)
-        assert told.code == 0, told.err
+        outcome = cli(*words, more)
+        assert outcome.code == 0, outcome.err
         calls.append(calls_made())
-        assert content(f"{place}/out") == on_disk(tmp_path / "local")
+        assert content(f"{root}/out") == on_disk(tmp_path / "local")
     others, none, one, everything = calls
     assert none == 0 < one < others < everything == all_calls
     assert "contains results already" in cli(*words).err
@@ -209,9 +211,9 @@ def test_a_run_into_a_store_is_resumed(cli: Cli, place: str, tmp_path: Path, act
 
 @pytest.mark.process
 def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
-    cli: Cli, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, root: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A single file of a store is put together from slices; nothing else is written there or in the current folder."""
+    """A single file of a store is assembled from slices; nothing else is written there or in the current folder."""
     in_parts(tmp_path / "in")
     assert cli("localize", "in", "-o", "local.parquet").code == 0
     made = []
@@ -222,32 +224,32 @@ def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
 
     monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
     before = sorted(tmp_path.iterdir())
-    told = cli("localize", "in", "-o", f"{place}/fixes.parquet", "--engine", "dask")
-    assert told.code == 0, told.err
+    outcome = cli("localize", "in", "-o", f"{root}/fixes.parquet", "--engine", "dask")
+    assert outcome.code == 0, outcome.err
     assert made == [0, 1, 2]
-    assert content(place) == {"fixes.parquet": (tmp_path / "local.parquet").read_bytes()}
-    assert [path.name for path in location(place).iterdir()] == ["fixes.parquet"]
+    assert content(root) == {"fixes.parquet": (tmp_path / "local.parquet").read_bytes()}
+    assert [path.name for path in location(root).iterdir()] == ["fixes.parquet"]
     assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.process
-def test_foreign_objects_are_kept(cli: Cli, place: str, tmp_path: Path) -> None:
+def test_other_objects_are_kept(cli: Cli, root: str, tmp_path: Path) -> None:
     """A folder with other files is refused, and ``--overwrite`` keeps files beside the parts."""
     in_parts(tmp_path / "in")
-    words = ("localize", "in", "-o", f"{place}/out/", "--overwrite")
+    words = ("localize", "in", "-o", f"{root}/out/", "--overwrite")
     (tmp_path / "mine").write_bytes(b"mine")
-    (location(f"{place}/out") / "deep").mkdir()
-    (location(f"{place}/out") / "deep" / "mine").take(tmp_path / "mine")
+    (location(f"{root}/out") / "deep").mkdir()
+    (location(f"{root}/out") / "deep" / "mine").take(tmp_path / "mine")
     assert "contains other files ('deep')" in cli(*words).err
-    assert content(f"{place}/out") == {"deep/mine": b"mine"}
-    assert cli("localize", "in", "-o", f"{place}/free/").code == 0
-    (location(f"{place}/free") / "key=1" / "mine").take(tmp_path / "mine")
-    assert "contains other files" in cli("localize", "in", "-o", f"{place}/free/", "--overwrite").err
-    assert content(f"{place}/free") == {"key=1/mine": b"mine"}
+    assert content(f"{root}/out") == {"deep/mine": b"mine"}
+    assert cli("localize", "in", "-o", f"{root}/free/").code == 0
+    (location(f"{root}/free") / "key=1" / "mine").take(tmp_path / "mine")
+    assert "contains other files" in cli("localize", "in", "-o", f"{root}/free/", "--overwrite").err
+    assert content(f"{root}/free") == {"key=1/mine": b"mine"}
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("words", "code", "message"),
     [
         (["memory://in/nothing.csv"], 1, "memory://in/nothing.csv: there is no such file or folder"),
         (["memry://in/a.csv"], 2, "unknown scheme 'memry' (did you mean 'memory'?)"),
@@ -266,9 +268,9 @@ def test_foreign_objects_are_kept(cli: Cli, place: str, tmp_path: Path) -> None:
         (["memory://in/good_bearings.csv", "-o", "memory://out/x.what"], 2, "unknown file extension"),
     ],
 )
-def test_invalid_urls(cli: Cli, store: Any, words: list[str], code: int, said: str) -> None:
+def test_invalid_urls(cli: Cli, store: Any, words: list[str], code: int, message: str) -> None:
     """Each fault is one line that names the URL, and no secret."""
-    told = cli("localize", *words)
-    assert (told.code, told.err.count("\n")) == (code, 1), told.err
-    assert said in told.err
-    assert "secret" not in told.err
+    outcome = cli("localize", *words)
+    assert (outcome.code, outcome.err.count("\n")) == (code, 1), outcome.err
+    assert message in outcome.err
+    assert "secret" not in outcome.err

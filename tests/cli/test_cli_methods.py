@@ -38,22 +38,22 @@ def with_broken(broken: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> Cli:
 
 def test_the_list_names_every_method_by_kind(cli: Cli) -> None:
     """``methods`` lists kind, name, distribution and version; ``--json`` the same."""
-    told = cli("methods", "--json").json
-    built_in = [row for row in told if row["distribution"] == "nlosctl"]
+    output = cli("methods", "--json").json
+    built_in = [row for row in output if row["distribution"] == "nlosctl"]
     assert {"kind": "bearings", "name": "ml", "distribution": "nlosctl", "version": __version__} in built_in
     assert {row["name"] for row in built_in if row["kind"] == "bearings"} >= set(BUILT_IN)
     shown = cli("methods").text
-    assert all(f"{row['kind']}  " in shown and f"  {row['name']} " in shown for row in told)
+    assert all(f"{row['kind']}  " in shown and f"  {row['name']} " in shown for row in output)
 
 
 def test_show_lists_all_details(cli: Cli) -> None:
     """Kind, required columns, reference, distribution, cost; type, unit, default, meaning of parameters."""
-    told = cli("methods", "show", "bearings.ml", "--json").json
-    assert (told["name"], told["kind"], told["job"]) == ("ml", "bearings", "localize")
-    assert {"sensor", "bearing_rad", "bearing_std_rad"} <= set(told["required_columns"])
-    assert told["distribution"] == f"nlosctl {__version__}"
-    assert told["minimum_measurements"] == 2
-    parameters = {item["name"]: item for item in told["parameters"]}
+    output = cli("methods", "show", "bearings.ml", "--json").json
+    assert (output["name"], output["kind"], output["job"]) == ("ml", "bearings", "localize")
+    assert {"sensor", "bearing_rad", "bearing_std_rad"} <= set(output["required_columns"])
+    assert output["distribution"] == f"nlosctl {__version__}"
+    assert output["minimum_measurements"] == 2
+    parameters = {item["name"]: item for item in output["parameters"]}
     assert parameters["max_iterations"]["type"] == "int"
     assert parameters["max_iterations"]["default"] == 30
     assert parameters["min_range_m"]["unit"] == "m"
@@ -62,11 +62,11 @@ def test_show_lists_all_details(cli: Cli) -> None:
 @pytest.mark.parametrize("name", SHOWN)
 def test_every_built_in_method_is_described(cli: Cli, name: str) -> None:
     """Reference, summary, cost, and the meaning of every parameter are not empty, in text too."""
-    told, shown = cli("methods", "show", name, "--json").json, cli("methods", "show", name).text
+    output, shown = cli("methods", "show", name, "--json").json, cli("methods", "show", name).text
     for key in ("summary", "reference", "cost"):
-        assert told[key]
-        assert told[key] in shown
-    for item in told["parameters"]:
+        assert output[key]
+        assert output[key] in shown
+    for item in output["parameters"]:
         assert item["meaning"]
         assert item["meaning"] in shown
         assert item["name"].endswith("_m") == (item["unit"] == "m")
@@ -91,10 +91,10 @@ def test_check_reports_broken_plugins(with_broken: Cli, tmp_path: Path) -> None:
     """With a broken plugin ``--check`` exits 1 with method, distribution and reason."""
     outcome = with_broken("methods", "--check", "--json")
     assert outcome.code == 1
-    told: dict[str, Any] = {f"{row['name']} of {row['distribution']}": row["check"] for row in outcome.json}
-    assert "ImportError: libfoo.so.3" in told["broken of nlosctl-broken"]
-    assert "nlosctl-broken 0.0.1" in told["broken of nlosctl-broken"]
-    assert [told[f"{name} of nlosctl"] for name in BUILT_IN] == ["ok"] * 3
+    output: dict[str, Any] = {f"{row['name']} of {row['distribution']}": row["check"] for row in outcome.json}
+    assert "ImportError: libfoo.so.3" in output["broken of nlosctl-broken"]
+    assert "nlosctl-broken 0.0.1" in output["broken of nlosctl-broken"]
+    assert [output[f"{name} of nlosctl"] for name in BUILT_IN] == ["ok"] * 3
     assert len(outcome.err.splitlines()) == 1
     plain = with_broken("methods", "--check")
     assert "ImportError: libfoo.so.3" in plain.text
@@ -109,7 +109,7 @@ def test_broken_plugins_affect_no_other_method(with_broken: Cli) -> None:
 
 
 @pytest.mark.process
-def test_a_broken_method_that_is_used_is_told(with_broken: Cli) -> None:
+def test_using_a_broken_method_is_reported(with_broken: Cli) -> None:
     """Using or showing the broken method is exit 1 and one line with its fault."""
     for words in (["localize", GOOD, "-m", "broken"], ["methods", "show", "broken"]):
         outcome = with_broken(*words)

@@ -124,8 +124,8 @@ def test_virtual_source_behind_the_wall(tmp_path: Path) -> None:
     field = ("--field=-500,1000,-500,1000", "--alternatives", "2", "-q")
     both = rows(run(tmp_path, "localize", "-m", "mixture-ml", "w.csv", *field).stdout)
     assert len(both) == 40
-    places = np.array([[float(row["x_m"]), float(row["y_m"])] for row in both]).reshape(20, 2, 2)
-    assert np.array_equal(np.sort(np.sign(places[..., 1]), axis=1), np.tile([-1.0, 1.0], (20, 1)))
+    positions = np.array([[float(row["x_m"]), float(row["y_m"])] for row in both]).reshape(20, 2, 2)
+    assert np.array_equal(np.sort(np.sign(positions[..., 1]), axis=1), np.tile([-1.0, 1.0], (20, 1)))
     kept = rows(
         run(tmp_path, "localize", "-m", "mixture-ml", "-p", "exclude_behind_walls=true", "w.csv", *field).stdout
     )

@@ -90,9 +90,9 @@ def test_the_views_are_listed(cli: Cli) -> None:
 
 def test_the_report_as_json(cli: Cli) -> None:
     """``--json`` has view, output and notes."""
-    told = cli("plot", FIXTURES / "good_triplets.csv", "-o", "a.png", "--json").json
-    assert told["view"] == "triplets"
-    assert told["output"] == "a.png"
+    output = cli("plot", FIXTURES / "good_triplets.csv", "-o", "a.png", "--json").json
+    assert output["view"] == "triplets"
+    assert output["output"] == "a.png"
 
 
 def test_notes_name_flags(cli: Cli) -> None:

@@ -29,22 +29,22 @@ def test_the_keys_of_the_provenance(cli: Cli, tmp_path: Path) -> None:
     copy_inputs(tmp_path)
     words = ["localize", "good_bearings.csv", "-m", "ls", "--seed", 4, "-o", "e.parquet", "--flags-out", "f.parquet"]
     assert cli(*words).code == 0
-    told = provenance(tmp_path / "e.parquet")
-    assert told.keys() == {"version", "command", "methods", "seed", "field", "inputs"}
-    assert (told["version"], told["command"], told["seed"]) == (__version__, "localize", 4)
-    assert [method["name"] for method in told["methods"]] == ["bearings.ls"]
+    recorded = provenance(tmp_path / "e.parquet")
+    assert recorded.keys() == {"version", "command", "methods", "seed", "field", "inputs"}
+    assert (recorded["version"], recorded["command"], recorded["seed"]) == (__version__, "localize", 4)
+    assert [method["name"] for method in recorded["methods"]] == ["bearings.ls"]
     size = (FIXTURES / "good_bearings.csv").stat().st_size
-    assert told["inputs"] == [{"name": "good_bearings.csv", "bytes": size, "rows": 240}]
-    assert provenance(tmp_path / "f.parquet") == told
+    assert recorded["inputs"] == [{"name": "good_bearings.csv", "bytes": size, "rows": 240}]
+    assert provenance(tmp_path / "f.parquet") == recorded
 
 
 def test_provenance_of_a_simulation(cli: Cli, tmp_path: Path) -> None:
     """``simulate`` records scenario, parameters, seed and trials."""
     assert cli("simulate", "ring", "-n", 3, "-p", "sensors=4", "--seed", 7, "-o", "m.parquet").code == 0
-    told = provenance(tmp_path / "m.parquet")
-    assert told.keys() == {"version", "command", "scenario", "parameters", "seed", "trials"}
-    assert (told["scenario"], told["seed"], told["trials"]) == ("ring", 7, 3)
-    assert told["parameters"]["sensors"] == 4
+    recorded = provenance(tmp_path / "m.parquet")
+    assert recorded.keys() == {"version", "command", "scenario", "parameters", "seed", "trials"}
+    assert (recorded["scenario"], recorded["seed"], recorded["trials"]) == ("ring", 7, 3)
+    assert recorded["parameters"]["sensors"] == 4
 
 
 @pytest.mark.parametrize("extension", ["parquet", "arrow", "arrows", "csv.gz"])

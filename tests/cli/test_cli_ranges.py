@@ -151,7 +151,7 @@ def test_several_methods_follow_each_other(cli: Cli, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["-m", "extended-tca"], "needs the parameter 'eta'"),
         (["-m", "extended-tca", "-p", "eta=0"], "(0, inf)"),
@@ -162,11 +162,11 @@ def test_several_methods_follow_each_other(cli: Cli, tmp_path: Path) -> None:
         (["--field", "1,2,3"], "4 finite numbers"),
     ],
 )
-def test_invalid_parameters_are_usage_errors(cli: Cli, words: list[str], told: str) -> None:
+def test_invalid_parameters_are_usage_errors(cli: Cli, words: list[str], message: str) -> None:
     """A missing or invalid parameter exits 2 with the expectation."""
     outcome = cli("identify-los", ECHOES, *words)
     assert outcome.code == 2
-    assert told in outcome.err
+    assert message in outcome.err
 
 
 def test_the_limit_on_echoes(cli: Cli) -> None:
@@ -235,5 +235,5 @@ def test_echoes_of_several_targets_have_no_bound(cli: Cli) -> None:
 @pytest.mark.parametrize(("path", "rows", "snapshots"), [(ANCHORS, 48, 12), (ECHOES, 225, 8)])
 def test_the_fixtures_are_valid(cli: Cli, path: Path, rows: int, snapshots: int) -> None:
     """The fixtures of ranges are valid, with their rows counted."""
-    told = cli("validate", path, "--json").json
-    assert (told["kind"], told["rows"], told["snapshots"], told["bad_rows"]) == ("ranges", rows, snapshots, 0)
+    output = cli("validate", path, "--json").json
+    assert (output["kind"], output["rows"], output["snapshots"], output["bad_rows"]) == ("ranges", rows, snapshots, 0)

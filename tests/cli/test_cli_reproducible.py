@@ -96,7 +96,7 @@ def test_processes_that_read_slices_change_no_byte(
 def test_processes_that_read_slices_report_the_same_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fault: str
 ) -> None:
-    """Faults are reported in the same words for any number of jobs, and nothing is written."""
+    """Faults have the same message for any number of jobs, and no output is written."""
     table = pyarrow.parquet.read_table(GOOD)
     columns = {name: table.column(name).to_pylist() for name in table.column_names}
     if fault == "negative std":
@@ -106,16 +106,16 @@ def test_processes_that_read_slices_report_the_same_errors(
         columns["snapshot"] = [3 if identity == 30 else identity for identity in columns["snapshot"]]
     else:
         columns = {name: [*cells[:150], cells[149], *cells[150:]] for name, cells in columns.items()}
-    spoilt = pyarrow.table(columns, schema=table.schema)
-    pyarrow.parquet.write_table(spoilt, tmp_path / "m.parquet", row_group_size=20)
+    corrupted = pyarrow.table(columns, schema=table.schema)
+    pyarrow.parquet.write_table(corrupted, tmp_path / "m.parquet", row_group_size=20)
     monkeypatch.setenv("NLOSCTL_SLICE_ROWS", "1")
     words = ["localize", str(tmp_path / "m.parquet"), "--scene", str(SCENE), "-o", str(tmp_path / "e.csv")]
-    told = []
+    output = []
     for jobs in "12":
         assert run([*words, "--jobs", jobs]) == 1
-        told.append(capsys.readouterr().err)
-    assert told[0] == told[1]
-    assert {"negative std": "3 bad rows", "comes back": "comes back", "duplicate": "duplicate"}[fault] in told[0]
+        output.append(capsys.readouterr().err)
+    assert output[0] == output[1]
+    assert {"negative std": "3 bad rows", "comes back": "comes back", "duplicate": "duplicate"}[fault] in output[0]
     assert [path.name for path in tmp_path.iterdir()] == ["m.parquet"]
 
 
@@ -125,8 +125,8 @@ def test_row_groups_do_not_follow_blocks(tmp_path: Path, jobs: int, block_size: 
     """Row groups have the size set for the writer, for any chunks and blocks."""
     solved(tmp_path, "parquet", jobs, block_size, chunk_rows, group_rows=50)
     for name, rows in (("e", 120), ("f", 720)):
-        told = pyarrow.parquet.read_metadata(tmp_path / f"{name}.parquet")
-        sizes = [told.row_group(place).num_rows for place in range(told.num_row_groups)]
+        output = pyarrow.parquet.read_metadata(tmp_path / f"{name}.parquet")
+        sizes = [output.row_group(index).num_rows for index in range(output.num_row_groups)]
         assert sizes == [50] * (rows // 50) + [rows % 50]
 
 
@@ -138,8 +138,8 @@ def test_a_long_file_has_row_groups_of_a_fixed_size(tmp_path: Path) -> None:
     words = ["localize", str(drawn), "-m", "ls", "--block-size", "999", "-q", "-o", str(tmp_path / "e.parquet")]
     assert run([*words, "--flags-out", str(flags)]) == 0
     for path, size in ((drawn, 131_072), (flags, 65_536)):
-        told = pyarrow.parquet.read_metadata(path)
-        groups = [told.row_group(place).num_rows for place in range(told.num_row_groups)]
+        output = pyarrow.parquet.read_metadata(path)
+        groups = [output.row_group(index).num_rows for index in range(output.num_row_groups)]
         assert groups == [size] * (135_000 // size) + [135_000 % size]
 
 

@@ -40,12 +40,12 @@ def test_all_tables_are_listed(cli: Cli) -> None:
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_is_shown_with_every_column(cli: Cli, name: str) -> None:
     """``schema TABLE`` lists every column with unit and meaning; ``--json`` is the file in schemas/."""
-    shown, told = cli("schema", name).text, cli("schema", name, "--json").json
+    shown, output = cli("schema", name).text, cli("schema", name, "--json").json
     for column in TABLES[name].columns:
         assert column.name in shown
         assert column.meaning in shown
     files = [json.loads(path.read_text()) for path in (ROOT / "schemas").glob("*.json")]
-    assert told in files
+    assert output in files
 
 
 def test_schemas_are_written(cli: Cli, tmp_path: Path) -> None:

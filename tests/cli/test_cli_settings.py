@@ -53,8 +53,8 @@ def test_reports_as_json(cli: Cli, words: list[Any]) -> None:
 def test_parameters_are_typed(cli: Cli, tmp_path: Path, words: list[str], expected: dict[str, Any]) -> None:
     """A parameter has its type, the others keep their defaults; the provenance records all."""
     assert cli("localize", GOOD, *words, "-o", "e.parquet").code == 0
-    (told,) = parameters(tmp_path / "e.parquet").values()
-    assert expected.items() <= told.items()
+    (recorded,) = parameters(tmp_path / "e.parquet").values()
+    assert expected.items() <= recorded.items()
 
 
 def parameters(path: Path) -> dict[str, Any]:
@@ -76,11 +76,11 @@ def test_parameters_of_several_methods(cli: Cli, tmp_path: Path) -> None:
         "max_iterations=9",
     ]
     assert cli("localize", GOOD, *methods, *given, "-o", "e.parquet").code == 0
-    told = parameters(tmp_path / "e.parquet")
-    assert list(told) == ["bearings.ml", "bearings.ls", "bearings.stansfield"]
-    assert {"max_iterations": 9, "min_range_m": 1.0}.items() <= told["bearings.ml"].items()
-    assert (told["bearings.ls"]["min_range_m"], told["bearings.stansfield"]["min_range_m"]) == (3.0, 2.0)
-    assert "max_iterations" not in told["bearings.ls"]
+    recorded = parameters(tmp_path / "e.parquet")
+    assert list(recorded) == ["bearings.ml", "bearings.ls", "bearings.stansfield"]
+    assert {"max_iterations": 9, "min_range_m": 1.0}.items() <= recorded["bearings.ml"].items()
+    assert (recorded["bearings.ls"]["min_range_m"], recorded["bearings.stansfield"]["min_range_m"]) == (3.0, 2.0)
+    assert "max_iterations" not in recorded["bearings.ls"]
 
 
 def test_a_parameter_that_the_named_method_lacks(cli: Cli) -> None:
@@ -118,10 +118,10 @@ def test_flag_beats_environment_beats_config_beats_default(
         words += ["--seed", "3", "--method", "ml", "--method", "ls", "-p", "min_range_m=3"]
         expected = (3, ["ml", "ls"], 3.0)
     assert cli(*words).code == 0
-    told = provenance(tmp_path / "e.parquet")
-    names = [method["name"].removeprefix("bearings.") for method in told["methods"]]
-    ranges = {method["parameters"]["min_range_m"] for method in told["methods"]}
-    assert (told["seed"], names, ranges) == (expected[0], expected[1], {expected[2]})
+    recorded = provenance(tmp_path / "e.parquet")
+    names = [method["name"].removeprefix("bearings.") for method in recorded["methods"]]
+    ranges = {method["parameters"]["min_range_m"] for method in recorded["methods"]}
+    assert (recorded["seed"], names, ranges) == (expected[0], expected[1], {expected[2]})
 
 
 def test_the_config_file_can_be_named_by_the_environment(
@@ -154,7 +154,7 @@ def test_json_can_be_asked_for_by_the_environment(cli: Cli, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "told"),
+    ("text", "code", "message"),
     [
         ('[localize]\nmetod = ["ls"]\n', 2, ["'metod'", "did you mean 'method'"]),
         ('[localise]\nmethod = ["ls"]\n', 2, ["localise", "did you mean 'localize'"]),
@@ -165,13 +165,13 @@ def test_json_can_be_asked_for_by_the_environment(cli: Cli, monkeypatch: pytest.
     ],
     ids=["key", "table", "no-table", "type", "parameter", "syntax"],
 )  # fmt: skip
-def test_config_errors(cli: Cli, tmp_path: Path, text: str, code: int, told: list[str]) -> None:
+def test_config_errors(cli: Cli, tmp_path: Path, text: str, code: int, message: list[str]) -> None:
     """A misspelt table or key, a wrong type and invalid TOML are one line each."""
     (tmp_path / "c.toml").write_text(text)
     outcome = cli("localize", GOOD, "-o", "e.csv", "--config", "c.toml")
     assert outcome.code == code, outcome.err
     assert len(outcome.err.splitlines()) == 1
-    assert [word for word in told if word not in outcome.err] == []
+    assert [word for word in message if word not in outcome.err] == []
     assert listing(tmp_path) == ["c.toml"]
 
 

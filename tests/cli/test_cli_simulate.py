@@ -19,8 +19,8 @@ OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "room", "sh
 
 def test_the_list_and_a_scenarios_parameters(cli: Cli) -> None:
     """Without a name scenarios are listed; ``--show`` lists the parameters with unit and meaning."""
-    told = cli("simulate", "--json").json
-    assert [row["scenario"] for row in told] == sorted([*SCENARIOS, *OTHER_KINDS])
+    output = cli("simulate", "--json").json
+    assert [row["scenario"] for row in output] == sorted([*SCENARIOS, *OTHER_KINDS])
     shown = cli("simulate", "ring", "--show", "--json").json
     parameters = {item["name"]: item for item in shown["parameters"]}
     assert parameters["bearing_std_deg"]["unit"] == "deg"
@@ -31,9 +31,9 @@ def test_the_list_and_a_scenarios_parameters(cli: Cli) -> None:
 def test_simulations_are_valid_and_solvable(cli: Cli, tmp_path: Path, scenario: str) -> None:
     """A simulation passes ``validate``, has its truth, and is solved with NEES near 2."""
     assert cli("simulate", scenario, "-n", 200, "-o", "m.parquet", "-q").code == 0
-    told = cli("validate", "m.parquet", "--json").json
-    assert (told["snapshots"], told["bad_rows"]) == (200, 0)
-    assert {"truth_x_m", "truth_y_m", "truth_los"} <= set(told["columns"])
+    output = cli("validate", "m.parquet", "--json").json
+    assert (output["snapshots"], output["bad_rows"]) == (200, 0)
+    assert {"truth_x_m", "truth_y_m", "truth_los"} <= set(output["columns"])
     assert cli("localize", "m.parquet", "-o", "e.parquet", "-q").code == 0
     figures = cli("evaluate", "e.parquet", "--json").json["overall"]
     assert figures["rows"] == 200

@@ -56,7 +56,7 @@ def test_verbose_prints_more(cli: Cli) -> None:
 def test_the_report_is_json_with_the_counts(cli: Cli, tmp_path: Path) -> None:
     """``--report`` writes rows, excluded, bad, snapshots and statuses as JSON, with ``-q`` too."""
     rows = [*crossing_rows(1), *crossing_rows(2, 1), *crossing_rows(3)]
-    rows = [(*row, "false" if place == 6 else "true") for place, row in enumerate(rows)]
+    rows = [(*row, "false" if index == 6 else "true") for index, row in enumerate(rows)]
     rows[5] = (*rows[5][:5], "-1", "true")
     header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad,los"
     (tmp_path / "m.csv").write_text(plain_csv(rows, header))
@@ -65,7 +65,7 @@ def test_the_report_is_json_with_the_counts(cli: Cli, tmp_path: Path) -> None:
     assert (outcome.code, outcome.err) == (0, "")
     report = json.loads((tmp_path / "r.json").read_text())
     assert (report["rows"], report["rows_left_out"], report["bad_rows"], report["snapshots"]) == (6, 1, 1, 3)
-    assert {name: told["statuses"] for name, told in report["methods"].items()} == {
+    assert {name: output["statuses"] for name, output in report["methods"].items()} == {
         "ml": {"ok": 1, "too_few": 2},
         "ls": {"ok": 1, "too_few": 2},
     }
@@ -96,11 +96,11 @@ def test_a_file_without_ids_is_one_snapshot(cli: Cli, tmp_path: Path) -> None:
     assert "without a 'snapshot' column" in outcome.err
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.3, True)])
-def test_bad_fits_are_reported(cli: Cli, share: float, told: bool) -> None:
+@pytest.mark.parametrize(("share", "expected"), [(0.0, False), (0.3, True)])
+def test_bad_fits_are_reported(cli: Cli, share: float, expected: bool) -> None:
     """The summary states when residuals are too large for their standard deviations, and only then."""
     drawn = cli("simulate", "ring", "-n", 60, "-q", "-p", f"outlier_fraction={share}")
-    assert ("ml fits badly" in cli("localize", "-", stdin=drawn.out).err) is told
+    assert ("ml fits badly" in cli("localize", "-", stdin=drawn.out).err) is expected
 
 
 def on_a_terminal(*words: str, cwd: Path, **environment: str) -> tuple[int, str, str]:

@@ -38,10 +38,10 @@ def test_a_swept_simulation_is_its_points_one_after_the_other(cli: Cli) -> None:
     swept = rows(cli("simulate", "ring", "-n", 3, "--sweep", "bearing_std_deg=0.5,4", "--sweep", "sensors=3,5"))
     points = [(std, sensors) for std in (0.5, 4.0) for sensors in (3, 5)]
     assert swept.column("snapshot").unique().to_pylist() == list(range(12))
-    for place, (std, sensors) in enumerate(points):
+    for index, (std, sensors) in enumerate(points):
         alone = rows(cli("simulate", "ring", "-n", 3, "-p", f"bearing_std_deg={std}", "-p", f"sensors={sensors}"))
         mine = only(swept, sweep_bearing_std_deg=std, sweep_sensors=sensors)
-        shifted = pc.add(alone.column("snapshot"), 3 * place)
+        shifted = pc.add(alone.column("snapshot"), 3 * index)
         assert mine.equals(alone.set_column(0, "snapshot", shifted))
 
 
@@ -74,13 +74,13 @@ def test_from_simulate_to_evaluate_in_pipes(cli: Cli) -> None:
     drawn = cli("simulate", "ring", "-n", 50, "--sweep", "bearing_std_deg=0.1,1,5", "--format", "arrow")
     fixes = cli("localize", "-", "-m", "ls", "-m", "ml", stdin=drawn.out)
     scores = rows(cli("evaluate", "-", stdin=fixes.out))
-    told = cli("evaluate", "-", "--json", stdin=fixes.out).json["groups"]
-    assert scores.num_rows == len(told) == 6
+    output = cli("evaluate", "-", "--json", stdin=fixes.out).json["groups"]
+    assert scores.num_rows == len(output) == 6
     assert set(scores.column("of").to_pylist()) == {"estimates"}
     for name in ("method", "sweep_bearing_std_deg", "rows", "rmse_m", "rmse_std_error_m", "nees", "p95_m"):
-        assert scores.column(name).to_pylist() == [group[name] for group in told]
-    assert scores.column("status_ok").to_pylist() == [group["statuses"]["ok"] for group in told]
-    rmse = [group["rmse_m"] for group in told if group["method"] == "ml"]
+        assert scores.column(name).to_pylist() == [group[name] for group in output]
+    assert scores.column("status_ok").to_pylist() == [group["statuses"]["ok"] for group in output]
+    rmse = [group["rmse_m"] for group in output if group["method"] == "ml"]
     assert rmse == sorted(rmse)
 
 

@@ -25,7 +25,7 @@ OUTPUTS = ["-o", "e.parquet", "--flags-out", "f.csv", "--bad-rows", "b.csv"]
 
 
 def raising(error: BaseException) -> Callable[[], None]:
-    """Return a function that raises a copy of an error: its traceback, and what that refers to, is not kept."""
+    """Return a function that raises a copy of an error: its traceback and the objects it refers to are not kept."""
 
     def fail() -> None:
         raise type(error)(*error.args)
@@ -101,7 +101,7 @@ def test_a_failure_keeps_existing_outputs(cli: Cli, tmp_path: Path, acting_metho
 @pytest.mark.usefixtures("small_chunks")
 def test_a_bad_row_near_the_end_leaves_nothing(cli: Cli, tmp_path: Path) -> None:
     """A bad row of the last chunk stops the whole output."""
-    rows = [row for place in range(100) for row in crossing_rows(place)]
+    rows = [row for index in range(100) for row in crossing_rows(index)]
     (tmp_path / "m.csv").write_text(plain_csv([*rows, (100, "s0", 0, 0, 1.0, -1.0)]))
     outcome = cli("localize", "m.csv", "-o", "e.csv", "--flags-out", "f.csv")
     assert outcome.code == 1

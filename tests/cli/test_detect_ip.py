@@ -128,7 +128,7 @@ def test_evaluate_scores_the_methods(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         (["-p", "noise=laplace"], 2, "tdaj"),
         (["-m", "tdaj", "-p", "noise=student-t:1"], 2, "student-t:NU"),
@@ -138,16 +138,16 @@ def test_evaluate_scores_the_methods(tmp_path, capsys):
         (["-m", "tdaj", "-p", "k=6"], 2, "[0, 5]"),
     ],
 )
-def test_usage_errors(words, code, told, capsys, tmp_path):
+def test_usage_errors(words, code, message, capsys, tmp_path):
     """An invalid parameter or option exits 2 with one line."""
     assert run(["detect-ip", GOOD, "-o", str(tmp_path / "f.csv"), *words]) == code
-    said = capsys.readouterr().err
-    assert told in said
-    assert said.count("\n") == 1
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "message"),
     [
         ("degrees_as_radians", "dod_deg"),
         ("negative_length", "'path_length_m': got -3"),
@@ -156,10 +156,10 @@ def test_usage_errors(words, code, told, capsys, tmp_path):
         ("missing_doa", "'doa_rad'"),
     ],
 )
-def test_bad_files(fault, told, capsys, tmp_path):
+def test_bad_files(fault, message, capsys, tmp_path):
     """A bad file is an error with column and value."""
     assert run(["detect-ip", str(FIXTURES / f"bad_triplets_{fault}.csv"), "-o", str(tmp_path / "f.csv")]) == 1
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_bad_rows_are_set_aside(tmp_path):

@@ -99,11 +99,13 @@ COMPLAINTS: list[tuple[str, MethodSpec, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("law", "spec", "told"), COMPLAINTS, ids=[f"{law}: {told}" for law, _, told in COMPLAINTS])
-def test_complaints_state_the_fault(law: str, spec: MethodSpec, told: str) -> None:
+@pytest.mark.parametrize(
+    ("law", "spec", "message"), COMPLAINTS, ids=[f"{law}: {message}" for law, _, message in COMPLAINTS]
+)
+def test_complaints_state_the_fault(law: str, spec: MethodSpec, message: str) -> None:
     """The complaint states what is wrong, with the numbers."""
     (found,) = (one for one in LAWS if one.name == law)
-    with pytest.raises(LawBroken, match=told):
+    with pytest.raises(LawBroken, match=message):
         check_law(spec, found)
 
 

@@ -24,7 +24,7 @@ CLEAN = (
         "fixtures/builders",
         "nlosctl",
     ),
-    *(f"tests/{room}" for room in ("docs", "io", "papers", "pipeline", "scenarios", "support")),
+    "tests",
 )
 # Pattern (any case, except within (?-i:...)): what to write instead.
 HABITS = {

@@ -94,7 +94,7 @@ def test_without_scatterers_every_circle_is_direct() -> None:
 
 
 def test_the_points_lie_on_their_circles() -> None:
-    """The spread is that of the points, each of which is on two circles of the set."""
+    """The spread is that of the points, and each point is on two circles of the set."""
     found, _, _ = candidates(scattered=False)
     away = found.point_m - found.point_m.mean(axis=1, keepdims=True)
     assert np.sqrt((away**2).sum(axis=(1, 2))) == pytest.approx(found.spread_m)

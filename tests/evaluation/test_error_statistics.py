@@ -16,8 +16,8 @@ def test_the_error_of_an_rmse_is_its_spread(law: str) -> None:
     generator = np.random.default_rng(7)
     draws = getattr(generator, law)(size=(4000, 400))
     square, fourth = (draws**2).mean(axis=1), (draws**4).mean(axis=1)
-    told = [rmse_std_error(400, float(m2), float(m4)) for m2, m4 in zip(square, fourth, strict=True)]
-    assert np.mean(told) == pytest.approx(np.sqrt(square).std(), rel=0.06)
+    estimated = [rmse_std_error(400, float(m2), float(m4)) for m2, m4 in zip(square, fourth, strict=True)]
+    assert np.mean(estimated) == pytest.approx(np.sqrt(square).std(), rel=0.06)
 
 
 def test_the_error_of_a_fraction_is_its_spread() -> None:

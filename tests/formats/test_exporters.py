@@ -119,7 +119,7 @@ def test_czml_agrees_with_czml3(tmp_path: Path, words: str) -> None:
     """Positions and ellipses are those of czml3's packets; rotation is counter-clockwise from true north."""
     document, first, *others = json.loads(export(tmp_path, "czml", estimates(words)).read_text())
     assert (document["id"], document["version"], len(others)) == ("document", "1.0", 2)
-    told = Packet(
+    packet = Packet(
         id="estimate-0",
         position=Position(cartographicDegrees=first["position"]["cartographicDegrees"]),
         ellipse=Ellipse(
@@ -128,7 +128,7 @@ def test_czml_agrees_with_czml3(tmp_path: Path, words: str) -> None:
             rotation=first["ellipse"]["rotation"],
         ),
     )
-    theirs = json.loads(told.dumps())
+    theirs = json.loads(packet.dumps())
     assert first["position"] == theirs["position"]
     assert {**theirs["ellipse"], "material": first["ellipse"]["material"]} == first["ellipse"]
     lon, lat = first["position"]["cartographicDegrees"][:2]

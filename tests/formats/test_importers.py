@@ -360,9 +360,9 @@ def test_a_table_of_paths_that_asks_for_too_much_memory(bounces: list[float], li
     count = max(links, 2)
     ends = np.zeros(2, dtype=np.int64) if links == 1 else np.arange(count)
     columns = {name: np.full(count, 1e-8) for name in ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
-    told = np.resize(np.array(bounces), count)
+    interactions = np.resize(np.array(bounces), count)
     buffer = io.BytesIO()
-    pyarrow.parquet.write_table(pa.table({"rx": ends, "tx": ends, **columns, "interactions": told}), buffer)
+    pyarrow.parquet.write_table(pa.table({"rx": ends, "tx": ends, **columns, "interactions": interactions}), buffer)
     with pytest.raises(DataError, match=says):
         read("sionna", buffer.getvalue())
 

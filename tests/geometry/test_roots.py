@@ -37,11 +37,11 @@ def visited(function, guess):
     """Return the points at which a function of one variable is evaluated, and the root found, in [-1, 1]."""
     places = []
 
-    def told(at):
+    def recording(at):
         places.append(float(at[0]))
         return function(at)
 
-    root = bracketed_roots(told, np.array([-1.0]), np.array([1.0]), np.array([guess]))
+    root = bracketed_roots(recording, np.array([-1.0]), np.array([1.0]), np.array([guess]))
     return places, float(root[0])
 
 

@@ -38,9 +38,9 @@ def draw_world(
     offset_m: tuple[float, float] = (0.0, 0.0),
     noise: float = 1.0,
 ) -> World:
-    """Draw a mixed world: half of the rows by one of two mirrors (one vertical) that the field is to one side of.
+    """Draw a mixed world: half of the rows by one of two mirrors (one vertical), with the field on one side of both.
 
-    Sensors lie in a ring about the field of the sources, so that no source is near one; ``std_rad`` is the span of
+    The sensors form a ring about the field of the sources, so that no source is near one; ``std_rad`` is the span of
     the (log-uniform) stds, ``noise`` scales the errors.
     """
     generator = np.random.default_rng(seed)

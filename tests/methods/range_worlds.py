@@ -67,7 +67,7 @@ def echo_world(
     field: Field,
     missed: tuple[tuple[int, int], ...] = (),
 ) -> EchoWorld:
-    """Return the echoes of signal model (1), rows shuffled; ``missed`` names (sensor, target) without a direct echo."""
+    """Return the echoes of signal model (1), rows shuffled; ``missed`` (sensor, target) have no direct echo."""
     rows: list[tuple[int, float, int]] = []
     for n, sensor in enumerate(sensors):
         for k, target in enumerate(targets):

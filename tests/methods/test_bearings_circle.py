@@ -149,7 +149,7 @@ def test_feasible_moves_an_estimate_to_the_edge() -> None:
 
 
 def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
-    """Return a batch of 150 snapshots of four sensors in an open circle, each row by any of its paths."""
+    """Return a batch of 150 snapshots of four sensors in an open circle, each row along any of its paths."""
     generator = np.random.default_rng(seed)
     center = np.array([20.0, -10.0])
     sensor_xy = generator.uniform(-60.0, 60.0, (150, 4, 2))
@@ -165,7 +165,7 @@ def ring_world(seed: int, std: float) -> tuple[Any, FloatArray]:
 
 @pytest.mark.extensive
 def test_feasible_constrains_fixes_in_an_open_circle() -> None:
-    """Fixes beyond a wall by which a row came are infeasible; with ``feasible`` they are in front of it or on it."""
+    """Fixes behind a wall that reflected a row are infeasible; with ``feasible`` they are in front of it or on it."""
     batch, source = ring_world(2, 0.0)
     wall = LineReflector(name="wall", point=(30.0, 0.0), direction=(0.0, 1.0))
     scene = Scene(reflectors=(*RING.reflectors, wall))
@@ -252,7 +252,7 @@ def nees_of(estimates: Any, truth: FloatArray) -> FloatArray:
 
 
 def test_the_mixture_weighs_circle_rows_by_their_width() -> None:
-    """By the ionosphere alone it agrees with ml and is calibrated; one outlier is rejected."""
+    """On ionospheric rows alone mixture-ml agrees with ml and is calibrated; one outlier is rejected."""
     generator = np.random.default_rng(8)
     sensor_xy = np.broadcast_to(on_ground(0.1, 0.08, 0.06, -0.05, -0.07, -0.09), (400, 6, 2))
     turn, height = generator.uniform(-0.01, 0.01, 400), generator.uniform(20e3, 60e3, 400)

@@ -40,7 +40,7 @@ def test_exact_at_any_scale_and_offset(
 ) -> None:
     """From millimetres to 10,000 km, and at 1e8 m, the error is 1e-9 of the larger of size and offset."""
     scale = 10.0**exponent
-    # Beyond a million sizes away the coordinates themselves no longer tell the sensors apart.
+    # Beyond a million sizes away float64 coordinates no longer distinguish the sensors.
     reach = min(1e8, 1e5 * scale)
     offset = (east * reach, north * reach)
     world = draw_world(5, measurements, (1e-4, 1e-3), scale_m=scale, offset_m=offset, noise=0.0, seed=seed)

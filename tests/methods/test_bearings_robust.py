@@ -31,7 +31,7 @@ def _errors(estimates: Estimates, truth: np.ndarray) -> np.ndarray:
 
 
 def _bearings(sensor_xy: list[tuple[float, float]], bearing_deg: list[float], **columns: object) -> BearingBatch:
-    """Return one snapshot of direct bearings with a std of 1 degree, each by a sensor of its own."""
+    """Return one snapshot of direct bearings with a std of 1 degree, each from a different sensor."""
     return bearing_batch([sensor_xy], np.radians([bearing_deg]), np.radians(1.0), **columns)
 
 
@@ -203,7 +203,7 @@ def test_alpha_must_be_inside_the_unit_interval(module: object, alpha: str) -> N
 
 @pytest.mark.parametrize("module", _ROBUST, ids=lambda module: module.METHOD.name)
 def test_snapshots_of_outliers_leave_others_unchanged(module: object) -> None:
-    """A snapshot of outliers only has some answer or none; the others keep their bits."""
+    """A snapshot of outliers only may have an answer or not; results of the others are unchanged to the bit."""
     _, batch, _ = ring_batch(5, 12, sources="disc")
     bearing = np.asfortranarray(batch.bearing_rad.copy())
     bearing[::2] = np.random.default_rng(1).uniform(-np.pi, np.pi, bearing[::2].shape)
@@ -246,7 +246,7 @@ def test_hundred_bearings_in_one_snapshot() -> None:
 
 
 def test_all_pairs_are_tried_once_without_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forty bearings that meet nowhere: doubling rounds until every pair was tried, then no_candidate."""
+    """Forty bearings without a common crossing: rounds double until every pair was tried, then no_candidate."""
     rounds = []
 
     def watched(model: object, first: np.ndarray, second: np.ndarray, **options: object) -> object:

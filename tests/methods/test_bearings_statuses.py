@@ -1,4 +1,4 @@
-"""Status words, per snapshot."""
+"""Statuses, per snapshot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NO_ANSWER = {"degenerate", "behind", "not_converged"}
 
 
 def towards(sensors: list[tuple[float, float]], point: tuple[float, float], turn: float = 0.0) -> np.ndarray:
-    """Return the bearings (1, K) of a point, turned."""
+    """Return the bearings (1, K) of a point, rotated."""
     away = np.array(point) - np.array(sensors)
     return (np.arctan2(away[:, 1], away[:, 0]) + turn)[None]
 
@@ -47,9 +47,9 @@ def test_fixes_more_uncertain_than_distant_are_degenerate(method: MethodSpec) ->
 def test_lines_that_cross_nowhere_but_on_a_sensor_are_degenerate(
     method: MethodSpec, fault: str, measurements: int
 ) -> None:
-    """Parallel lines, sensors all in one place, and a source on a sensor are degenerate.
+    """Parallel lines, coincident sensors, and a source on a sensor are degenerate.
 
-    ML may also not settle, or settle just beside the sensor where the source is.
+    ML may also not converge, or converge close to the sensor at the source.
     """
     for seed in range(5):
         trial = draw_bearings(np.random.default_rng(seed), 200, measurements, fault)
@@ -98,7 +98,7 @@ def test_ml_recovers_some_fixes_behind_rays() -> None:
 def test_the_wrong_side_of_a_mirror_is_infeasible(method: MethodSpec) -> None:
     """A fix beyond the mirror of one of its rows is infeasible, and keeps position and covariance."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
-    beyond = (5.0, 1.0)  # the mirrored row looks at the image (1, 1), which no wave can reach by the mirror x = 3
+    beyond = (5.0, 1.0)  # the mirrored row points at the image (1, 1), which no wave reaches by the mirror x = 3
     bearing = np.array([[np.arctan2(1.0, 1.0), *towards(sensors[1:], beyond)[0]]])
     estimates = estimate(method, bearing_batch([sensors], bearing, reflector=[[0, -1, -1]], scene=WALL))
     assert words(estimates) == ["infeasible"]

@@ -18,7 +18,7 @@ from nlosctl.contract.fields import CircleField
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 
 SHARE = 0.3
-"""Standard deviations of ranges, of what was measured: so coarse that the two laws of errors are far apart."""
+"""Relative standard deviations of ranges: large enough that the two error laws differ clearly."""
 
 
 def ranged_batch(snapshots: int) -> tuple[BearingBatch, np.ndarray]:
@@ -106,10 +106,10 @@ def test_updates_of_suppress_follow_the_law_of_ranges(noise: str, other: str) ->
     batch, _ = ranged_batch(200)
     ours = estimate(bearings_suppress.METHOD, batch, range_noise=noise, alpha=0.01)
     first = ours.position_m[ours.alternative == 0]
-    told, wrong = (
+    selected, wrong = (
         np.hypot(*(first - estimate(bearings_ml.METHOD, batch, range_noise=law).position_m).T) for law in (noise, other)
     )
-    assert np.nanmedian(told) < 0.5 * np.nanmedian(wrong)
+    assert np.nanmedian(selected) < 0.5 * np.nanmedian(wrong)
 
 
 @pytest.mark.parametrize("module", [bearings_ml, bearings_mixture_ml, bearings_sequential, bearings_suppress])

@@ -17,7 +17,7 @@ SENSORS = [(0.0, 0.0), (40.0, 0.0), (45.0, 30.0), (0.0, 35.0), (20.0, -10.0), (-
 def polluted(
     snapshots: int, share: float, seed: int = 1, std: float = 0.2
 ) -> tuple[RangeBatch, FloatArray, FloatArray]:
-    """Return ranges of which some are off by up to 30 m, the sources, and which rows are inliers."""
+    """Return ranges, some with errors of up to 30 m, the sources, and which rows are inliers."""
     generator = np.random.default_rng(seed)
     sources = generator.uniform((2.0, 2.0), (38.0, 28.0), (snapshots, 2))
     away = np.hypot(*np.moveaxis(sources[:, None] - np.array(SENSORS), -1, 0))

@@ -39,7 +39,7 @@ def snapshots_of(columns, snapshots, paths):
     return TripletBatch(seed=np.zeros(snapshots, dtype=np.uint64), **fields)
 
 
-def said(module, batch, **options):
+def first_flags(module, batch, **options):
     """Return the flag columns of the first row."""
     flags = module.solve(batch, module.METHOD.options(**options)).flags
     return {name: np.asarray(column)[0, 0] for name, column in flags.columns.items()}
@@ -48,7 +48,7 @@ def said(module, batch, **options):
 @pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
 def test_a_direct_path_is_direct(module):
     """A noise-free direct path has no reason and p-value 1 (nearly 1 for the joint method)."""
-    found = said(module, direct_path())
+    found = first_flags(module, direct_path())
     assert not found["ip"]
     assert found["reason"] == ""
     assert found["p_value"] == pytest.approx(1.0, abs=0.01)
@@ -57,7 +57,7 @@ def test_a_direct_path_is_direct(module):
 @pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
 def test_a_longer_path_is_indirect(module):
     """The same angles with a path two metres longer are inconsistent."""
-    found = said(module, direct_path(length=13.0))
+    found = first_flags(module, direct_path(length=13.0))
     assert found["ip"]
     assert found["reason"] == "inconsistent"
     assert found["p_value"] < 1e-6
@@ -66,17 +66,17 @@ def test_a_longer_path_is_indirect(module):
 def test_a_path_shorter_than_the_baseline():
     """A path shorter than its baseline has no ellipse: tdaj gives the reason, chi2 decides."""
     batch = direct_path(length=4.0)
-    found = said(triplets_tdaj, batch)
+    found = first_flags(triplets_tdaj, batch)
     assert (found["ip"], found["reason"]) == (False, "no_ellipse")
     assert np.isnan(found["p_value"])
-    found = said(triplets_chi2, batch)
+    found = first_flags(triplets_chi2, batch)
     assert (found["ip"], found["reason"]) == (True, "inconsistent,no_ellipse")
 
 
 def test_slightly_shorter_than_the_baseline_may_be_direct():
     """A target on the baseline with a path slightly shorter than it: chi2 accepts it."""
     batch = one_path(dod=0.0, doa=np.pi, length=4.96, std=(0.01, 0.01, 0.05))
-    found = said(triplets_chi2, batch)
+    found = first_flags(triplets_chi2, batch)
     assert (found["ip"], found["reason"]) == (False, "no_ellipse")
     assert found["p_value"] == pytest.approx(2.0 * stats.norm.sf(0.8), abs=1e-3)
 
@@ -84,29 +84,29 @@ def test_slightly_shorter_than_the_baseline_may_be_direct():
 def test_parallel_rays():
     """Exactly parallel rays have no crossing: lambda 1 gives the reason, lambda 5 does not need it."""
     batch = one_path(dod=1.0, doa=1.0, length=9.0)
-    found = said(triplets_tdaj, batch, rule="lambda1")
+    found = first_flags(triplets_tdaj, batch, rule="lambda1")
     assert (found["ip"], found["reason"], found["blind"]) == (False, "parallel", True)
-    assert not np.isnan(said(triplets_tdaj, batch, rule="lambda5")["p_value"])
+    assert not np.isnan(first_flags(triplets_tdaj, batch, rule="lambda5")["p_value"])
 
 
 def test_monostatic():
     """Coincident transmitter and receiver: chi2 compares the angles at any length; tdaj has no frame."""
     batch = one_path(rx=(-2.5, 0.0), dod=1.0, doa=1.03, length=9.0, std=(0.01, 0.01, 0.05))
-    assert said(triplets_tdaj, batch)["reason"] == "monostatic"
-    found = said(triplets_chi2, batch)
+    assert first_flags(triplets_tdaj, batch)["reason"] == "monostatic"
+    found = first_flags(triplets_chi2, batch)
     assert found["p_value"] == pytest.approx(2.0 * stats.norm.sf(0.03 / np.hypot(0.01, 0.01)), rel=1e-6)
     assert found["reason"] == "inconsistent,monostatic"
 
 
 def test_diverging_rays():
     """Diverging rays: the simulator's rule flags them alone; chi2 reports and flags them with either option."""
-    assert not said(triplets_tdaj, direct_path(), behind_is_ip=True)["ip"]
+    assert not first_flags(triplets_tdaj, direct_path(), behind_is_ip=True)["ip"]
     batch = one_path(dod=1.66, doa=1.57, length=30.0, std=(0.2, 0.2, 0.05))
-    assert said(triplets_tdaj, batch)["reason"] == ""
-    found = said(triplets_tdaj, batch, behind_is_ip=True)
+    assert first_flags(triplets_tdaj, batch)["reason"] == ""
+    found = first_flags(triplets_tdaj, batch, behind_is_ip=True)
     assert (found["ip"], found["reason"], found["p_value"]) == (True, "behind", 0.0)
     batch = one_path(dod=1.64, doa=1.57, length=30.0, std=(0.015, 0.015, 0.05))
-    plain, asked = said(triplets_chi2, batch), said(triplets_chi2, batch, rays_miss=True)
+    plain, asked = first_flags(triplets_chi2, batch), first_flags(triplets_chi2, batch, rays_miss=True)
     assert asked["ip"]
     assert "rays_miss" in plain["reason"]
     assert asked["p_value"] <= plain["p_value"]
@@ -117,7 +117,9 @@ def test_diverging_rays():
 def test_chi2_with_rays_flags_if_either_test_flags(length, false_alarm):
     """The p-value is the smaller of both tests, and the reasons agree."""
     batch = one_path(dod=1.64, doa=1.57, length=length, std=(0.02, 0.015, 5.0))
-    plain, asked = (said(triplets_chi2, batch, rays_miss=asks, false_alarm=false_alarm) for asks in (False, True))
+    plain, asked = (
+        first_flags(triplets_chi2, batch, rays_miss=asks, false_alarm=false_alarm) for asks in (False, True)
+    )
     miss = 2.0 * stats.norm.sf(0.07 / np.hypot(0.02, 0.015))
     assert asked["p_value"] == pytest.approx(min(plain["p_value"], miss), rel=1e-9)
     assert plain["ip"] == (plain["p_value"] < false_alarm)
@@ -159,10 +161,10 @@ def test_joint_p_values_are_those_of_chi2_times_the_probability_to_be_direct():
     assert np.median(probability[~indirect]) > 0.9
     assert np.median(probability[indirect]) < 0.1
     alone = one_path(dod=0.0, doa=np.pi, length=5.0)
-    found = said(triplets_joint, alone)
+    found = first_flags(triplets_joint, alone)
     assert np.isnan(found["direct_probability"])
-    assert found["p_value"] == said(triplets_chi2, alone)["p_value"]
-    assert 0.5 < said(triplets_joint, direct_path())["direct_probability"] <= 1.0
+    assert found["p_value"] == first_flags(triplets_chi2, alone)["p_value"]
+    assert 0.5 < first_flags(triplets_joint, direct_path())["direct_probability"] <= 1.0
 
 
 @pytest.mark.parametrize("false_alarm", [0.01, 0.2])
@@ -225,19 +227,21 @@ def test_fusion_counts_the_rules(k):
 def test_fusion_needs_enough_rules(k):
     """Fusion needs more than k defined differences, and rays that are not nearly parallel."""
     paths = [(1.0, 1.0, 9.0), (0.96, 1.86, 12.5), (0.0, np.pi, 8.0), (1.2, 1.2 + 1e-9, 9.0), (0.3, 2.9, 6.0)]
-    paths.append((np.arctan2(5.0, 2.5), np.arctan2(5.0, -2.5), 2.0 * np.hypot(5.0, 2.5)))  # half way: points mirrored
+    paths.append((np.arctan2(5.0, 2.5), np.arctan2(5.0, -2.5), 2.0 * np.hypot(5.0, 2.5)))  # midway: mirrored points
     columns = [one_path(dod=dod, doa=doa, length=length) for dod, doa, length in paths]
     seen = []
     for batch in columns:
-        blind = [bool(said(triplets_tdaj, batch, rule=f"lambda{n}")["blind"]) for n in range(1, 7)]
-        parallel = bool(said(triplets_tdaj, batch, rule="ellipse")["blind"])
-        assert said(triplets_tdaj, batch, rule="fusion", k=k)["blind"] == (blind.count(False) <= k or parallel)
+        blind = [bool(first_flags(triplets_tdaj, batch, rule=f"lambda{n}")["blind"]) for n in range(1, 7)]
+        parallel = bool(first_flags(triplets_tdaj, batch, rule="ellipse")["blind"])
+        assert first_flags(triplets_tdaj, batch, rule="fusion", k=k)["blind"] == (blind.count(False) <= k or parallel)
         seen.append(blind.count(False))
     assert len(set(seen)) > 1
     fields = {name: np.concatenate([getattr(one, name) for one in columns]) for name in ("seed", *TripletBatch.SOURCES)}
     together = dataclasses.replace(columns[0], **fields)
     flags = triplets_tdaj.solve(together, triplets_tdaj.TdajOptions(rule="fusion", k=k)).flags.columns["blind"]
-    assert flags.ravel().tolist() == [bool(said(triplets_tdaj, one, rule="fusion", k=k)["blind"]) for one in columns]
+    assert flags.ravel().tolist() == [
+        bool(first_flags(triplets_tdaj, one, rule="fusion", k=k)["blind"]) for one in columns
+    ]
 
 
 @pytest.mark.parametrize("module", [triplets_tdaj, triplets_chi2, triplets_joint])
@@ -246,7 +250,7 @@ def test_decisions_do_not_depend_on_the_scale(module, scale):
     """Scaling scene and errors by a thousand leaves p-values and reasons unchanged."""
     for length in (4.0, 11.0, 11.6):
         large, small = (
-            said(
+            first_flags(
                 module,
                 one_path(
                     (-2.5 * s, 0.0), (2.5 * s, 0.0), dod=0.96, doa=1.86, length=length * s, std=(0.01, 0.01, 0.05 * s)
@@ -280,7 +284,7 @@ def test_details_are_points_in_global_coordinates():
         doa=np.arctan2(*(target - rx)[::-1]),
         length=np.hypot(*(target - tx)) + np.hypot(*(target - rx)),
     )
-    found = said(triplets_tdaj, dataclasses.replace(batch, want_details=True))
+    found = first_flags(triplets_tdaj, dataclasses.replace(batch, want_details=True))
     for name in ("dod_doa", "dod_toa", "doa_toa"):
         assert [found[f"{name}_x_m"], found[f"{name}_y_m"]] == pytest.approx(list(target), abs=1e-9)
     assert found["lambda5_m"] == pytest.approx(0.0, abs=1e-9)
@@ -289,14 +293,14 @@ def test_details_are_points_in_global_coordinates():
 def test_safe_region():
     """On the edge of the safe region a path is flagged with the nominal probability; inside less often."""
     batch = one_path(dod=0.96, doa=1.86, length=12.5)
-    rows_std = said(triplets_tdaj, dataclasses.replace(batch, want_details=True))
+    rows_std = first_flags(triplets_tdaj, dataclasses.replace(batch, want_details=True))
     value = abs(rows_std["lambda5_m"])
-    found = said(triplets_tdaj, batch, eta_m=value)
-    # |lambda| at its own mean: it is exceeded half the time, but for the far tail.
+    found = first_flags(triplets_tdaj, batch, eta_m=value)
+    # |lambda| at its own mean: it is exceeded half the time, except for the far tail.
     assert found["p_value"] == pytest.approx(0.5, abs=1e-3)
     assert found["outside_safe_region"] == found["ip"]
-    assert not said(triplets_tdaj, batch, eta_m=2.0 * value)["ip"]
-    assert "outside_safe_region" not in said(triplets_tdaj, batch)
+    assert not first_flags(triplets_tdaj, batch, eta_m=2.0 * value)["ip"]
+    assert "outside_safe_region" not in first_flags(triplets_tdaj, batch)
 
 
 @pytest.mark.parametrize("number", [2, 3])

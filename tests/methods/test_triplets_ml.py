@@ -77,13 +77,13 @@ def test_residuals_are_measured_minus_predicted():
     tx = np.stack([columns["tx_x_m"], columns["tx_y_m"]], axis=1)
     rx = np.stack([columns["rx_x_m"], columns["rx_y_m"]], axis=1)
     dod, doa, length = predict_triplets(tx, rx, solution.estimates.position_m[np.repeat(np.arange(20), 3)])
-    said = solution.flags.columns
+    flags = solution.flags.columns
     turn = np.angle(np.exp(1j * (columns["dod_rad"] - dod)))
-    np.testing.assert_allclose(said["residual_dod_rad"].ravel(), turn, atol=1e-9)
+    np.testing.assert_allclose(flags["residual_dod_rad"].ravel(), turn, atol=1e-9)
     np.testing.assert_allclose(
-        said["residual_doa_rad"].ravel(), np.angle(np.exp(1j * (columns["doa_rad"] - doa))), atol=1e-9
+        flags["residual_doa_rad"].ravel(), np.angle(np.exp(1j * (columns["doa_rad"] - doa))), atol=1e-9
     )
-    np.testing.assert_allclose(said["residual_m"].ravel(), columns["path_length_m"] - length, atol=1e-9)
+    np.testing.assert_allclose(flags["residual_m"].ravel(), columns["path_length_m"] - length, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -101,14 +101,14 @@ def test_statuses(path, status):
 
 
 def test_the_joint_cost_is_half_the_chi_square_of_the_residuals():
-    """The cost is half the sum of squared scaled residuals; without flags there are none."""
+    """The cost is half the sum of squared scaled residuals; no flags are returned unless requested."""
     batch = _block(draw_columns("room", 20, seed=5, receivers=3, paths=1, blocked_fraction=0.0), 20, 3)
     solution = solve(batch, joint=True)
-    said = solution.flags.columns
+    flags = solution.flags.columns
     parts = (
-        said["residual_dod_rad"] / batch.dod_std_rad,
-        said["residual_doa_rad"] / batch.doa_std_rad,
-        said["residual_m"] / batch.path_length_std_m,
+        flags["residual_dod_rad"] / batch.dod_std_rad,
+        flags["residual_doa_rad"] / batch.doa_std_rad,
+        flags["residual_m"] / batch.path_length_std_m,
     )
     expected = 0.5 * sum((part**2).sum(axis=1) for part in parts)
     assert np.isfinite(expected).sum() > 15

@@ -167,9 +167,9 @@ def test_gradients_of_margins_agree_with_finite_differences(seed: int) -> None:
         for margin, after, before in zip(here, ahead, behind, strict=True):
             finite = np.isfinite(margin.value_m) & np.isfinite(after.value_m) & np.isfinite(before.value_m)
             numeric = (after.value_m[finite] - before.value_m[finite]) / (2.0 * step)
-            told = getattr(margin, slope)[finite]
+            exact = getattr(margin, slope)[finite]
             smooth = np.abs(numeric) < 50.0
-            np.testing.assert_allclose(told[smooth], numeric[smooth], atol=2e-5 * (1.0 + np.abs(told[smooth]).max()))
+            np.testing.assert_allclose(exact[smooth], numeric[smooth], atol=2e-5 * (1.0 + np.abs(exact[smooth]).max()))
 
 
 def test_margins_are_zero_on_the_edge_of_the_scene() -> None:

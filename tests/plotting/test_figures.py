@@ -99,9 +99,9 @@ def test_pyplot_is_not_imported() -> None:
 )
 def test_other_formats_are_refused(target: str, format: str | None, text: str) -> None:
     """Another extension or format is an error that lists the three."""
-    with pytest.raises(UsageError) as told:
+    with pytest.raises(UsageError) as raised:
         picture_format(target, format)
-    assert text in str(told.value)
+    assert text in str(raised.value)
 
 
 def test_figures_are_not_overwritten(tmp_path: Path) -> None:

@@ -224,8 +224,8 @@ def test_each_echo_is_a_circle(files: Any) -> None:
     flags = made("flags of echoes").filter(pa.compute.equal(made("flags of echoes").column("snapshot"), 0)).to_pylist()
     radii = sorted(patch.radius for patch in axes.patches if isinstance(patch, Circle))
     assert radii == pytest.approx(sorted(row["range_m"] for row in flags))
-    told = {f"echo of target {row['target']}" for row in flags if row["los"]}
-    assert told <= set(legend_words(axes))
+    labels = {f"echo of target {row['target']}" for row in flags if row["los"]}
+    assert labels <= set(legend_words(axes))
 
 
 def test_a_sweep_has_a_line_per_method(files: Any) -> None:
@@ -350,9 +350,9 @@ def test_large_files_are_thinned_by_whole_snapshots(files: Any) -> None:
     assert set(count.tolist()) == {2}
     assert set(rows.columns["method"]) == {"ml", "stansfield"}
     assert all(np.unique(kept % period).size >= 0.75 * min(period, kept.size) for period in (2, 3, 4, 5, 8, 16, 20))
-    told = picture([file], "cdf", max_rows=50)
-    assert any("1 of 8 snapshots is drawn" in note for note in told.notes)
-    assert "1 of 8 snapshots is drawn" in told.figure.get_supxlabel().replace("\n", " ")
+    plotted = picture([file], "cdf", max_rows=50)
+    assert any("1 of 8 snapshots is drawn" in note for note in plotted.notes)
+    assert "1 of 8 snapshots is drawn" in plotted.figure.get_supxlabel().replace("\n", " ")
 
 
 def test_unsuitable_views_are_refused(files: Any) -> None:
@@ -390,8 +390,8 @@ def test_snapshots_without_a_fix_are_noted(tmp_path: Path) -> None:
     row |= {"cov_xy_m2": None, "cov_yy_m2": None, "n_measurements": 1, "n_used": 0, "cost": None, "status": "too_few"}
     pyarrow.csv.write_csv(pa.Table.from_pylist([row]), tmp_path / "e.csv")
     opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], None)]
-    told = picture(opened, "scene")
-    assert told.notes == ["ml: no position (too_few)"]
-    assert figure_bytes(told.figure, "png")
+    plotted = picture(opened, "scene")
+    assert plotted.notes == ["ml: no position (too_few)"]
+    assert figure_bytes(plotted.figure, "png")
     with pytest.raises(DataError, match="no estimate has a position"):
         picture(opened, "estimates")

@@ -104,8 +104,8 @@ def test_a_plugin_is_listed_with_its_distribution(centroid: Path) -> None:
 
 def test_without_it_there_is_no_such_method() -> None:
     """Without its installation the name is unknown."""
-    said = run(RESOLVE, "crossings-centroid", path=[])
-    assert said.startswith("UsageError: no method 'crossings-centroid' for bearings")
+    message = run(RESOLVE, "crossings-centroid", path=[])
+    assert message.startswith("UsageError: no method 'crossings-centroid' for bearings")
 
 
 def test_a_plugin_is_resolved_by_its_name(centroid: Path) -> None:
@@ -122,8 +122,8 @@ def test_plugins_can_be_hidden(centroid: Path) -> None:
     """``NLOSCTL_NO_PLUGINS=1`` lists and resolves built-in methods only."""
     listed = run(LIST, path=[centroid], NLOSCTL_NO_PLUGINS="1")
     assert {distribution for _, distribution, _ in listed} == {"nlosctl"}
-    said = run(RESOLVE, "crossings-centroid", path=[centroid], NLOSCTL_NO_PLUGINS="1")
-    assert said.startswith("UsageError: no method 'crossings-centroid'")
+    message = run(RESOLVE, "crossings-centroid", path=[centroid], NLOSCTL_NO_PLUGINS="1")
+    assert message.startswith("UsageError: no method 'crossings-centroid'")
 
 
 def test_a_broken_plugin_is_reported(centroid: Path, broken: Path) -> None:
@@ -140,6 +140,6 @@ def test_a_broken_plugin_is_reported(centroid: Path, broken: Path) -> None:
 
 def test_ambiguous_names_are_errors_when_used(broken: Path) -> None:
     """A name of two distributions is an error that names both when used; other names work."""
-    said = run(RESOLVE, "ls", path=[broken])
-    assert said == "UsageError: method 'bearings.ls' is provided by nlosctl and nlosctl-broken; uninstall one of them"
+    message = run(RESOLVE, "ls", path=[broken])
+    assert message == "UsageError: method 'bearings.ls' is provided by nlosctl and nlosctl-broken; uninstall one of them"
     assert run(RESOLVE, "ml", path=[broken]) == "bearings.ml"

@@ -182,7 +182,7 @@ def set_versions(monkeypatch: pytest.MonkeyPatch, stated: int | None) -> None:
 def test_missing_names_report_the_contract_version(
     monkeypatch: pytest.MonkeyPatch, installed: list[EntryPoint], tmp_path: Path, source: str
 ) -> None:
-    """A plugin that uses a name or argument missing from the contract is told the version of this nlosctl."""
+    """A plugin that uses a name or argument missing from the contract is reported with the version of this nlosctl."""
     (tmp_path / "too_new_plugin.py").write_text(source)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "too_new_plugin", raising=False)
@@ -199,5 +199,5 @@ def test_listing_imports_no_method_and_no_numpy() -> None:
         "heavy = {'numpy', 'scipy', 'pyarrow'} & sys.modules.keys(); "
         "print([*heavy, *(name for name in sys.modules if name.startswith('nlosctl.m'))])"
     )
-    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "[]"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

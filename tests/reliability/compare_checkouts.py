@@ -4,9 +4,9 @@
 
 Every fixture, method, format and command runs in both checkouts with this interpreter. A table is compared by its
 columns, types and values (Arrow IPC without metadata), any other file by its bytes. Differing messages are listed
-apart: rewording is no fault as long as file, row, column, value, expectation and cure remain. ``REGEX`` selects runs by
-name. The exit code is 1 if any result differs. Fixed digests would change with the versions of the libraries, so this
-is a program for a change that must not alter results, not a test.
+separately: a rewording may keep file, row, column, value, expectation and cure. ``REGEX`` selects runs by name. The
+exit code is 1 if any result differs. Fixed digests would change with the versions of the libraries, so this
+is a program for checking changes that must not alter results, not a test.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def call(checkout: Path, words: list[str], folder: Path) -> tuple[int, bytes, st
 
 
 def results(checkout: Path, run: Run, scratch: Path) -> tuple[dict[str, object], list[str]]:
-    """Return what a run and its followers produced, by name, and their messages."""
+    """Return the outputs of a run and its followers, by name, and their messages."""
     folder = scratch / run.name
     folder.mkdir()
     produced: dict[str, object] = {}

@@ -1,7 +1,8 @@
 """Inputs that atheris (where it is installed) guides by the code they reach: `python fuzz_guided.py -runs=9999 CORPUS`.
 
-Beside the spoilt files of `fuzz_files` this finds its own way into readers of text: the first byte of an input says
-which, the others are the file. The folder CORPUS is filled with good files first. A broken law ends the run.
+In addition to the corrupted files of `fuzz_files` this explores the readers of text: the first byte of an input
+selects the reader, the others are the file. The folder CORPUS is first filled with valid files. A violated rule ends
+the run.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from seed_files import SeedFile, table_seeds
 
 
 def readable_seeds() -> list[SeedFile]:
-    """Return the good files that are text, one of each target, kind and extension."""
+    """Return the valid text files, one of each target, kind and extension."""
     files = [file for file in (*table_seeds(), *other_seeds()) if file.target in ("csv", "jsonl", "scene", "import")]
     texts = [file for file in files if Path(file.name).suffix not in (".npz", ".parquet", ".gz")]
     return list({(file.target, file.kind, file.name): file for file in texts}.values())
@@ -41,7 +42,7 @@ SEEDS = readable_seeds()
 
 
 def check_one(data: bytes) -> None:
-    """Run the job of the reader that the first byte names on the others; raise where the law is broken."""
+    """Run the job of the reader that the first byte selects on the other bytes; raise if a rule is violated."""
     if not data:
         return
     file = SEEDS[data[0] % len(SEEDS)]
@@ -58,7 +59,7 @@ def check_one(data: bytes) -> None:
 
 
 class _Plain(random.Random):
-    """Chance that always takes the plain way."""
+    """Random choices that always select the default."""
 
     def random(self) -> float:
         return 0.5

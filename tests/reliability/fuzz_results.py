@@ -55,21 +55,21 @@ def result_complaints(case: Case, ending: Ending, folder: Path) -> Iterator[str]
 
 
 def _accepted(folder: Path, outputs: tuple[str, ...], words: list[str], *, earth: bool = False) -> Iterator[str]:
-    """Yield it where ``validate`` refuses what another command took, or wrote."""
+    """Yield a complaint if ``validate`` refuses what another command accepted or wrote."""
     if earth and not find_spec("pyproj"):
         return
     before = [path.name for path in folder.iterdir()]
     ending = run_guarded(["validate", *words, "-q", *(("--origin", "47.4,8.5") if earth else ())])
     yield from complaints(ending, folder, (), before)
-    if ending.code != 0 and not re.search(r"scene (has no|with its) sensor", ending.err):  # left open
-        yield f"accepted, but validate says: {ending.err[:300]!r}"
+    if ending.code != 0 and not re.search(r"scene (has no|with its) sensor", ending.err):  # undecided
+        yield f"accepted, but validate reports: {ending.err[:300]!r}"
 
 
 def _compared(case: Case, folder: Path) -> Iterator[str]:
-    """Yield where the flags, or the copy, do not carry what an independent reader finds in the file."""
+    """Yield differences of the flags, or the copy, from the content that an independent reader returns."""
     try:
         rows = read_independently(case.seed_file.name, case.content)
-    except Exception as error:  # the program read it: then so must any other reader, unless rows were set aside
+    except Exception as error:  # a file that the program reads must be readable by others, unless rows were set aside
         if "bad.arrow" not in case.outputs:
             yield f"accepted, but not readable elsewhere: {type(error).__name__}: {error}"
         return
@@ -85,20 +85,20 @@ def _compared(case: Case, folder: Path) -> Iterator[str]:
 
 
 def _folder_complaints(target: str, folder: Path) -> Iterator[str]:
-    """Yield which files in ``out`` are not what a run that found nothing there writes."""
+    """Yield the files in ``out`` that differ from those of a run into an empty folder."""
     whole = folder_as_it_should_be(target)
     found = {path.relative_to(folder).as_posix(): path for path in (folder / "out").rglob("*") if path.is_file()}
     if found.keys() != whole.keys():
         yield f"files {sorted(found)}, expected {sorted(whole)}"
     for name in found.keys() & whole.keys():
-        if name.endswith(".samples.parquet"):  # left as it is where its columns are what its digest says
+        if name.endswith(".samples.parquet"):  # kept if its columns match its digest
             continue
         if found[name].read_bytes() != whole[name]:
-            yield f"{name} differs from that of a run without the spoilt file"
+            yield f"{name} differs from that of a run without the corrupted file"
 
 
 def _form_complaints(path: Path) -> Iterator[str]:
-    """Yield why a map is no file of its format."""
+    """Yield why a map does not have its format."""
     try:
         if path.suffix in (".geojson", ".czml"):
             json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)

@@ -12,7 +12,7 @@ from seed_files import FIXTURES, SeedFile
 __all__ = ["Words", "words_of"]
 
 Words = tuple[tuple[str, ...], tuple[str, ...]]
-"""The words of a command line, and the files that it is to write."""
+"""The arguments of a run, and the files that it writes."""
 
 _METHODS = {
     "bearings": ("ls", "stansfield", "mixture-ml", "suppress", "sequential", "stansfield-focused"),
@@ -71,7 +71,7 @@ def _of_polygon(file: SeedFile, chance: random.Random) -> Words:
 
 
 def _imported(file: SeedFile, chance: random.Random) -> Words:
-    """The words of an import: with a window, bad lines set aside, or other parameters now and then."""
+    """Return the arguments of an import, sometimes with a window, bad lines set aside, or other parameters."""
     log = file.name if file.target == "import" else file.beside[0][0]
     parameters = [word for parameter in file.parameters for word in ("--param", parameter)]
     if file.kind == "sionna" and chance.random() < 0.4:

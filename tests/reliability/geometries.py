@@ -1,4 +1,4 @@
-"""Snapshots of any size at any position: draws of the laws, scaled, moved, and brought close to degenerate ones."""
+"""Snapshots of any size at any position: draws of the laws, scaled, moved, and made nearly degenerate."""
 
 from __future__ import annotations
 

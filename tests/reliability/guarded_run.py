@@ -32,7 +32,7 @@ class HangError(BaseException):
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How a run ended: exit code (None: it raised), output, exception or warning."""
+    """The end of a run: exit code (None: an exception), output, exception or warning."""
 
     words: Sequence[str]
     code: int | None
@@ -44,7 +44,7 @@ class Ending:
 def run_guarded(words: Sequence[Any], *, stdin: bytes = b"", seconds: float = 20.0, terminal: bool = False) -> Ending:
     """Run ``nlosctl WORDS...`` in this process; the result records what it raises, HangError too.
 
-    ``terminal``: standard error is a terminal as far as ``isatty`` reports it.
+    With ``terminal``, ``isatty`` of standard error is true.
     """
     from nlosctl.cli.main import run
 
@@ -95,7 +95,7 @@ def _known_formats(path: tuple[str, ...]) -> list[registry.MethodEntry]:
 
 @contextmanager
 def _prepared() -> Iterator[None]:
-    """Use a parser and lists of methods and formats made once: making them takes most of the time of a run."""
+    """Reuse one parser and one list of methods and formats: building them takes most of the time of a run."""
     from nlosctl.cli import main
 
     main.app, made_again = _parser(), main.app
@@ -109,7 +109,7 @@ def _prepared() -> Iterator[None]:
 
 @contextmanager
 def _alarm(seconds: float) -> Iterator[None]:
-    """Raise HangError after so many seconds of computing, or after five minutes of anything."""
+    """Raise HangError after ``seconds`` of processor time, or after five minutes of wall time."""
 
     def ring(number: int, frame: FrameType | None) -> NoReturn:
         raise HangError(f"no end after {seconds:g} s of computing, or {_LONGEST_WAIT_S:g} s in all")
@@ -127,9 +127,9 @@ def _alarm(seconds: float) -> Iterator[None]:
 
 
 def complaints(ending: Ending, folder: Path, outputs: Sequence[str], before: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong with an end: the law of exit codes, of the one clear line, and of whole outputs.
+    """Yield violations of the rules for exit codes, for one clear line, and for complete outputs.
 
-    ``before`` are the names that were in ``folder`` at the start, ``outputs`` those that the words ask for.
+    ``before`` are the names in ``folder`` at the start, ``outputs`` those that the arguments name.
     """
     if ending.raised:
         yield f"raised {ending.raised}"
@@ -148,10 +148,10 @@ def message_complaints(err: str, *, quiet_end: bool) -> Iterator[str]:
     lines = err.split("\n")[:-1] if err.endswith("\n") else err.split("\n")
     if quiet_end:
         if err:
-            yield f"a quiet run said {err[:300]!r}"
+            yield f"a quiet run printed {err[:300]!r}"
         return
     if not err.endswith("\n") or not lines[0].startswith("nlosctl: "):
-        yield f"the message is no line of ours: {err[:300]!r}"
+        yield f"the message is not a line of nlosctl: {err[:300]!r}"
     if "Traceback" in err or "internal error" in err:
         yield f"an internal error: {err[:400]!r}"
     gathered = all(re.search(r", (row|line) \d+|bad rows? in all|^nlosctl: ", line) for line in lines)

@@ -23,7 +23,7 @@ def read_independently(name: str, content: bytes) -> list[dict[str, Any]]:
     if name.endswith(".parquet"):
         return list(_rows(pa.parquet.ParquetFile(io.BytesIO(content)).read()))
     if name.endswith((".arrow", ".arrows")):
-        try:  # a file is known by its end
+        try:  # the extension determines the format
             return list(_rows(pa.ipc.open_file(io.BytesIO(content)).read_all()))
         except pa.ArrowInvalid:
             return list(_rows(pa.ipc.open_stream(io.BytesIO(content)).read_all()))
@@ -42,7 +42,7 @@ def _rows(table: Any) -> Iterator[dict[str, Any]]:
 
 
 def differences(rows: list[dict[str, Any]], table: Any, names: set[str]) -> Iterator[str]:
-    """Yield where the columns ``names`` of a table written by the program differ from ``rows``."""
+    """Yield differences of the columns ``names`` of a table written by the program from ``rows``."""
     if len(rows) != table.num_rows:
         yield f"{table.num_rows} rows came out of {len(rows)}"
         return
@@ -55,7 +55,7 @@ def differences(rows: list[dict[str, Any]], table: Any, names: set[str]) -> Iter
 
 
 def _same(value: Any, raw: Any) -> bool:
-    if isinstance(raw, bytes):  # text of a spoilt file that no longer says that it is text
+    if isinstance(raw, bytes):  # text of a corrupted file that is no longer marked as text
         return bool(value == raw) or value == raw.decode("utf-8", "backslashreplace")
     if value is None or raw is None:
         return value is None and (raw is None or raw == "")

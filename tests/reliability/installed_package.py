@@ -1,4 +1,4 @@
-"""An installed package tried from outside of its source tree: `python installed_package.py FIXTURES`."""
+"""Test an installed package from outside its source tree: `python installed_package.py FIXTURES`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__: list[str] = []
 
 
 def main() -> int:
-    """Run the program that lies beside this interpreter on the fixtures; return 0 where all of it works."""
+    """Run the program next to this interpreter on the fixtures; return 0 if all runs succeed."""
     fixtures = Path(sys.argv[1]).resolve()
     program = Path(sys.executable).with_name("nlosctl")
     with tempfile.TemporaryDirectory() as folder:

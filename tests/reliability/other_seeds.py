@@ -21,7 +21,7 @@ from seed_files import FIXTURES, SeedFile
 from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.reproduce.store import SampleStore
 
-__all__ = ["CACHED", "PARTED", "folder_as_it_should_be", "other_seeds", "without_figures"]
+__all__ = ["CACHED", "PARTED", "expected_folder", "other_seeds", "without_figures"]
 
 PARTED = ("localize", "in", "--scene", str(FIXTURES / "good_bearings.scene.toml"), "-o", "out/", "-q", "--jobs", "1")
 CACHED = ("reproduce", "shen-table3", "-n", "20", "-o", "out", "-q", "--json")
@@ -86,7 +86,7 @@ def _traced() -> bytes:
 
 
 def _estimates(folder: Path) -> Iterator[SeedFile]:
-    """Yield what the program writes, to be read by evaluate, plot and convert."""
+    """Yield outputs of the program that evaluate, plot and convert read."""
     table = "".join((FIXTURES / "good_bearings.csv").read_text().splitlines(keepends=True)[:60])
     (folder / "m.csv").write_text(table)
     scene = ("--scene", str(FIXTURES / "good_bearings.scene.toml"))
@@ -113,7 +113,7 @@ def _parts(folder: Path) -> Iterator[SeedFile]:
     _run(PARTED)
     yield from _each_of(folder, ["out/_manifest.json"], PARTED)
     shutil.rmtree(folder / "out")
-    with _stopped_before_the_end(RunFolder):
+    with _stopped_before_joining(RunFolder):
         _run(PARTED)
     (folder / "out" / "_unfinished" / "000002.json").unlink()
     yield from _each_of(folder, ["out/_unfinished/plan.json", "out/_unfinished/000001.json"], PARTED)
@@ -124,14 +124,14 @@ def _cache(folder: Path) -> Iterator[SeedFile]:
         _run(CACHED)
         yield from _each_of(folder, ["out/shen-table3.samples.parquet"], CACHED)
         shutil.rmtree(folder / "out")
-        with _stopped_before_the_end(SampleStore):
+        with _stopped_before_joining(SampleStore):
             _run(CACHED)
     (folder / "out" / "shen-table3.parquet").unlink()
     yield from _each_of(folder, ["out/shen-table3.parts/0000-00000.parquet"], CACHED)
 
 
 @cache
-def folder_as_it_should_be(target: str) -> dict[str, bytes]:
+def expected_folder(target: str) -> dict[str, bytes]:
     """Return the files in ``out`` after a successful run of the target manifest or cache."""
     with _empty_folder() as folder:
         (file, *_) = list(_parts(folder) if target == "manifest" else _cache(folder))
@@ -147,8 +147,8 @@ def _each_of(folder: Path, names: Sequence[str], line: Sequence[str]) -> Iterato
 
 
 @contextmanager
-def _stopped_before_the_end(keeper: Any) -> Iterator[None]:
-    """Let a run end with all its parts kept, before they are put together."""
+def _stopped_before_joining(keeper: Any) -> Iterator[None]:
+    """Stop a run after all its parts are kept, before they are joined."""
     finish, keeper.finish = keeper.finish, lambda *_: None
     try:
         yield
@@ -158,7 +158,7 @@ def _stopped_before_the_end(keeper: Any) -> Iterator[None]:
 
 @contextmanager
 def without_figures() -> Iterator[None]:
-    """Plot no figures, which take most of the time of a small experiment."""
+    """Skip the figures, which take most of the time of a small experiment."""
     from nlosctl.reproduce import run
 
     draw, run._pictures = run._pictures, lambda *_: []

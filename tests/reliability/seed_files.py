@@ -29,9 +29,9 @@ _TABLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class SeedFile:
-    """A good file: its kind, the job done with it, the name it goes by (with its extension), its bytes.
+    """A valid file: its kind, the job that reads it, its name (with extension), its bytes.
 
-    ``beside`` are the names and bytes of files that are read with it, ``parameters`` those of its importer.
+    ``beside`` are names and bytes of files read with it, ``parameters`` are those of its importer.
     """
 
     target: str
@@ -45,7 +45,7 @@ class SeedFile:
 
 @cache
 def table_of(kind: str) -> Any:
-    """Return the first rows of a fixture, text as text, with a text column of its own and one of nulls."""
+    """Return the first rows of a fixture, text as text, with an additional text column and one of nulls."""
     name, rows, _ = _TABLES[kind]
     table = pyarrow.csv.read_csv(FIXTURES / name, convert_options=pyarrow.csv.ConvertOptions(strings_can_be_null=True))
     table = table.slice(0, rows)

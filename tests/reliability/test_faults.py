@@ -36,11 +36,11 @@ def names(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir()]
 
 
-def assert_failed_cleanly(ending: Ending, folder: Path, before: list[str], told: str) -> None:
-    """Check that a run exits 1 with one line that contains ``told``, and leaves no new file."""
+def assert_failed_cleanly(ending: Ending, folder: Path, before: list[str], message: str) -> None:
+    """Check that a run exits 1 with one line that contains ``message``, and leaves no new file."""
     assert list(complaints(ending, folder, [], before)) == []
     assert ending.code == 1
-    assert told in ending.err
+    assert message in ending.err
 
 
 def shell(script: str, folder: Path, **settings: Any) -> tuple[int, bytes, str]:
@@ -180,7 +180,9 @@ def test_signals_end_in_one_line(command: str, number: int, code: int, folder: P
     finally:
         running.kill()
     assert running.returncode == code
-    assert [line for line in err.decode().splitlines() if line] == [err.decode().strip()], "more than a line was said"
+    assert [line for line in err.decode().splitlines() if line] == [err.decode().strip()], (
+        "more than one line was printed"
+    )
     assert b"interrupted" in err
     assert names(folder) == []
 
@@ -218,7 +220,7 @@ def test_a_closed_pipe_is_quiet(line: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "message"),
     [
         ("nlosctl localize - -q <&-", "standard input is closed"),
         (f"nlosctl localize {GOOD} -q >&-", "standard output is closed"),
@@ -227,12 +229,12 @@ def test_a_closed_pipe_is_quiet(line: str, folder: Path) -> None:
         ("nlosctl methods --json > /dev/full", "No space left on device"),
     ],
 )
-def test_closed_and_full_streams(line: str, told: str, folder: Path) -> None:
+def test_closed_and_full_streams(line: str, message: str, folder: Path) -> None:
     """A closed input, and a closed or full output, exit 1 with a line that names it."""
     code, out, err = shell(line, folder)
     assert (code, out) == (1, b"")
     assert list(message_complaints(err, quiet_end=False)) == []
-    assert told in err
+    assert message in err
     assert len(err.splitlines()) == 1
 
 
@@ -249,7 +251,7 @@ def test_closed_and_full_stderr(way: str, folder: Path) -> None:
 @pytest.mark.parametrize("job", JOBS)
 def test_read_only_folders(job: WritingJob, job_folder: Path) -> None:
     """A read-only folder is reported before any work is done, and stays unchanged."""
-    run_guarded([*job.line, "-q", "--overwrite"], seconds=60)  # what is imported late comes from folders of root
+    run_guarded([*job.line, "-q", "--overwrite"], seconds=60)  # imports late modules, which are in folders of root
     for name in job.outputs:
         (job_folder / name).unlink()
     before = names(job_folder)

@@ -29,13 +29,13 @@ BEARINGS = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad\n"
 TRIPLETS = "snapshot,path,tx_x_m,tx_y_m,rx_x_m,rx_y_m,dod_rad,doa_rad,toa_s,dod_std_rad,doa_std_rad,path_length_std_m\n"
 
 
-def assert_refused(folder: Path, words: list[Any], *said: str) -> Ending:
-    """Check that a run exits 1 with one clear line that contains all of ``said``, and leaves nothing."""
+def assert_refused(folder: Path, words: list[Any], *message: str) -> Ending:
+    """Check that a run exits 1 with one clear line that contains all of ``message``, and leaves nothing."""
     before = [path.name for path in folder.iterdir()]
     ending = run_guarded([*words, "-q"])
     assert list(complaints(ending, folder, [], before)) == []
     assert ending.code == 1
-    assert [word for word in said if word not in ending.err] == []
+    assert [word for word in message if word not in ending.err] == []
     return ending
 
 
@@ -124,11 +124,11 @@ def test_files_refused_by_evaluate_are_closed(folder: Path) -> None:
     assert run_guarded(["localize", *words]).code == 0
     lines = (folder / "f.csv").read_text().splitlines()
     (folder / "bare.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines).replace("truth_los", "other"))
-    for inputs, told in (["bare.csv"], "no column"), (["e.csv", "f.csv"], "one by one"):
+    for inputs, output in (["bare.csv"], "no column"), (["e.csv", "f.csv"], "one by one"):
         ending = run_guarded(["evaluate", *inputs, "-q"])
         gc.collect()
         assert ending.code == 1
-        assert told in ending.err
+        assert output in ending.err
 
 
 def test_overflow_in_unit_conversion(folder: Path) -> None:
@@ -185,19 +185,19 @@ ROW = {"alternative": "0", "truth": "1,1", "id": "7"}
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"alternative": ""}, ["'alternative'", "empty"]),
         ({"truth": "1e20,1"}, ["'truth_x_m'", "got 1e+20", "within 1e+15"]),
         ({"truth": "x,1"}, ["row 1", "'truth_x_m'"]),
     ],
 )
-def test_corrupted_estimates(changed: dict[str, str], said: list[str], folder: Path) -> None:
+def test_corrupted_estimates(changed: dict[str, str], message: list[str], folder: Path) -> None:
     """Missing alternatives, and truth out of range or not numeric, are reported; these were internal errors."""
     row = {**ROW, **changed}
     line = f"{row['id']},ml,0,{row['alternative']},1,1,1,0,1,3,3,0.5,ok,{row['truth']}\n"
     (folder / "e.csv").write_text(f"{ESTIMATES},truth_x_m,truth_y_m\n{line}")
-    assert_refused(folder, ["evaluate", "e.csv"], *said)
+    assert_refused(folder, ["evaluate", "e.csv"], *message)
 
 
 def test_maps_of_text_positions(folder: Path) -> None:
@@ -224,8 +224,8 @@ def test_times_too_far_apart_for_windows(folder: Path) -> None:
 def test_path_names_that_are_not_utf8(folder: Path) -> None:
     """Traced paths with names that are not UTF-8 are reported; the importer failed."""
     numbers = {name: [1.0] for name in ("tau", "phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
-    spoilt = pa.StringArray.from_buffers(1, pa.py_buffer(bytes([0, 0, 0, 0, 1, 0, 0, 0])), pa.py_buffer(b"\x80"))
-    pa.parquet.write_table(pa.table({"rx": spoilt, "tx": [1], **numbers}), folder / "p.parquet")
+    not_utf8 = pa.StringArray.from_buffers(1, pa.py_buffer(bytes([0, 0, 0, 0, 1, 0, 0, 0])), pa.py_buffer(b"\x80"))
+    pa.parquet.write_table(pa.table({"rx": not_utf8, "tx": [1], **numbers}), folder / "p.parquet")
     assert_refused(folder, ["convert", "p.parquet", "--from", "sionna", "-o", "o.csv"], "p.parquet, column 'rx'")
 
 

@@ -29,13 +29,13 @@ ROW = b"1,a,0.0,0.0,0.5,0.01\n"
 GOOD = FIXTURES / "good_bearings.csv"
 
 
-def assert_refused(folder: Path, words: list[Any], told: str, *, code: int = 1) -> Ending:
-    """Check that a run ends as the rules demand, with a line that contains ``told``."""
+def assert_refused(folder: Path, words: list[Any], message: str, *, code: int = 1) -> Ending:
+    """Check that a run ends according to the rules, with a line that contains ``message``."""
     before = [path.name for path in folder.iterdir()]
     ending = run_guarded([*words, "-q"], seconds=60)
     assert list(complaints(ending, folder, [], before)) == []
     assert ending.code == code
-    assert told in ending.err
+    assert message in ending.err
     assert len(ending.err.splitlines()) == 1
     return ending
 
@@ -94,7 +94,7 @@ def constant_parquet(path: Path, rows: int) -> None:
 
 
 def test_a_snapshot_of_ten_million_rows(folder: Path) -> None:
-    """A huge snapshot is refused at the limit of rows, whatever the file's metadata state."""
+    """A huge snapshot is refused at the limit of rows, independent of the metadata of the file."""
     constant_parquet(folder / "m.parquet", 10_000_000)
     assert_refused(folder, ["localize", "m.parquet", "-o", "e.csv"], "a snapshot has more than 1000000 rows")
     assert_refused(folder, ["validate", "m.parquet", "--max-snapshot-rows", 5], "raise --max-snapshot-rows")
@@ -221,9 +221,9 @@ def test_names_with_control_characters(extension: str, name: str, folder: Path) 
     else:
         (folder / "m.jsonl").write_text("".join(json.dumps(row) + "\n" for row in table.to_pylist()))
     assert_refused(folder, ["localize", f"m.{extension}", "-o", "e.csv"], "sensor_x_m")
-    told = run_guarded(["localize", f"m.{extension}", "--column", f"sensor_x_m={name}", "-q"])
-    assert told.code in (1, 2)
-    assert all(character.isprintable() or character == "\n" for character in told.err)
+    outcome = run_guarded(["localize", f"m.{extension}", "--column", f"sensor_x_m={name}", "-q"])
+    assert outcome.code in (1, 2)
+    assert all(character.isprintable() or character == "\n" for character in outcome.err)
 
 
 @pytest.mark.parametrize("name", ["\x1b[31m.csv", "a\nb.csv", "\u202e.csv"], ids=ascii)
@@ -240,7 +240,7 @@ def test_files_with_control_characters_in_their_names(name: str, folder: Path) -
 PLUGINS = {
     "raises": ("raise OSError('no\\nluck')", "can't be loaded: OSError: no luck"),
     "exits": ("import sys; sys.exit(0)", "can't be loaded: SystemExit"),
-    "is none": ("METHOD = 3", "is a int, not a"),
+    "is not a method": ("METHOD = 3", "is a int, not a"),
     "lacks it": ("", "can't be loaded: AttributeError"),
     "raises on solve": ("def solve(b, o): raise ValueError('no\\nluck')", "failed: ValueError: no luck"),
     "exits on solve": ("def solve(b, o): raise SystemExit", "failed: SystemExit"),
@@ -291,15 +291,15 @@ METHOD = """METHOD = MethodSpec(name="hostile", kind="bearings", job="localize",
     options=Options, solve=solve, cost="c", minimum_measurements=1, contract_version=1)"""
 
 
-@pytest.mark.parametrize(("fault", "told"), PLUGINS.values(), ids=PLUGINS.keys())
-def test_faulty_plugins(fault: str, told: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("fault", "message"), PLUGINS.values(), ids=PLUGINS.keys())
+def test_faulty_plugins(fault: str, message: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A plugin that raises, exits or returns nonsense is reported by name and fault; no output is written."""
     (folder / "hostile.py").write_text(FRAME.format(fault=fault, method=METHOD if "solve" in fault else ""))
     install_plugin(folder, monkeypatch, "bearings.hostile", "hostile:METHOD")
     monkeypatch.delitem(sys.modules, "hostile", raising=False)
     words = ["localize", GOOD, "-m", "hostile", "-o", "e.csv", "--flags-out", "f.csv"]
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    ending = assert_refused(folder, words, told)
+    ending = assert_refused(folder, words, message)
     assert "hostile" in ending.err
     monkeypatch.delitem(sys.modules, "hostile", raising=False)
 
@@ -321,7 +321,7 @@ def test_the_package_executes_no_data(tree: ast.Module) -> None:
         if isinstance(node, ast.Import):
             assert {alias.name.partition(".")[0] for alias in node.names} & FORBIDDEN_MODULES == set()
         elif isinstance(node, ast.ImportFrom):
-            if node.module in ("xml.parsers", "xml.sax.saxutils"):  # expat told to refuse entities, and escaping
+            if node.module in ("xml.parsers", "xml.sax.saxutils"):  # expat set to refuse entities, and escaping
                 continue
             assert (node.module or "").partition(".")[0] not in FORBIDDEN_MODULES
         elif isinstance(node, ast.Call) and not ast.unparse(node.func).startswith(("re.", "np.random.")):
@@ -343,8 +343,8 @@ def test_manifests_with_paths_outside_the_folder(folder: Path) -> None:
     assert run_guarded(words).code == 0
     manifest = folder / "out" / "_manifest.json"
     for name in ("../precious", str(folder / "precious"), "x/../../precious", "..", ""):
-        told = json.loads(manifest.read_text().replace('"a.', f'{json.dumps(name)[:-1]}" , "was": "a.', 1))
-        manifest.write_text(json.dumps(told))
+        output = json.loads(manifest.read_text().replace('"a.', f'{json.dumps(name)[:-1]}" , "was": "a.', 1))
+        manifest.write_text(json.dumps(output))
         run_guarded([*words, "--overwrite"])
         assert (folder / "precious").read_text() == "precious"
         run_guarded([*words, "--resume"])

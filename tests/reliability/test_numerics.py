@@ -115,7 +115,7 @@ def assert_keeps_its_frame(
 
 
 def assert_any_frame_is_kept(entry: registry.MethodEntry, examples: int) -> None:
-    """Try whether estimates of a method move, rotate and scale with the scene."""
+    """Check that estimates of a method move, rotate and scale with the scene."""
     counts = st.integers(max(6, registry.load(entry).minimum_measurements + 2), 12)
 
     @settings(
@@ -132,10 +132,10 @@ FRAMED = [entry for entry in BUILT_IN if "frame" not in registry.load(entry).exe
 
 
 @pytest.mark.parametrize("entry", FRAMED, ids=lambda entry: entry.full_name)
-def test_the_frame_and_the_unit_are_no_matter(entry: registry.MethodEntry) -> None:
-    """Turned, grown to any size and moved up to 1e8 m away, the fix is the same to 1e-9 of the scene or the offset.
+def test_fixes_do_not_depend_on_frame_or_unit(entry: registry.MethodEntry) -> None:
+    """Rotated, scaled and moved up to 1e8 m away, the fix is the same to 1e-9 of the scene or the offset.
 
-    Beside that the stop of an iteration may leave a ten-millionth of the fix's own standard deviation.
+    In addition the stopping rule of an iteration may leave 1e-7 of the standard deviation of the fix.
     """
     assert_any_frame_is_kept(entry, 8)
 
@@ -148,7 +148,7 @@ def test_many_frames_and_units(entry: registry.MethodEntry) -> None:
 
 
 def test_a_path_that_proposes_a_station_as_the_target() -> None:
-    """The best fit of an indirect path is 1e-17 m from a station, where the volume of its peak was 1/0."""
+    """The best fit of an indirect path is 1e-17 m from a station; the volume of its peak was 1/0 there."""
     assert_keeps_its_frame(next(entry for entry in BUILT_IN if entry.full_name == "triplets.joint"), 60760, 0.0, 0.0, 6)
 
 
@@ -176,7 +176,7 @@ def ring_of_bearings(generator: np.random.Generator, snapshots: int, size_m: flo
 def test_covariances_are_calibrated_at_any_size(method: str, size_m: float, offset_m: float) -> None:
     """The mean NEES is 2 at any size and position that float64 can resolve."""
     if offset_m > 1e10 * size_m:
-        pytest.skip("a float64 does not tell places of such a scene apart so far from the origin")
+        pytest.skip("float64 cannot resolve positions of such a scene so far from the origin")
     entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     batch, source_xy = ring_of_bearings(np.random.default_rng(5), 2000, size_m, offset_m)
     estimates = solved(entry, batch).estimates

@@ -19,7 +19,7 @@ GOOD = FIXTURES / "good_bearings.parquet"
 
 
 def run_with(folder: Path, words: list[str], **variables: str) -> subprocess.CompletedProcess[bytes]:
-    """Run the program in a process of its own with changed environment variables."""
+    """Run the program in a separate process with changed environment variables."""
     environment = {**os.environ, **variables}
     line = [str(PROGRAM), *words]
     return subprocess.run(line, capture_output=True, cwd=folder, env=environment, check=False, timeout=120)
@@ -76,11 +76,11 @@ def test_ascii_terminals(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("variable", "value"), [("MPLBACKEND", "nonsense"), ("MATPLOTLIBRC", "spoilt"), ("NLOSCTL_MAX_MEMORY_MB", "1")]
+    ("variable", "value"), [("MPLBACKEND", "nonsense"), ("MATPLOTLIBRC", "corrupted"), ("NLOSCTL_MAX_MEMORY_MB", "1")]
 )
 def test_invalid_settings_of_libraries(variable: str, value: str, folder: Path) -> None:
     """Settings with which matplotlib can't start, or libraries don't fit in memory, give one line."""
-    (folder / "spoilt").write_bytes(b"\xff\xfe backend: \x00")
+    (folder / "corrupted").write_bytes(b"\xff\xfe backend: \x00")
     done = run_with(folder, ["plot", str(GOOD), "-o", "p.svg", "-q"], **{variable: value})
     err = done.stderr.decode()
     assert done.returncode in (1, 2)

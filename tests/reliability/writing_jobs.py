@@ -23,8 +23,8 @@ FIXTURES = Path(__file__).parents[2] / "fixtures"
 class WritingJob:
     """A run of the program in a folder made by `make_inputs`; ``outputs`` are the files that it writes.
 
-    ``code`` is how it ends. With a ``folder`` its outputs are all files in there, and a run that was stopped goes on
-    with the words ``going_on`` in place of ``--overwrite``.
+    ``code`` is its exit code. With a ``folder`` its outputs are all files in it, and a stopped run is resumed with
+    ``resume_arguments`` instead of ``--overwrite``.
     """
 
     command: str
@@ -32,7 +32,7 @@ class WritingJob:
     outputs: Sequence[str] = ()
     code: int = 0
     folder: str | None = None
-    going_on: Sequence[str] = ()
+    resume_arguments: Sequence[str] = ()
 
     @property
     def line(self) -> list[str]:
@@ -62,7 +62,7 @@ _JOBS = [
         outputs=["m.csv", "m.scene.toml"],
     ),
     WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
-    WritingJob(command="validate", words=["spoilt.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
+    WritingJob(command="validate", words=["corrupted.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
     WritingJob(command="convert", words=["bearings.parquet", "-o", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
 ]
 
@@ -72,19 +72,19 @@ _RESUMED = [
         command="localize",
         words=["bearing_parts", "-o", "out/e/", "--flags-out", "out/f/", "--format", "csv", "--jobs", "2"],
         folder="out",
-        going_on=["--resume"],
+        resume_arguments=["--resume"],
     ),
     WritingJob(
         command="detect-ip",
         words=["triplet_parts", "-o", "out/f/", "--estimates-out", "out/e/", "--jobs", "1"],
         folder="out",
-        going_on=["--resume"],
+        resume_arguments=["--resume"],
     ),
     WritingJob(
         command="identify-los",
         words=["echo_parts", "-o", "out/f/", "--estimates-out", "out/e/", "--jobs", "1"],
         folder="out",
-        going_on=["--resume"],
+        resume_arguments=["--resume"],
     ),
     WritingJob(command="reproduce", words=["song-fig8", "--trials", "20", "-o", "out"], folder="out"),
 ]
@@ -116,7 +116,7 @@ def _inputs() -> tuple[tuple[str, ...], ...]:
         ("simulate", "ring", "-n", "3000", "-o", "bearings.parquet"),
         ("simulate", "room", "-n", "300", "-o", "triplets.parquet"),
         ("simulate", "echo-field", "-n", "60", "-o", "echoes.parquet"),
-        ("simulate", "ring", "-n", "2000", "-o", "spoilt.csv"),
+        ("simulate", "ring", "-n", "2000", "-o", "corrupted.csv"),
     )
 
 
@@ -126,10 +126,10 @@ def make_inputs(folder: Path) -> None:
         assert run_program([*words, "-q"]) == 0
     for name, (source, snapshots) in _PARTS.items():
         _cut_up(folder / source, folder / name, snapshots)
-    spoilt = folder / "spoilt.csv"
-    lines = spoilt.read_text(encoding="utf-8").splitlines()
+    corrupted = folder / "corrupted.csv"
+    lines = corrupted.read_text(encoding="utf-8").splitlines()
     lines[20:] = [line.replace(",", ";") for line in lines[20:]]
-    spoilt.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    corrupted.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _cut_up(source: Path, parts: Path, snapshots: int) -> None:

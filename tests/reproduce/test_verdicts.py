@@ -42,8 +42,8 @@ def test_the_verdict_allows_the_tolerance_and_three_standard_errors(
     value: float, standard_error: float, expected: object, right: bool
 ) -> None:
     """Reproduced exactly if printed digits, tolerance or Monte Carlo error explain the difference."""
-    said = verdict(value, standard_error, expected)  # type: ignore[arg-type]
-    assert said == (Verdict.REPRODUCED if right else Verdict.NOT_REPRODUCED)
+    result = verdict(value, standard_error, expected)  # type: ignore[arg-type]
+    assert result == (Verdict.REPRODUCED if right else Verdict.NOT_REPRODUCED)
 
 
 def test_without_a_number_there_is_no_verdict() -> None:

@@ -78,7 +78,7 @@ def worst_against_scipy(problems: int, seed: int) -> float:
     for part, (measurements, std) in enumerate([(3, 0.01), (4, 0.03), (8, 0.002), (8, 0.03), (20, 0.05)]):
         draw = draw_problems(problems // 5, measurements, std, seed + part)
         minimum = minimize(draw.problem, draw.source_x, draw.source_y)
-        # A source a few metres from a sensor may be given up at the sensor's jump; that is told, and rare.
+        # A source a few metres from a sensor may not converge at the sensor's jump; that is reported, and rare.
         assert minimum.converged.mean() > 0.999
         for row in np.flatnonzero(minimum.converged):
             start = (float(draw.source_x[row]), float(draw.source_y[row]))
@@ -137,10 +137,10 @@ def test_invalid_starts_leave_other_rows_unchanged() -> None:
     clean = minimize(draw.problem, draw.source_x, draw.source_y)
     start_x = draw.source_x.copy()
     start_x[[1, 4]] = np.nan, np.inf
-    spoilt = minimize(draw.problem, start_x, draw.source_y)
-    assert spoilt.converged.tolist() == [True, False, True, True, False, True]
-    assert np.isnan(spoilt.cost[[1, 4]]).all()
-    np.testing.assert_array_equal(spoilt.x[[0, 2, 3, 5]], clean.x[[0, 2, 3, 5]])
+    corrupted = minimize(draw.problem, start_x, draw.source_y)
+    assert corrupted.converged.tolist() == [True, False, True, True, False, True]
+    assert np.isnan(corrupted.cost[[1, 4]]).all()
+    np.testing.assert_array_equal(corrupted.x[[0, 2, 3, 5]], clean.x[[0, 2, 3, 5]])
 
 
 def test_too_few_iterations_are_reported() -> None:

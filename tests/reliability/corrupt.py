@@ -8,7 +8,7 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 
-__all__ = ["spoil"]
+__all__ = ["corrupt"]
 
 _INTEGERS = (0, 1, -1, 127, 128, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, -(2**31), 2**32 - 1, 2**62, 2**63 - 1, -(2**63))
 
@@ -23,17 +23,17 @@ _WORDS = [
     b"\r", b"\n", b"\r\n", b"\t", b";", b",", b",,,,", b"=1+1", b"#", b"1e5", b"100000", b"1e16", b"roof", b"a" * 500,
     b"[" * 300, b'{"a":' * 300, b"9" * 5000, b"\\ud800", b"-", b".", b"e", b"../../x", b"%s%n", b"[[sensor]]",
 ]  # fmt: skip
-"""What takes the place of a word of a text file."""
+"""Replacements of a word of a text file."""
 
 
-def spoil(content: bytes, others: Sequence[bytes], *, text: bool, zipped: bool, chance: random.Random) -> bytes:
+def corrupt(content: bytes, others: Sequence[bytes], *, text: bool, zipped: bool, chance: random.Random) -> bytes:
     """Return ``content`` corrupted in one to four ways; gzipped text is mostly corrupted before compression."""
     if zipped and chance.random() < 0.6:
-        return gzip.compress(_spoil(gzip.decompress(content), [], True, chance), mtime=0)
-    return _spoil(content, others, text and not zipped, chance)
+        return gzip.compress(_corrupt(gzip.decompress(content), [], True, chance), mtime=0)
+    return _corrupt(content, others, text and not zipped, chance)
 
 
-def _spoil(content: bytes, others: Sequence[bytes], text: bool, chance: random.Random) -> bytes:
+def _corrupt(content: bytes, others: Sequence[bytes], text: bool, chance: random.Random) -> bytes:
     ways = [*_BYTE_WAYS, *_TEXT_WAYS * 4] if text else _BYTE_WAYS
     for _ in range(chance.choice((1, 1, 1, 2, 3, 4))):
         if others and chance.random() < 0.05:
@@ -44,18 +44,18 @@ def _spoil(content: bytes, others: Sequence[bytes], text: bool, chance: random.R
 
 
 def _flip_bits(content: bytes, chance: random.Random) -> bytes:
-    spoilt = bytearray(content)
+    corrupted = bytearray(content)
     for _ in range(chance.choice((1, 1, 2, 8))):
-        spoilt[chance.randrange(len(spoilt))] ^= 1 << chance.randrange(8)
-    return bytes(spoilt)
+        corrupted[chance.randrange(len(corrupted))] ^= 1 << chance.randrange(8)
+    return bytes(corrupted)
 
 
 def _flip_near_an_end(content: bytes, chance: random.Random) -> bytes:
     """Flip bits near the ends, where headers and footers are."""
-    spoilt, reach = bytearray(content), min(len(content), 400)
-    place = chance.randrange(reach)
-    spoilt[place if chance.random() < 0.3 else -1 - place] = chance.randrange(256)
-    return bytes(spoilt)
+    corrupted, reach = bytearray(content), min(len(content), 400)
+    position = chance.randrange(reach)
+    corrupted[position if chance.random() < 0.3 else -1 - position] = chance.randrange(256)
+    return bytes(corrupted)
 
 
 def _cut(content: bytes, chance: random.Random) -> bytes:
@@ -77,8 +77,8 @@ def _set_integer(content: bytes, chance: random.Random) -> bytes:
     size, form = chance.choice(((1, "b"), (2, "<h"), (4, "<i"), (8, "<q")))
     bits = 8 * size
     value = (chance.choice(_INTEGERS) + (1 << (bits - 1))) % (1 << bits) - (1 << (bits - 1))
-    place = chance.randrange(len(content))
-    return content[:place] + struct.pack(form, value) + content[place + size :]
+    position = chance.randrange(len(content))
+    return content[:position] + struct.pack(form, value) + content[position + size :]
 
 
 def _zero(content: bytes, chance: random.Random) -> bytes:
@@ -101,16 +101,16 @@ def _set_word(content: bytes, chance: random.Random) -> bytes:
 
 def _change_digit(content: bytes, chance: random.Random) -> bytes:
     """Replace a digit by another: mostly the file stays valid."""
-    places = [match.start() for match in re.finditer(rb"\d", content)]
-    if not places:
+    positions = [match.start() for match in re.finditer(rb"\d", content)]
+    if not positions:
         return content
-    place = chance.choice(places)
-    return content[:place] + str(chance.randrange(10)).encode() + content[place + 1 :]
+    position = chance.choice(positions)
+    return content[:position] + str(chance.randrange(10)).encode() + content[position + 1 :]
 
 
 def _insert_word(content: bytes, chance: random.Random) -> bytes:
-    place = chance.randrange(len(content) + 1)
-    return content[:place] + chance.choice(_WORDS) + content[place:]
+    position = chance.randrange(len(content) + 1)
+    return content[:position] + chance.choice(_WORDS) + content[position:]
 
 
 def _move_line(content: bytes, chance: random.Random) -> bytes:
@@ -125,11 +125,11 @@ def _move_line(content: bytes, chance: random.Random) -> bytes:
 def _set_column(content: bytes, chance: random.Random) -> bytes:
     """Put an unusual word in the same cell of every line."""
     lines = content.splitlines(keepends=True)
-    place, word = chance.randrange(8), chance.choice(_WORDS)
+    position, word = chance.randrange(8), chance.choice(_WORDS)
     for number, line in enumerate(lines[1:], start=1):
         cells = line.split(b",")
-        if place < len(cells) - 1:
-            cells[place] = word
+        if position < len(cells) - 1:
+            cells[position] = word
             lines[number] = b",".join(cells)
     return b"".join(lines)
 
