@@ -260,7 +260,7 @@ class _TableSink:
         self._metadata: Mapping[str, str] | None = None
 
     def start(self, schema: Any, metadata: Mapping[str, str] | None = None) -> _TableSink:
-        """Set the schema of the tables to come, and the metadata of the whole; return the sink."""
+        """Set the schema of the following tables, and the metadata of the whole; return the sink."""
         self._schema, self._metadata = schema, metadata
         return self
 

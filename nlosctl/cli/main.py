@@ -133,7 +133,7 @@ def _program(
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the program with ``arguments`` (default: those of the process) and return its exit code."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    argv = list(sys.argv[1:] if arguments is None else arguments)
     came: list[int] = []
     if arguments is None:
         _unwind_on_signals(came)
@@ -143,7 +143,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # for text that the encoding lacks; data are bytes
     try:
         _limit_memory()
-        outcome = app(words, standalone_mode=False, prog_name="nlosctl")
+        outcome = app(argv, standalone_mode=False, prog_name="nlosctl")
         if outcome == _INTERRUPTED:  # the parser caught an interrupt of any signal
             raise _StoppedError(128 + came[0] if came else _INTERRUPTED)
         sys.stdout.flush()
@@ -151,7 +151,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         _discard_stdout()
         return 0
     except Exception as error:
-        if "--debug" in words or os.environ.get("NLOSCTL_DEBUG"):
+        if "--debug" in argv or os.environ.get("NLOSCTL_DEBUG"):
             raise
         return _fail(error)
     return outcome if isinstance(outcome, int) else 0

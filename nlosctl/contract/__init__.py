@@ -1,1 +1,1 @@
-"""All that a method needs to know, and all that a plugin imports."""
+"""The interface of methods: everything that a plugin imports."""

@@ -89,9 +89,9 @@ def parse_field(text: str) -> Field:
     raise UsageError(f"field {text!r} is invalid; expected {_FORMS}")
 
 
-def _numbers(words: str, text: str, count: int) -> tuple[float, ...]:
+def _numbers(listed: str, text: str, count: int) -> tuple[float, ...]:
     try:
-        numbers = tuple(float(word) for word in words.split(","))
+        numbers = tuple(float(number) for number in listed.split(","))
     except ValueError:
         raise UsageError(f"field {text!r} is invalid; expected {_FORMS}") from None
     if len(numbers) != count or not all(abs(number) <= LARGEST_NUMBER for number in numbers):
@@ -106,11 +106,11 @@ def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
         raise DataError(f"polygon file {name!r} cannot be read: {error.strerror}") from None
     vertices: list[tuple[float, float]] = []
     for number, line in enumerate(lines, start=1):
-        words = [word.strip() for word in line.partition("#")[0].split(",")]
-        if words == [""] or (not vertices and words == ["x_m", "y_m"]):
+        cells = [cell.strip() for cell in line.partition("#")[0].split(",")]
+        if cells == [""] or (not vertices and cells == ["x_m", "y_m"]):
             continue
         try:
-            x, y = (float(word) for word in words)
+            x, y = (float(cell) for cell in cells)
         except ValueError:
             raise DataError(f"{name}, line {number}: expected x,y in metres, got {line.strip()!r}") from None
         if not all(abs(number) <= LARGEST_NUMBER for number in (x, y)):

@@ -34,7 +34,7 @@ _ENGINES = ("local", "dask")
 class Flag:
     """A flag of the command line that sets an option; ``commands`` (names with blanks between) have it.
 
-    ``parse`` converts a word to the option's value; ``text`` is the word for the default. A flag with a ``key`` sets
+    ``parse`` converts text to the option's value; ``text`` is that of the default. A flag with a ``key`` sets
     that key of an option that is a mapping. ``complete`` names the kind of values that the shell offers, see
     `nlosctl.cli.options.completion`.
     """
@@ -85,7 +85,7 @@ def _std(name: str, column: str, what: str, commands: str) -> Flag:
 
 
 def _parse_names(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())
+    return tuple(item.strip() for item in text.split(",") if item.strip())
 
 
 # fmt: off
@@ -139,8 +139,8 @@ class InputOptions:
             raise UsageError("`crs` and `origin` both define the local plane; give one")
         if self.origin is None:
             return None if self.crs is None else parse_frame(self.crs, "`crs`")
-        words = self.origin if isinstance(self.origin, str) else " ".join(map(repr, self.origin))
-        return parse_frame(words, "`origin`")
+        text = self.origin if isinstance(self.origin, str) else " ".join(map(repr, self.origin))
+        return parse_frame(text, "`origin`")
 
 
 @dataclass(frozen=True, kw_only=True)

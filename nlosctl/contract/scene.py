@@ -78,7 +78,7 @@ Reflector = LineReflector | SegmentReflector | CircleReflector
 
 @dataclass(frozen=True, kw_only=True)
 class EarthFrame:
-    """How the plane lies on the earth: a projected CRS, or the plane that touches WGS 84 in an origin.
+    """The position of the plane on the earth: a projected CRS, or the plane that touches WGS 84 in an origin.
 
     ``rotation_deg`` is the direction of the x axis, counter-clockwise from east (of grid east with a ``crs``).
     """
@@ -90,26 +90,26 @@ class EarthFrame:
 
     @property
     def words(self) -> str:
-        """The frame in words that `parse_frame` takes: a CRS, or latitude, longitude and any rotation."""
+        """The frame as text that `parse_frame` accepts: a CRS, or latitude, longitude and any rotation."""
         origin = self.crs if self.crs is not None else f"{self.origin_lat_deg!r} {self.origin_lon_deg!r}"
         return f"{origin} {self.rotation_deg!r}" if self.rotation_deg else origin
 
 
-def parse_frame(words: str, option: str) -> EarthFrame:
+def parse_frame(text: str, option: str) -> EarthFrame:
     """Return the frame of ``LAT,LON[,ROTATION]`` or ``CRS [ROTATION]`` (commas or spaces); raises UsageError."""
-    parts = words.replace(",", " ").split()
+    parts = text.replace(",", " ").split()
     numbers = [number for part in parts if (number := _number(part)) is not None]
     if len(numbers) == len(parts) and len(parts) in (2, 3) and abs(numbers[0]) <= 90.0 and abs(numbers[1]) <= 180.0:
         turn = numbers[2] if len(parts) == 3 else 0.0
         return EarthFrame(origin_lat_deg=numbers[0], origin_lon_deg=numbers[1], rotation_deg=turn)
     if len(parts) in (1, 2) and len(numbers) == len(parts) - 1 and _number(parts[0]) is None:
         return EarthFrame(crs=parts[0], rotation_deg=numbers[0] if numbers else 0.0)
-    raise UsageError(f"{option} takes LAT,LON in degrees (LAT from -90 to 90) or a CRS. Got {words!r} instead.")
+    raise UsageError(f"{option} takes LAT,LON in degrees (LAT from -90 to 90) or a CRS. Got {text!r} instead.")
 
 
-def _number(word: str) -> float | None:
+def _number(text: str) -> float | None:
     try:
-        number = float(word)
+        number = float(text)
     except ValueError:
         return None
     return number if math.isfinite(number) else None
@@ -117,7 +117,7 @@ def _number(word: str) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Sensors and reflectors, each by a name of its own, and where the plane lies on earth. An empty one has none."""
+    """Sensors and reflectors with unique names, and the frame of the plane on earth; all may be absent."""
 
     sensors: tuple[Sensor, ...] = ()
     reflectors: tuple[Reflector, ...] = field(default=())

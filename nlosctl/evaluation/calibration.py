@@ -1,4 +1,4 @@
-"""Reliability of stated probabilities: how often they come true. Only `plot` shows it; `evaluate` has no such score."""
+"""Reliability of stated probabilities: the observed frequency. Only `plot` shows it; `evaluate` has no such score."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Circles: where a ray leaves one, and where two cross or come closest to each other."""
+"""Circles: exit points of rays, and crossings or closest approaches of two circles."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def cross_circles(
 ) -> FloatArray:
     """Return the points (..., 2, 2) where pairs of circles meet: two roots, each x and y. All in metres.
 
-    Centres (..., 2) and radii (...) broadcast. The first root lies to the left of the way from centre 1 to
+    Centres (..., 2) and radii (...) broadcast. The first root is to the left of the line from centre 1 to
     centre 2, the second to the right. Circles that miss each other by at most ``gap_tolerance`` have one point,
     the middle of the closest approach, as their first root. Missing roots are NaN: circles farther
     apart, concentric circles, and radii that are not positive.

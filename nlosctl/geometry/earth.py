@@ -18,7 +18,7 @@ _WGS84 = "EPSG:4326"
 class EarthPlane:
     """The plane of a projected coordinate reference system, or a tangent plane about an origin.
 
-    ``crs`` is in the words that pyproj takes (``EPSG:32632``) and must be projected, in metres. Else the plane is
+    ``crs`` is a name that pyproj accepts (``EPSG:32632``) and must be projected, in metres. Else the plane is
     azimuthal equidistant about the origin on WGS 84: distances and directions from the origin are exact, and a
     distance d elsewhere is stretched by less than d^2 / 6 R^2. ``rotation_deg`` is the direction of the x axis,
     counter-clockwise from east. Raises UsageError where pyproj is not installed or the CRS can't be used.
@@ -101,13 +101,13 @@ def _pyproj() -> Any:
     return pyproj
 
 
-def _checked_crs(pyproj: Any, words: str) -> Any:
+def _checked_crs(pyproj: Any, name: str) -> Any:
     try:
-        crs = pyproj.CRS.from_user_input(words)
+        crs = pyproj.CRS.from_user_input(name)
     except pyproj.exceptions.CRSError:
-        raise UsageError(f"no coordinate reference system {words!r}; give one such as EPSG:32632") from None
+        raise UsageError(f"no coordinate reference system {name!r}; give one such as EPSG:32632") from None
     axes = crs.axis_info
     if not crs.is_projected or any(axis.unit_conversion_factor != 1.0 for axis in axes[:2]):
         units = " and ".join(dict.fromkeys(axis.unit_name for axis in axes))
-        raise UsageError(f"{words!r} is {crs.type_name} in {units}, expected a projected one in metres, as EPSG:32632")
+        raise UsageError(f"{name!r} is {crs.type_name} in {units}, expected a projected one in metres, as EPSG:32632")
     return crs

@@ -40,7 +40,7 @@ def nearest_on_ellipse(
             t = moved
         foot_x = np.where(t == -a2, 0.0, a2 * np.abs(x) / (t + a2))  # the centre of a circle, all points being nearest
         foot_y = b2 * np.abs(y) / (t + b2)
-        # On the major axis inside the evolute the root is t = -b^2 itself, and the foot lies above or below.
+        # On the major axis inside the evolute the root is t = -b^2 itself, and the foot is above or below.
         inside = (y == 0.0) & (t <= -b2)
         beside = semi_minor_m * np.sqrt(np.maximum(1.0 - (foot_x / semi_major_m) ** 2, 0.0))
         foot_y = np.where(inside, beside, foot_y)
@@ -51,7 +51,7 @@ _NODES = (np.arange(96) + 0.5) * (0.5 * np.pi / 96)
 """Midpoints of the quarter turn over which the probability of a circle is integrated."""
 
 _LINE_CEP, _CIRCLE_CEP = 0.674489750196082, 1.177410022515475
-"""Half of a Gaussian lies within these: sqrt(2) erfinv(1/2) on a line, sqrt(2 ln 2) when round."""
+"""Radii with half of the probability of a Gaussian: sqrt(2) erfinv(1/2) on a line, sqrt(2 ln 2) when round."""
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def reflect_in_segment(
     """Return the specular point x, y on the wall from (x1, y1) to (x2, y2) of the way from one point to another.
 
     All shapes broadcast. NaN where there is no path: the points are on different sides of the wall's line, or on it, or
-    the point would lie beyond an end of the wall.
+    the point would be beyond an end of the wall.
     """
     angle = np.arctan2(y2 - y1, x2 - x1)
     image_x, image_y = reflect_points(from_x, from_y, x1, y1, angle)

@@ -29,7 +29,7 @@ def table_schema(table: Table) -> dict[str, Any]:
     ``fieldsMatch: partial`` allows missing and additional fields. Each other spelling of a column is a field. A
     column that can be replaced (by another spelling, a constant, the scene) has no ``required`` constraint, but our
     property ``optional: false``. ``unit``, ``add``, ``replaces``, ``scale`` and ``offset`` are ours too:
-    ``replaced = value * scale + offset``; ``add`` is the word of ``add`` that asks for a column.
+    ``replaced = value * scale + offset``; ``add`` is the name by which ``add`` requests a column.
     """
     return {
         "name": table.name,

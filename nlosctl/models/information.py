@@ -22,7 +22,7 @@ __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 
 @dataclass(frozen=True)
 class Information:
-    """Fisher information (B,) of positions, and how many measurements (B,) it comes from."""
+    """Fisher information (B,) of positions, and the number of measurements (B,) it is based on."""
 
     matrix: SymmetricMatrix
     n_used: IntArray

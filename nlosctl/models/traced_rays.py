@@ -16,7 +16,7 @@ __all__ = ["TracedRays", "trace_back"]
 
 @dataclass(frozen=True)
 class TracedRays:
-    """N rays: ``hit_m`` (N, 2) is where they meet the reflector, ``direction_rad`` (N,) where they go from there.
+    """N rays: ``hit_m`` (N, 2) is where they meet the reflector, ``direction_rad`` (N,) their direction from there.
 
     Rays without a reflector have their sensor as ``hit_m``; NaN where a ray never meets its reflector.
     """

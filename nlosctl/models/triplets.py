@@ -22,7 +22,7 @@ DTypeT = TypeVar("DTypeT", bound=np.generic)
 
 @dataclass(frozen=True)
 class PathRows:
-    """The paths of a batch, flat (N,), each in the frame of its own baseline; N = B K, snapshot by snapshot fastest."""
+    """The paths of a batch, flat (N,), each in its baseline frame; N = B K, the snapshot index varies fastest."""
 
     frame: BaselineFrame
     rays: TripletRays

@@ -64,7 +64,7 @@ _NO_DATES = {
 
 @dataclass(frozen=True)
 class SeriesStyle:
-    """Look of one of several series; colour, line style and marker each distinguish it on their own."""
+    """Look of one of several series; colour, line style or marker alone distinguish it."""
 
     color: str
     line: str | tuple[int, tuple[float, ...]]

@@ -66,7 +66,7 @@ def check_law(
 ) -> None:
     """Check one law on a method unless it is exempt; raises LawBroken. An exception of the method breaks the law.
 
-    ``draw`` draws the batches; without one it goes by the method's kind and job.
+    ``draw`` draws the batches; by default it follows from the method's kind and job.
     """
     if law.name in spec.exempt_from:
         return

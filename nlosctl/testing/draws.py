@@ -48,7 +48,7 @@ _ECHO_SENSORS = 4
 
 
 def draw_ranges(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
-    """Draw ranges of one source per snapshot, each from a sensor of its own; unequal stds of 0.01 % to 1 % of the size.
+    """Draw ranges of one source per snapshot, each from a different sensor; unequal stds of 0.01 % to 1 % of the size.
 
     Half of the batches have sensors above the plane of the sources.
     """
@@ -224,7 +224,7 @@ def bearing_batch(
     std: FloatArray,
     reflector: IntArray,
 ) -> BearingBatch:
-    """Return a batch that wants flags, with seeds of its own and the paths of each sensor numbered."""
+    """Return a batch with flags requested, new seeds, and the paths of each sensor numbered."""
     seed = np.asarray(generator.integers(0, 2**63, bearing.shape[0]), dtype=np.uint64)
     return BearingBatch(
         scene=scene,

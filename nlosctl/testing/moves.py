@@ -28,17 +28,17 @@ class Motion:
     shift_m: tuple[float, float]
 
     def point(self, xy: tuple[float, float]) -> tuple[float, float]:
-        """Return where a point goes."""
+        """Return the image of a point."""
         x, y = self.direction(xy)
         return x + self.shift_m[0], y + self.shift_m[1]
 
     def direction(self, xy: tuple[float, float]) -> tuple[float, float]:
-        """Return where a direction goes."""
+        """Return the image of a direction."""
         cosine, sine = float(np.cos(self.angle_rad)), float(np.sin(self.angle_rad))
         return cosine * xy[0] - sine * xy[1], sine * xy[0] + cosine * xy[1]
 
     def points(self, xy: FloatArray) -> FloatArray:
-        """Return where points (..., 2) go."""
+        """Return the images of points (..., 2)."""
         cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
         x, y = xy[..., 0], xy[..., 1]
         turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
@@ -59,7 +59,7 @@ class Motion:
 
 
 def copy_batch(batch: Any, *, writeable: bool) -> Any:
-    """Return a copy with arrays of its own, in Fortran order."""
+    """Return a copy whose arrays are copied, in Fortran order."""
 
     def copy(_: str, array: Any) -> Any:
         copied = array.copy(order="F")
@@ -75,7 +75,7 @@ def take_rows(batch: Any, rows: IntArray) -> Any:
 
 
 def replace_rows(batch: Any, rows: IntArray, other: Any) -> Any:
-    """Return a batch whose snapshots ``rows`` are the first of ``other``'s; the scene stays."""
+    """Return a batch whose snapshots ``rows`` are the first of ``other``'s; the scene is unchanged."""
 
     def replace(name: str, array: Any) -> Any:
         replaced = array.copy(order="F")
@@ -95,7 +95,7 @@ def permute_measurements(batch: Any, order: IntArray) -> Any:
 
 
 def move_batch(batch: Any, motion: Motion, directions: tuple[str, ...]) -> Any:
-    """Return the batch as it looks in a moved frame: positions, the arrays named ``directions``, scene, round field."""
+    """Return the batch in a moved frame: positions, the arrays named ``directions``, scene, round field."""
 
     def move(name: str, array: Any) -> Any:
         if name.endswith("_xy_m"):
@@ -108,7 +108,7 @@ def move_batch(batch: Any, motion: Motion, directions: tuple[str, ...]) -> Any:
 
 
 def _move_field(field: Field, motion: Motion) -> Field:
-    """Return a round field moved; others stay, and a method that looks at them is not to be tried with one."""
+    """Return a round field moved; other fields are unchanged, so methods that use them must not be tested with one."""
     if not isinstance(field, CircleField):
         return field
     x, y = motion.point((field.x_m, field.y_m))

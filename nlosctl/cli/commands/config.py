@@ -112,7 +112,7 @@ def _shown(value: Any) -> str:
 
 
 def _report_unknown_variables(commands: dict[str, Any]) -> None:
-    """Print the variables NLOSCTL_... that set nothing: a misspelt name would go unnoticed."""
+    """Print the variables NLOSCTL_... without effect: a misspelt name would remain unnoticed."""
     known = {variable_name(name, option) for name, command in commands.items() for option in options_of(command)}
     known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS), map(size_variable, SIZES))
     for variable in sorted(os.environ):

@@ -114,14 +114,14 @@ def _from_environment(command: Any, name: str, environment: Mapping[str, str]) -
         variables = [variable_name(name, option), *([CONFIG_VARIABLE] if option == _CONFIG else [])]
         for variable in filter(environment.get, variables):
             text = environment[variable]
-            value = _words(text, variable) if getattr(parameter, "multiple", False) else text
+            value = _split(text, variable) if getattr(parameter, "multiple", False) else text
             settings[str(parameter.name)] = Setting(value=value, source=f"environment {variable}")
             break
     return settings
 
 
-def _words(text: str, variable: str) -> list[str]:
-    """Split the variable of a repeatable option into words, as a shell does."""
+def _split(text: str, variable: str) -> list[str]:
+    """Split the variable of a repeatable option as a shell does."""
     try:
         return shlex.split(text)
     except ValueError as error:
@@ -160,7 +160,7 @@ def _read(path: str) -> dict[str, Any]:
 
 def _value(setting: Any, *, repeatable: bool) -> Any:
     if isinstance(setting, dict):
-        return [f"{word}={_text(item)}" for word, item in setting.items()]
+        return [f"{key}={_text(item)}" for key, item in setting.items()]
     return [setting] if repeatable and not isinstance(setting, list) else setting
 
 
@@ -185,9 +185,9 @@ def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..
         }
 
         @functools.wraps(command)
-        def call(**words: Any) -> Any:
-            made = {key: options(**_values(flags[key], words)) for key, options in classes.items()}
-            return command(**words, **made)
+        def call(**parsed: Any) -> Any:
+            made = {key: options(**_values(flags[key], parsed)) for key, options in classes.items()}
+            return command(**parsed, **made)
 
         own = inspect.signature(command).parameters.values()
         parameters = [
@@ -206,36 +206,36 @@ def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..
     return decorate
 
 
-def _values(flags: Sequence[tuple[dataclasses.Field[Any], Flag]], words: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that the parsed words set, taking those words out of ``words``."""
+def _values(flags: Sequence[tuple[dataclasses.Field[Any], Flag]], parsed: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that ``parsed`` values set, and remove those values from ``parsed``."""
     values: dict[str, Any] = {}
     for option, flag in flags:
-        word = words.pop(_parameter_name(option, flag))
+        value = parsed.pop(_parameter_name(option, flag))
         if flag.key:
-            given = {} if word is None or flag.parse is None else {flag.key: flag.parse(word)}
+            given = {} if value is None or flag.parse is None else {flag.key: flag.parse(value)}
             values[option.name] = {**values.get(option.name, {}), **given}
         elif flag.parse is not None:
-            values[option.name] = flag.parse(word)
-        elif isinstance(word, list):
+            values[option.name] = flag.parse(value)
+        elif isinstance(value, list):
             is_mapping = option.default_factory is dict
-            values[option.name] = key_values(word, flag.name) if is_mapping else tuple(word)
+            values[option.name] = key_values(value, flag.name) if is_mapping else tuple(value)
         else:
-            values[option.name] = word
+            values[option.name] = value
     return values
 
 
 def _parameter(option: dataclasses.Field[Any], flag: Flag, hint: Any, defaults: Mapping[str, Any]) -> inspect.Parameter:
     """Return the parser's parameter for a flag."""
     default = defaults.get(option.name, option.default)
-    word: Any
+    kind: Any
     if flag.key:
-        word, default = float | None, None
+        kind, default = float | None, None
     elif flag.parse is not None:
-        word, default = str, flag.text
+        kind, default = str, flag.text
     elif isinstance(default, tuple) or option.default_factory is dict:
-        word, default = list[str], [] if option.default_factory is dict else list(default)
+        kind, default = list[str], [] if option.default_factory is dict else list(default)
     else:
-        word = str | None if default is None and str in get_args(hint) else hint
+        kind = str | None if default is None and str in get_args(hint) else hint
     declared = typer.Option(
         flag.name,
         *([flag.short] if flag.short else []),
@@ -250,7 +250,7 @@ def _parameter(option: dataclasses.Field[Any], flag: Flag, hint: Any, defaults: 
         _parameter_name(option, flag),
         inspect.Parameter.KEYWORD_ONLY,
         default=default,
-        annotation=Annotated[word, declared],
+        annotation=Annotated[kind, declared],
     )
 
 
@@ -264,13 +264,13 @@ def _panel_index(parameter: inspect.Parameter) -> int:
     return PANELS.index(panel) if panel in PANELS else -1
 
 
-def key_values(words: Sequence[str], flag: str) -> dict[str, str]:
-    """Return ``KEY=VALUE`` words as a dictionary; raises UsageError for a word of another form or a repeated key."""
+def key_values(items: Sequence[str], flag: str) -> dict[str, str]:
+    """Return ``KEY=VALUE`` items as a dictionary; raises UsageError for another form or a repeated key."""
     pairs: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
+    for item in items:
+        key, equals, value = item.partition("=")
         if not equals or not key:
-            raise UsageError(f"{flag} takes KEY=VALUE. Got {word!r} instead.")
+            raise UsageError(f"{flag} takes KEY=VALUE. Got {item!r} instead.")
         if key in pairs:
             raise UsageError(f"{flag} {key} is given twice")
         pairs[key] = value

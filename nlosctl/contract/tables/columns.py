@@ -36,7 +36,7 @@ class Column:
     ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth or flags of an
     earlier step: checked for their type and copied, never passed to a method. ``of_circles`` marks
     flags that are only set in a scene with circles. ``earth_place`` names the location (see `EARTH_PLACES`) whose
-    latitude and longitude can replace it. ``add`` is the word of the setting ``add`` that asks for a result column.
+    latitude and longitude can replace it. ``add`` is the name by which the setting ``add`` requests a result column.
     """
 
     name: str

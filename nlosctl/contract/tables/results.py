@@ -57,7 +57,7 @@ _ADDED = (
 )
 
 ADDED_COLUMNS = {column.add: column for column in _ADDED}
-"""The columns of estimates that the setting ``add`` asks for, by its words."""
+"""The columns of estimates that the setting ``add`` requests, by its names."""
 
 ESTIMATES = Table(
     name="estimates",

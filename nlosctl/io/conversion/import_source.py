@@ -23,23 +23,23 @@ __all__ = ["import_path", "imported_table", "open_import"]
 _IN_MEMORY_BYTES = 64 << 20
 
 
-def import_path(word: str) -> Location | None:
+def import_path(name: str) -> Location | None:
     """Return the path of a file, None for stdin (``-``); raise DataError if there is no such file."""
-    if word == "-":
+    if name == "-":
         return None
-    path = location(word)
+    path = location(name)
     if path.is_dir():
-        raise DataError(f"{word}: is a folder, expected a file; name its files, or let the shell: {word.rstrip('/')}/*")
+        raise DataError(f"{name}: is a folder, expected a file; name its files, or let the shell: {name.rstrip('/')}/*")
     if not path.exists():
-        raise DataError(f"{word}: there is no such file{near_name(path)}")
-    require_utf8(word)
+        raise DataError(f"{name}: there is no such file{near_name(path)}")
+    require_utf8(name)
     return path
 
 
 @contextmanager
-def open_import(word: str) -> Iterator[IO[bytes]]:
+def open_import(name: str) -> Iterator[IO[bytes]]:
     """Open a file, or stdin, as a seekable stream of bytes; raise DataError if it can't be read."""
-    path = import_path(word)
+    path = import_path(name)
     try:
         if path is not None and path.is_file():
             with path.open("rb") as file:
@@ -51,7 +51,7 @@ def open_import(word: str) -> Iterator[IO[bytes]]:
             spooled.seek(0)
             yield spooled
     except OSError as error:
-        raise DataError(f"{word}: can't be read: {error.strerror or error}") from error
+        raise DataError(f"{name}: can't be read: {error.strerror or error}") from error
 
 
 def imported_table(

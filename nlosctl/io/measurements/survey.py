@@ -137,7 +137,7 @@ def _open_next(given: Input, part: Part, options: InputOptions, survey: InputSur
 
 
 def _scene_of(given: Input, part: Part, file: TableFile, options: InputOptions) -> Scene:
-    """Return the scene of one file: a part of a folder without a scene may have one of its own."""
+    """Return the scene of one file: a part of a folder without a scene may have a scene itself."""
     if isinstance(options.scene, Scene):
         scene = options.scene
     else:

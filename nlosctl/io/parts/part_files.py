@@ -16,7 +16,7 @@ __all__ = ["part_names", "sliced"]
 def sliced(inputs: Sequence[Input], rows: int) -> tuple[Input, ...]:
     """Return the inputs with every Parquet file cut into parts of at least ``rows`` rows, between row groups.
 
-    Other files stay whole.
+    Other files are not cut.
     """
     return tuple(
         replace(given, parts=tuple(piece for part in given.parts for piece in _slices(part, rows))) for given in inputs

@@ -68,14 +68,14 @@ class Input:
 
 
 def expand_inputs(
-    words: Sequence[str], input_format: FileFormat | None = None, stdin: IO[bytes] | None = None
+    arguments: Sequence[str], input_format: FileFormat | None = None, stdin: IO[bytes] | None = None
 ) -> list[Input]:
-    """Return the inputs that ``words`` name: files, folders, globs, and ``-`` for stdin.
+    """Return the inputs that ``arguments`` name: files, folders, globs, and ``-`` for stdin.
 
     ``input_format`` overrides extensions and first bytes; ``stdin`` replaces the real one. Raises DataError for a
     missing file or a folder without tables, UsageError for an unknown extension or an input given twice.
     """
-    inputs = [given for word in words for given in _expand_word(word, input_format, stdin)]
+    inputs = [given for argument in arguments for given in _expand(argument, input_format, stdin)]
     if not inputs:
         raise UsageError("no input is given; name a file, a folder, a glob, or - for stdin")
     names = [given.name for given in inputs]
@@ -85,23 +85,23 @@ def expand_inputs(
     return inputs
 
 
-def _expand_word(word: str, input_format: FileFormat | None, stdin: IO[bytes] | None) -> list[Input]:
-    if word == "-":
+def _expand(argument: str, input_format: FileFormat | None, stdin: IO[bytes] | None) -> list[Input]:
+    if argument == "-":
         return [_standard_input(input_format, stdin)]
-    path = location(word)
+    path = location(argument)
     if not is_local(path):
         return _remote(path, input_format)
-    word = str(path) if "://" in word else word
+    argument = str(path) if "://" in argument else argument
     if path.is_dir():
-        return [_folder(word, input_format)]
+        return [_folder(argument, input_format)]
     if path.is_file():
-        return [_file(word, input_format)]
+        return [_file(argument, input_format)]
     if path.exists():  # a named pipe, such as <(...) in a shell
-        require_utf8(word)
-        return [_stream(word, word, path.open("rb"), input_format)]
-    if has_magic(word):
-        return _globbed(word, input_format)
-    raise DataError(f"{word}: there is no such file{near_name(path)}")
+        require_utf8(argument)
+        return [_stream(argument, argument, path.open("rb"), input_format)]
+    if has_magic(argument):
+        return _globbed(argument, input_format)
+    raise DataError(f"{argument}: there is no such file{near_name(path)}")
 
 
 def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:

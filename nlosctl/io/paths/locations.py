@@ -46,9 +46,9 @@ Location = Path | RemotePath
 Mark = tuple[int, int, int]
 
 
-def is_remote(word: str) -> bool:
+def is_remote(name: str) -> bool:
     """Return whether a name is a URL of another scheme than ``file``."""
-    match = _URL.fullmatch(word)
+    match = _URL.fullmatch(name)
     return match is not None and match[1].lower() != "file"
 
 
@@ -57,27 +57,27 @@ def is_local(path: Location) -> TypeIs[Path]:
     return isinstance(path, Path)
 
 
-def names_folder(word: str) -> bool:
+def names_folder(name: str) -> bool:
     """Return whether a path or URL ends with a slash (before its ``?region=...``)."""
-    match = _URL.fullmatch(word)
-    return (word if match is None else match[2]).endswith("/")
+    match = _URL.fullmatch(name)
+    return (name if match is None else match[2]).endswith("/")
 
 
-def location(word: str) -> Location:
+def location(name: str) -> Location:
     """Return the location that a path or URL names; ``file://`` URLs are local paths.
 
     Raises UsageError for an empty name, or one with a zero byte or a password in it.
     """
-    if not word or "\0" in word:
-        raise UsageError(f"{word!r} is not the name of a file; expected a path or a URL")
-    match = _URL.fullmatch(word)
+    if not name or "\0" in name:
+        raise UsageError(f"{name!r} is not the name of a file; expected a path or a URL")
+    match = _URL.fullmatch(name)
     if match is None:
-        return Path(word)
+        return Path(name)
     scheme, rest, query = match[1], match[2], match[3] or ""
     if scheme.lower() == "file":
-        split = urlsplit(word)
+        split = urlsplit(name)
         if split.netloc not in ("", "localhost"):
-            raise UsageError(f"{word}: expected file:///FOLDER/NAME, a local path")
+            raise UsageError(f"{name}: expected file:///FOLDER/NAME, a local path")
         return Path(url2pathname(split.path))
     if ":" in rest.split("/")[0].rpartition("@")[0]:
         raise UsageError(

@@ -34,7 +34,7 @@ class TableWriter:
     """Context manager that writes tables of one schema to ``target``: a path, or ``-`` for standard output.
 
     A file appears under its name only when the block ends without an exception; after a failure nothing is left.
-    Standard output gets the rows as they come (Parquet: at the end). ``schema`` is the Arrow schema of the file.
+    Standard output receives the rows immediately (Parquet: at the end). ``schema`` is the Arrow schema of the file.
     ``metadata`` is written in formats that can store it; ``set_metadata`` adds to it, for Parquet until the end.
 
     Raises DataError if the file exists (without ``overwrite``), is one of ``inputs``, or can't be written, and

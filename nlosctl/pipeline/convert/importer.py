@@ -47,14 +47,14 @@ class Import:
         self._scene_file, self._frame = scene_file, frame
         self.log = ProblemLog(bad_rows)
 
-    def read(self, word: str) -> Imported:
+    def read(self, source: str) -> Imported:
         """Return a file (``-`` is stdin) as a table. Raises DataError, with the lines that do not fit."""
-        scene = find_scene(self._scene_file, {}, import_path(word))
+        scene = find_scene(self._scene_file, {}, import_path(source))
         if self._frame is not None:
             scene = replace(scene, frame=self._frame)
         kind = self._spec.kind(self._options)
-        name = "stdin" if word == "-" else word
-        with open_import(word) as stream:
+        name = "stdin" if source == "-" else source
+        with open_import(source) as stream:
             rows = self._rows(ForeignFile(name=name, stream=stream, scene=scene))
             table = imported_table(rows, KINDS[kind], self._spec.extra, name, self.log)
         return Imported(table=table, kind=kind, scene=scene)

@@ -179,14 +179,14 @@ class MapWriter:
         if self._frame is not None:
             yield plane_of(self._frame), np.arange(size)
             return
-        words = columns.get("frame", [None] * size)
-        for frame in dict.fromkeys(words):
+        frames = columns.get("frame", [None] * size)
+        for frame in dict.fromkeys(frames):
             if frame is None:
                 raise DataError(
                     "the estimates have no location on earth: define the plane with `origin` LAT,LON or `crs` "
                     "EPSG:CODE or [frame] in the scene (geojson also writes plain metres: `parameters` metres=true)"
                 )
-            rows = np.array([row for row, word in enumerate(words) if word == frame])
+            rows = np.array([row for row, value in enumerate(frames) if value == frame])
             yield plane_of(parse_frame(str(frame), "column 'frame'")), rows
 
 

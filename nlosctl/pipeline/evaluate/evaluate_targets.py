@@ -90,8 +90,8 @@ def _read_estimates(source: Input, grouping: list[str]) -> _TargetEstimates:
         raise DataError(f"{source.name}: estimates of several methods, but the flags have no column 'method'")
     by_snapshot, snapshots = group_codes(table, ["snapshot", *shared])
     position = np.stack([numbers(table.column(name)) for name in ("x_m", "y_m")], axis=1)
-    words = np.array(table.column("status").to_pylist(), dtype=object)
-    counted = (numbers(table.column("alternative")) == 0.0) & ~np.isin(words, _WITHOUT_TARGET)
+    statuses = np.array(table.column("status").to_pylist(), dtype=object)
+    counted = (numbers(table.column("alternative")) == 0.0) & ~np.isin(statuses, _WITHOUT_TARGET)
     rows = np.flatnonzero(counted)
     rows = rows[np.argsort(by_snapshot[rows], kind="stable")]
     ends = np.cumsum(np.bincount(by_snapshot[rows], minlength=len(snapshots)))

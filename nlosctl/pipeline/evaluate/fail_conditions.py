@@ -28,9 +28,9 @@ _FORM = re.compile(r"\s*(?:([^:<>=!]+):)?\s*([A-Za-z_]\w*)\s*(>=|<=|==|!=|>|<)\s
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A comparison of a metric, of all methods or of ``method``, with a number; ``words`` is the original text."""
+    """A comparison of a metric, of all methods or of ``method``, with a number; ``text`` is the original form."""
 
-    words: str
+    text: str
     method: str | None
     name: str
     sign: str
@@ -48,12 +48,12 @@ class Condition:
             known = [key for key, value in metrics.items() if _is_metric(key, value)]
             if self.name not in known:
                 near, there = did_you_mean(self.name, known), ", ".join(known)
-                raise UsageError(f"`fail_if` {self.words}: no metric {self.name!r}{near}; there are: {there}")
+                raise UsageError(f"`fail_if` {self.text}: no metric {self.name!r}{near}; there are: {there}")
             value = metrics[self.name]
             if math.isnan(value) or _OPERATORS[self.sign](value, self.limit):
                 whose = f" of {group_title(group)}" if group_title(group) else ""
                 shown = "unknown" if math.isnan(value) else f"{value:.6g}"
-                reasons.append(f"{self.name}{whose} is {shown}, which meets {self.words!r}")
+                reasons.append(f"{self.name}{whose} is {shown}, which meets {self.text!r}")
         return reasons
 
     def _matching(self, groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
@@ -63,27 +63,27 @@ class Condition:
         if not matching:
             known = list(dict.fromkeys(str(group["method"]) for group in groups if "method" in group))
             raise UsageError(
-                f"`fail_if` {self.words}: no method {self.method!r} in the input{did_you_mean(self.method, known)}; "
+                f"`fail_if` {self.text}: no method {self.method!r} in the input{did_you_mean(self.method, known)}; "
                 f"there are: {', '.join(known) or 'none'}"
             )
         return matching
 
 
-def parse_condition(words: str) -> Condition:
-    """Return the condition that ``words`` describe; raise UsageError if they can't be parsed."""
-    match = _FORM.fullmatch(words)
+def parse_condition(text: str) -> Condition:
+    """Return the condition that ``text`` describes; raise UsageError if it can't be parsed."""
+    match = _FORM.fullmatch(text)
     if match is None:
         raise UsageError(
-            f"`fail_if` takes [METHOD:]FIGURE>NUMBER (or <, >=, <=, ==, !=), such as 'rmse_m>5'. Got {words!r} instead."
+            f"`fail_if` takes [METHOD:]FIGURE>NUMBER (or <, >=, <=, ==, !=), such as 'rmse_m>5'. Got {text!r} instead."
         )
-    method, name, sign, text = match.groups()
+    method, name, sign, number = match.groups()
     try:
-        limit = float(text)
+        limit = float(number)
     except ValueError:
-        raise UsageError(f"`fail_if` {words}: {text!r} is not a number") from None
+        raise UsageError(f"`fail_if` {text}: {number!r} is not a number") from None
     if math.isnan(limit):
-        raise UsageError(f"`fail_if` {words}: nothing compares with {text!r}; give a number")
-    return Condition(words=words, method=None if method is None else method.strip(), name=name, sign=sign, limit=limit)
+        raise UsageError(f"`fail_if` {text}: nothing compares with {number!r}; give a number")
+    return Condition(text=text, method=None if method is None else method.strip(), name=name, sign=sign, limit=limit)
 
 
 def _status_counts(group: Mapping[str, Any]) -> dict[str, int]:

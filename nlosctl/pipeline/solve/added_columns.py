@@ -47,21 +47,21 @@ class AddedColumn:
 
 
 def optional_columns(ellipse: float | None, add: Sequence[str]) -> frozenset[str]:
-    """Return the names of the columns that ``ellipse`` and ``add`` ask for; raises UsageError for an unknown word."""
-    for word in add:
-        if word not in ADDED_COLUMNS:
-            near = did_you_mean(word, ADDED_COLUMNS)
-            raise UsageError(f"`add` {word}: no such column{near}; there are: {', '.join(ADDED_COLUMNS)}")
-    names = {ADDED_COLUMNS[word].name for word in add}
+    """Return the names of the columns that ``ellipse`` and ``add`` ask for; raises UsageError for an unknown name."""
+    for name in add:
+        if name not in ADDED_COLUMNS:
+            near = did_you_mean(name, ADDED_COLUMNS)
+            raise UsageError(f"`add` {name}: no such column{near}; there are: {', '.join(ADDED_COLUMNS)}")
+    names = {ADDED_COLUMNS[name].name for name in add}
     return frozenset(names if ellipse is None else names | {column.name for column in ELLIPSE})
 
 
 def check_added(add: Sequence[str], reader: MeasurementReader, runs: Runs) -> None:
     """Raise UsageError if a column of ``add`` can't be computed for this input or these methods."""
-    for word in add:
-        fault = ADDED[word].fault(reader, runs)
+    for name in add:
+        fault = ADDED[name].fault(reader, runs)
         if fault:
-            raise UsageError(f"`add` {word}: {fault}")
+            raise UsageError(f"`add` {name}: {fault}")
 
 
 def further_columns(
@@ -76,7 +76,7 @@ def further_columns(
         columns |= _on_earth(solver.scene.frame, estimates)
     if ellipse is not None:
         columns |= _ellipse(estimates, ellipse)
-    return columns | {ADDED_COLUMNS[word].name: ADDED[word].compute(solver, chunk, solution) for word in add}
+    return columns | {ADDED_COLUMNS[name].name: ADDED[name].compute(solver, chunk, solution) for name in add}
 
 
 def _on_earth(frame: EarthFrame, estimates: ChunkEstimates) -> dict[str, FloatArray]:
@@ -164,4 +164,4 @@ ADDED = {
     "gdop": AddedColumn(_gdop, _gdop_fault, needs_flags=True),
     "nees": AddedColumn(_nees, _nees_fault),
 }
-"""The columns that ``add`` can ask for, by its words."""
+"""The columns that ``add`` can request, by its names."""

@@ -69,10 +69,10 @@ def require_estimates(runs: Sequence[MethodRun]) -> None:
 def _by_method(specs: Sequence[MethodSpec], parameters: Mapping[str, Any], option: str) -> dict[str, dict[str, Any]]:
     keys = {spec.name: {field.name for field in dataclasses.fields(spec.options)} for spec in specs}
     given: dict[str, dict[str, Any]] = {spec.name: {} for spec in specs}
-    for word, value in parameters.items():
-        method, colon, key = word.rpartition(":")
+    for parameter, value in parameters.items():
+        method, colon, key = parameter.rpartition(":")
         if colon and method not in keys:
-            raise UsageError(f"{option} {word}: no method {method!r} in this run{did_you_mean(method, keys)}")
+            raise UsageError(f"{option} {parameter}: no method {method!r} in this run{did_you_mean(method, keys)}")
         owners = [method] if colon else [name for name in keys if key in keys[name]]
         if not owners and len(specs) > 1:
             known = sorted(set().union(*keys.values()))

@@ -25,7 +25,7 @@ def sweep_points(sweep: SweepWords) -> list[dict[str, Any]]:
 
     Raises UsageError for a parameter without values or with an empty one, and for a grid that is too large.
     """
-    values = {key: _values(key, words) for key, words in sweep.items()}
+    values = {key: _values(key, listed) for key, listed in sweep.items()}
     return [dict(zip(values, point, strict=True)) for point in _product(values)]
 
 
@@ -62,10 +62,10 @@ def refuse_swept_columns(points: Sequence[Mapping[str, Any]], columns: Sequence[
             raise UsageError(f"`sweep` {key}: the input has a column {name!r} of an earlier sweep; rename that one")
 
 
-def _values(key: str, words: str | Sequence[Any]) -> list[Any]:
-    values = [word.strip() for word in words.split(",")] if isinstance(words, str) else list(words)
+def _values(key: str, listed: str | Sequence[Any]) -> list[Any]:
+    values = [item.strip() for item in listed.split(",")] if isinstance(listed, str) else list(listed)
     if not values or "" in values:
-        raise UsageError(f"`sweep` takes KEY=VALUE,VALUE,.... Got '{key}={words}' instead.")
+        raise UsageError(f"`sweep` takes KEY=VALUE,VALUE,.... Got '{key}={listed}' instead.")
     return values
 
 

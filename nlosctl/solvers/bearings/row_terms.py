@@ -184,7 +184,7 @@ def _beyond(mirrors: MirrorRows, k: int, x: FloatArray, y: FloatArray) -> BoolAr
 def _defocusing(focusing: Focusing, k: int, range_m: FloatArray) -> FloatArray:
     """Return the squared ratio of range to width of the ray tube per radian: what a circle does to a row's weight.
 
-    The width is not let below a share of the range, as at a focus.
+    The width has a lower limit, a fraction of the range, as at a focus.
     """
     first_leg, strength = focusing.first_leg_m[:, k], focusing.strength[:, k]
     if range_m.ndim > 1:

@@ -32,7 +32,7 @@ class Gates:
     """What a candidate must satisfy.
 
     ``min_sensors`` is the least number of sensors that see it, ``gate_std`` how far, in standard deviations, an
-    echo may lie from it, ``false_alarm`` the chance with which the chi-square of a true one is refused.
+    echo may be from it, ``false_alarm`` the probability that the chi-square of a true one is rejected.
     """
 
     min_sensors: int
@@ -188,7 +188,7 @@ def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
 def clutter_density(echoes: Echoes, bandwidth_m: float) -> FloatArray:
     """Return the density (N, M) of echoes per metre and sensor at each echo: all ranges pooled, a Gaussian kernel.
 
-    The kernel is reflected at zero, where no range can be. NaN where there is no echo.
+    The kernel is reflected at zero, since ranges are positive. NaN where there is no echo.
     """
     pooled = echoes.range_m[np.isfinite(echoes.range_m)]
     here = echoes.range_m[..., None]

@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 Uniqueness = Literal["points", "circles"]
-"""What two sets may not share: a point, as the paper has it, or a circle."""
+"""What two sets must not share: a point, as in the paper, or a circle."""
 
 _SWEEPS = 2
 

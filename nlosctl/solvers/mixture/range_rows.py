@@ -81,7 +81,7 @@ class RangeOutlierModel:
 def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
     """Return the batch with the numbered paths of each sensor next to each other, and its groups in the file's order.
 
-    Rows without a path number are repeated measurements, each in a group of its own.
+    Rows without a path number are repeated measurements, each in a separate group.
     """
     alone = np.where(batch.path < 0, np.arange(batch.measurements), -1)
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_height_m, alone]

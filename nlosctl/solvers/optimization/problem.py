@@ -1,4 +1,4 @@
-"""Many small minimization problems at once, over a state of D unknowns: what a solver asks of them."""
+"""Many small minimization problems at once, over a state of D unknowns: the interface for a solver."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEAST_SHARE = 0.1
 class Evaluation(NamedTuple):
     """Cost (B,), gradient (D arrays) and a positive definite matrix of second derivatives, at one point per problem.
 
-    ``exact`` (B,) marks where the matrix holds the exact second derivatives; None means nowhere.
+    ``exact`` (B,) marks where the matrix holds the exact second derivatives; None: no matrix is exact.
     """
 
     cost: FloatArray

@@ -137,7 +137,10 @@ def _best_of(
 
 
 def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield starts (N,): the middle of points 2 and 3, and both; on a longer ellipse where there is no ellipse."""
+    """Yield initial estimates (N,): the midpoint of points 2 and 3, and both.
+
+    Where there is no ellipse they are on a longer one.
+    """
     rays = rows.rays
     longer = replace(rays, path_length_m=np.maximum(rays.path_length_m, rays.baseline_m + rows.path_length_std_m))
     x2, y2, x3, y3 = (longer.coordinate(point, axis).value_m for point in (2, 3) for axis in ("x", "y"))

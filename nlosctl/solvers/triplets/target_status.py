@@ -49,7 +49,7 @@ def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: floa
 
 
 def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) -> Estimates:
-    """Return an estimate for every path, each of a target of its own; covariance: the inverse Fisher information."""
+    """Return an estimate for every path, each of a separate target; covariance: the inverse Fisher information."""
     problem = TripletProblem.of_paths(rows)
     covariance = problem.information(fits.x, fits.y).inverse()
     judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
