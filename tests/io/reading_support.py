@@ -1,4 +1,4 @@
-"""What the tests of reading share: making files, reading them whole."""
+"""Helpers of the tests of readers: make files, and read them completely."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIXTURES = Path(__file__).parents[2] / "fixtures"
 
 @dataclass(frozen=True, kw_only=True)
 class Whole:
-    """All chunks of a file as one."""
+    """All chunks of a file, joined."""
 
     ids: list[Any]
     counts: list[int]
@@ -39,7 +39,7 @@ def read(paths: Sequence[Path | str], bad_rows: BadRowSink | None = None, **opti
 
 
 def scene_of(path: Path) -> Scene:
-    """Return the scene beside a file."""
+    """Return the scene file in the same folder."""
     return find_scene(None, {}, path)
 
 
@@ -54,7 +54,7 @@ def whole(chunks: Sequence[Chunk]) -> Whole:
 
 
 def bearings(snapshots: Sequence[Any], **columns: Sequence[Any]) -> Any:
-    """Return a table of plain bearings, a row per snapshot id given; columns can be replaced."""
+    """Return a table of plain bearings, one row per snapshot id; columns can be replaced."""
     count = len(snapshots)
     standard: dict[str, Any] = {
         "snapshot": snapshots,

@@ -1,4 +1,4 @@
-"""Circles in scene files, and sensors that can't be where they are."""
+"""Circles in scene files, and sensors at impossible positions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LAYER = CircleReflector(name="layer", center=(0.0, -100.0), radius=150.0, blocke
 
 
 def test_circles_read_back_equal() -> None:
-    """Writing and reading a scene with circles changes nothing, with and without the optional keys."""
+    """A scene with circles is unchanged after writing and reading, with and without the optional keys."""
     scene = Scene(reflectors=(LAYER, CircleReflector(name="open", center=(1.5, -2.0), radius=1e-3)))
     assert scene_from_toml(scene_to_toml(scene), "s.toml") == scene
 
@@ -40,7 +40,7 @@ def test_circles_read_back_equal() -> None:
     ],
 )
 def test_a_fault_of_a_circle_is_reported_with_its_key(keys: str, message: str) -> None:
-    """Each fault of a circle names the key, what came and what was expected."""
+    """Each fault of a circle names the key, the value and the expectation."""
     with pytest.raises(DataError) as caught:
         scene_from_toml(CIRCLE + keys, "s.toml")
     assert message in str(caught.value)
@@ -71,7 +71,7 @@ def read(x: list[float], reflector: list[str | None]) -> list[int]:
 
 
 def test_sensors_in_their_place_are_taken() -> None:
-    """Between the circles, on the ground (to rounding), anywhere for direct and line rows: no complaint."""
+    """Sensors between the circles or on the ground, and any sensor of direct and line rows, are valid."""
     assert read([100.0, 149.0, 99.99995, 3.0, 900.0, 900.0], ["layer", "layer", "layer", "open", None, "line"]) == [
         1,
         1,

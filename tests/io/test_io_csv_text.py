@@ -1,4 +1,4 @@
-"""CSV as people write it: quotes, blank lines, other line ends, other separators, columns of their own."""
+"""CSV variants: quotes, blank lines, line ends, separators, additional columns."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ def save_csv(path: Path, *lines: str, header: str = HEADER, end: str = "\n") -> 
 
 
 def good(place: int, note: str = "") -> str:
-    """Return a good line."""
+    """Return a valid line."""
     return f"{place},a{place},0,0,1,0.1{note}"
 
 
 @pytest.mark.parametrize("rows_after", [1, 3, 200_000])
 def test_a_quote_that_is_not_closed_is_told_by_its_line(tmp_path: Path, rows_after: int) -> None:
-    """An unclosed quote never swallows the rest, be it short or larger than a block."""
+    """An unclosed quote is an error, whether the rest of the file is short or longer than a block."""
     lines = [good(1), '2,"a,0,0,1,0.1', *(good(place) for place in range(3, 3 + rows_after))]
     with pytest.raises(DataError, match="line 3: a quote opens here and is not closed"):
         read([save_csv(tmp_path / "a.csv", *lines)])
 
 
 def test_a_quote_closed_by_the_next_one_is_told(tmp_path: Path) -> None:
-    """A quote that the next quoted cell seems to close is an error where a row would be lost unseen."""
+    """A quote closed by the next quoted cell is an error if a row would be lost."""
     path = save_csv(tmp_path / "a.csv", good(1), '2,"abc,0,0,1,0.1', '3,"x",0,0,1,0.1', good(4))
     with pytest.raises(DataError, match="line 3: a quote opens"):
         read([path])
@@ -62,7 +62,7 @@ def test_a_quote_closed_by_the_next_one_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_bad_rows_have_their_line_after_blank_and_broken_lines(tmp_path: Path, small_blocks: None, end: str) -> None:
-    """Rows count data rows, lines count lines: blank ones, ragged ones and those within quotes too."""
+    """Row numbers count data rows; line numbers count all lines: blank, ragged, and within quotes."""
     note = f',"a note{end}of ""two"" lines{end}"'
     lines = [good(1, note), "", good(2, ",x"), "5,6", "", *(good(place, ',5" screen') for place in range(3, 30))]
     lines.append("30,z,0,0,north,0.1,")
@@ -82,7 +82,7 @@ def test_bad_rows_have_their_line_after_blank_and_broken_lines(tmp_path: Path, s
     block=st.integers(40, 200),
 )
 def test_records_are_cut_as_the_csv_module_cuts_them(rows: list[list[str]], end: str, block: int) -> None:
-    """Whatever is in quotes and wherever blocks end, records and their lines are those of a plain reader."""
+    """For any quoted text and block ends, records and line numbers equal those of a plain reader."""
     text = io.StringIO()
     csv.writer(text, quoting=csv.QUOTE_ALL, lineterminator=end).writerows(rows)
     data = text.getvalue().encode()
@@ -101,7 +101,7 @@ def test_records_are_cut_as_the_csv_module_cuts_them(rows: list[list[str]], end:
 
 
 def test_types_of_own_columns_hold_for_the_whole_file(tmp_path: Path, small_blocks: None) -> None:
-    """A column that the contract lacks has the narrowest type that loses nothing, wherever the odd value is."""
+    """An additional column has the narrowest lossless type, for any position of the unusual value."""
     notes = {30: ",x,1.5,7,2,", 40: ",,2,,-,true"}
     lines = [good(place, notes.get(place, ",1,1,007,1,")) for place in range(60)]
     path = save_csv(tmp_path / "a.csv", *lines, header=HEADER + ",word,number,code,dash,flag")
@@ -123,13 +123,13 @@ def test_types_of_own_columns_hold_for_the_whole_file(tmp_path: Path, small_bloc
     ],
 )
 def test_numbers_that_are_names_stay_text(tmp_path: Path, cells: list[str], kept: list[object]) -> None:
-    """A column of the user's own becomes numbers only where no digit is lost."""
+    """An additional column becomes numbers only if no digit is lost."""
     path = save_csv(tmp_path / "a.csv", *(good(n, f",{cell}") for n, cell in enumerate(cells)), header=HEADER + ",own")
     assert whole(read([path])).table.column("own").to_pylist() == kept
 
 
 def test_a_duplicate_has_its_line_after_bad_rows(tmp_path: Path) -> None:
-    """Rows set aside before it, in the same batch or another, shift no line."""
+    """Line numbers are not shifted by earlier rows that were set aside, in any batch."""
     path = save_csv(tmp_path / "a.csv", "1,a,0,0,x,1", "", "1,b,0,0,1,1", "1,c,0,0,1,1", "", "1,b,0,0,1,1")
     for chunk_rows in (1, 100):
         aside = Gathered()
@@ -138,7 +138,7 @@ def test_a_duplicate_has_its_line_after_bad_rows(tmp_path: Path) -> None:
 
 
 def test_a_stream_tells_the_cure_for_own_columns(small_blocks: None) -> None:
-    """A stream can't be read twice: a later misfit is one line with a cure, if anybody wants the column."""
+    """A stream can't be read twice: a later value of another type is one line with the cure, if the column is used."""
     lines = [HEADER + ",n", *(good(place, f",{place if place < 40 else 'x'}") for place in range(50))]
     data = "\n".join(lines).encode()
     for extra in (None, ("n",)):
@@ -153,7 +153,7 @@ def test_a_stream_tells_the_cure_for_own_columns(small_blocks: None) -> None:
 
 
 def test_extra_columns_are_named_by_their_beginning_too(tmp_path: Path) -> None:
-    """``sweep_*`` keeps all columns that begin so."""
+    """``sweep_*`` keeps all columns with this prefix."""
     path = save_csv(tmp_path / "a.csv", good(1, ",1,2,3"), header=HEADER + ",sweep_a,sweep_b,other")
     assert whole(read([path], extra_columns=("sweep_*",))).table.column_names[6:] == ["sweep_a", "sweep_b"]
 
@@ -170,13 +170,13 @@ def test_extra_columns_are_named_by_their_beginning_too(tmp_path: Path) -> None:
     ],
 )
 def test_a_missing_header_is_an_error(tmp_path: Path, header: str, message: str) -> None:
-    """Another separator and comments are called what they are."""
+    """Another separator, and comments, are reported as such."""
     with pytest.raises(DataError, match=message):
         read([save_csv(tmp_path / "a.csv", good(1), header=header)])
 
 
 def test_columns_without_a_name_get_one(tmp_path: Path) -> None:
-    """Trailing commas of a spreadsheet, or R's column of row names, are columns of no concern."""
+    """Trailing commas of a spreadsheet, and R's column of row names, are ignored."""
     path = save_csv(tmp_path / "a.csv", good(1, ",,"), header=HEADER + ",,")
     assert whole(read([path])).table.column_names[6:] == ["unnamed_7", "unnamed_8"]
 
@@ -197,7 +197,7 @@ def test_a_line_without_end_is_no_csv(tmp_path: Path, small_blocks: None) -> Non
 
 
 def test_gzipped_csv_of_many_blocks_is_whole(tmp_path: Path, small_blocks: None) -> None:
-    """Blocks of unzipped text join without a seam, with or without a line end at the end."""
+    """Blocks of decompressed text are joined exactly, with or without a final line end."""
     text = "\n".join([HEADER, *(good(place) for place in range(200))])
     for tail in ("", "\n", "\n\n"):
         (tmp_path / "a.csv.gz").write_bytes(gzip.compress((text + tail).encode()))
@@ -224,7 +224,7 @@ def test_own_columns_of_any_type_stay_with_the_rows(tmp_path: Path) -> None:
 
 
 def handler_of(number: int) -> bytes:
-    """Return what the system calls at a signal: the first word of the C library's ``struct sigaction``."""
+    """Return the handler of a signal: the first field of the C library's ``struct sigaction``."""
     action = ctypes.create_string_buffer(256)
     assert ctypes.CDLL(None).sigaction(number, None, action) == 0
     return action.raw[: ctypes.sizeof(ctypes.c_void_p)]
@@ -232,7 +232,7 @@ def handler_of(number: int) -> bytes:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the layout of the struct is that of Linux")
 def test_ctrl_c_is_pythons_while_a_block_is_parsed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Arrow would take an interrupt for the time of its parsing, and lose one that comes as that ends."""
+    """Arrow must not replace the signal handler while it parses: an interrupt could be lost."""
     seen = []
     parse = pyarrow.csv.read_csv
 

@@ -1,4 +1,4 @@
-"""Places on earth in measurement files."""
+"""Geographic coordinates in measurement files."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def read(name: str, **options: Any) -> tuple[MeasurementReader, Mapping[str, Any
 
 @pytest.mark.parametrize("words", [None, "EPSG:32632", "EPSG:2056", "47,8.9", "47.37,8.54,25"])
 def test_true_azimuths_meet_in_the_source_in_any_plane(tmp_path: Path, words: str | None) -> None:
-    """Whatever the plane, bearings point from the sensors to the source: north is true north at each sensor."""
+    """In any plane, bearings point from the sensors to the source: north is true north at each sensor."""
     reader, columns = read(write(tmp_path, HEADER + "".join(lines())), origin=words)
     from nlosctl.io.scenes.scene_file import plane_of
 
@@ -62,7 +62,7 @@ def test_true_azimuths_meet_in_the_source_in_any_plane(tmp_path: Path, words: st
 
 
 def test_without_a_word_the_plane_touches_the_first_place(tmp_path: Path) -> None:
-    """The origin is the first row's place, whatever follows and however it is cut."""
+    """The origin is the first row's position, for any later rows and any chunks."""
     name = write(tmp_path, HEADER + "".join(lines()))
     assert read(name)[0].scene.frame == EarthFrame(origin_lat_deg=47.37, origin_lon_deg=8.54)
     reader = MeasurementReader(expand_inputs([name]), InputOptions(chunk_rows=1))
@@ -94,7 +94,7 @@ def test_parts_of_a_folder_share_the_plane_of_the_first(tmp_path: Path) -> None:
 
 
 def test_other_headers_and_true_places_in_degrees(tmp_path: Path) -> None:
-    """``--column`` reads a latitude under another name; a true place in degrees gives one in metres."""
+    """``--column`` reads a latitude under another name; a true position in degrees gives one in metres."""
     header = HEADER.replace("sensor_lat_deg", "LAT").replace("\n", ",truth_lat_deg,truth_lon_deg\n")
     rows = [row.replace("\n", f",{SOURCE[0]},{SOURCE[1]}\n") for row in lines()]
     name = write(tmp_path, header + "".join(rows))
@@ -125,13 +125,13 @@ def test_a_bad_place_is_a_bad_row(tmp_path: Path, lat: str, lon: str, says: str)
 
 
 def test_no_place_at_all(tmp_path: Path) -> None:
-    """A file whose places are all empty has no plane to lie in."""
+    """A file whose coordinates are all empty has no local plane: an error."""
     with pytest.raises(DataError, match="no row has a location: 'sensor_lat_deg' and 'sensor_lon_deg'"):
         read(write(tmp_path, HEADER + "1,a,,,10,1\n"))
 
 
 def test_the_scene_carries_the_frame(tmp_path: Path) -> None:
-    """A frame goes into a scene file and comes back; the file's scene is used, and an option stands for it."""
+    """A frame is unchanged after writing and reading a scene file; an option replaces it."""
     scene = Scene(frame=EarthFrame(origin_lat_deg=47.0, origin_lon_deg=8.0, rotation_deg=12.5))
     assert scene_from_toml(scene_to_toml(scene), "s.toml") == scene
     utm = Scene(frame=EarthFrame(crs="EPSG:32632"))
@@ -162,19 +162,19 @@ def test_a_frame_that_is_none_is_refused(text: str, says: str) -> None:
 
 @pytest.mark.parametrize("words", ["47", "97,8", "47,188", "EPSG:32632,8,9", "", "47,nan"])
 def test_words_that_are_no_frame_are_refused(words: str) -> None:
-    """``--origin`` and ``--crs`` say what they take."""
+    """Errors of ``--origin`` and ``--crs`` state the accepted forms."""
     with pytest.raises(UsageError, match="LAT,LON in degrees"):
         parse_frame(words, "--origin")
 
 
 @pytest.mark.parametrize("words", ["47.0 8.0", "47.0 8.0 12.5", "EPSG:32632", "EPSG:32632 3.0"])
 def test_a_frame_is_its_words(words: str) -> None:
-    """The words of a frame give it again."""
+    """The text of a frame is parsed to the same frame."""
     assert parse_frame(words, "frame").words == words
 
 
 def test_without_pyproj_the_install_line_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Places on earth need the extra ``geo``; without it one line says how to get it."""
+    """Geographic coordinates need the extra ``geo``; without it one line states how to install it."""
     real = builtins.__import__
 
     def refuse(name: str, *arguments: Any, **keywords: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Bad input: one clear error, or the bad rows aside and the rest done."""
+"""Bad input: one clear error, or bad rows set aside and the rest read."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ ROW_FAULTS = [name for name, words in BAD.items() if any(word.startswith("row 5"
 
 
 def test_every_bad_fixture_is_tested() -> None:
-    """No bad file lies about untested."""
+    """Every bad fixture has a test."""
     there = {path.name for path in FIXTURES.glob("bad_*") if not path.name.endswith(".scene.toml")}
     assert there == set(BAD)
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_file_gives_one_clear_line(name: str) -> None:
-    """The error is one line that names the file, where it is, what came, and what was expected."""
+    """The error is one line with the file, position, value and expectation."""
     with pytest.raises(DataError) as caught:
         read([FIXTURES / name], scene=scene_of(FIXTURES / name))
     text = str(caught.value)
@@ -69,7 +69,7 @@ def test_a_bad_file_gives_one_clear_line(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROW_FAULTS)
 def test_bad_rows_are_set_aside(name: str) -> None:
-    """With a sink the bad row goes there and the others are read."""
+    """With a sink the bad row is written to it and the others are read."""
     aside = Gathered()
     chunks = read([FIXTURES / name], aside, scene=scene_of(FIXTURES / name), chunk_rows=3)
     expected = 12 if "duplicate" in name else 11
@@ -86,7 +86,7 @@ def test_what_could_not_be_converted_is_set_aside_as_it_came() -> None:
 
 
 def test_problems_are_gathered_and_counted(tmp_path: Path) -> None:
-    """The first 20 are shown, then the total; no chunk follows a bad row."""
+    """The first 20 are reported, then the total; no chunk follows a bad row."""
     path = save(bearings([1] * 50, bearing_std_rad=[0.0] * 30 + [0.1] * 20), tmp_path / "a.parquet")
     with pytest.raises(DataError) as caught:
         read([path], chunk_rows=7)
@@ -97,7 +97,7 @@ def test_problems_are_gathered_and_counted(tmp_path: Path) -> None:
 
 
 def test_rows_after_ragged_lines_keep_their_numbers(tmp_path: Path) -> None:
-    """A skipped line counts as a row, wherever the batches end."""
+    """A skipped line counts as a row, for any batches."""
     good = "1,a{},0,0,1,0.1\n"
     lines = [good.format(place) for place in range(9)]
     lines[2] = lines[6] = "1,2\n"
@@ -113,7 +113,7 @@ def test_rows_after_ragged_lines_keep_their_numbers(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("extension", ["csv.gz", "arrow", "arrows", "parquet"])
 def test_a_file_cut_short_is_told(tmp_path: Path, extension: str) -> None:
-    """Half a file is an error of one line, never half a result."""
+    """A truncated file is an error of one line, never a partial result."""
     content = (FIXTURES / f"good_bearings.{extension}").read_bytes()
     path = tmp_path / f"cut.{extension}"
     path.write_bytes(content[: len(content) // 2])
@@ -163,20 +163,20 @@ def test_inputs_that_are_not_there(word: str, message: str) -> None:
 @pytest.mark.parametrize("ids", [[1, 2, 3, 1], [3, 2, 1, 3], [5, 1, 9, 1], ["a", "b", "a"], ["b", "a", "c", "a"]])
 @pytest.mark.parametrize("chunk_rows", [1, 2, 100])
 def test_a_snapshot_that_comes_back_is_found(tmp_path: Path, ids: list[object], chunk_rows: int) -> None:
-    """In rising, falling and unsorted ids, numbers or text, over batch boundaries too."""
+    """Repeated ids are detected among rising, falling and unsorted numbers or texts, across batches too."""
     path = save(bearings(ids), tmp_path / "a.parquet")
     with pytest.raises(DataError, match=f"row {len(ids)}, column 'snapshot'.*comes back"):
         read([path], chunk_rows=chunk_rows)
 
 
 def test_unsorted_ids_are_fine(tmp_path: Path) -> None:
-    """Ids need no order as long as each snapshot's rows are together."""
+    """Ids need no order if the rows of each snapshot are adjacent."""
     path = save(bearings([5, 5, 1, 9, 9, 2]), tmp_path / "a.parquet")
     assert [value for chunk in read([path], chunk_rows=2) for value in chunk.snapshot.to_pylist()] == [5, 1, 9, 2]
 
 
 def test_unsorted_ids_are_remembered_for_a_while() -> None:
-    """At least the last so many snapshots are remembered, and memory stays bounded."""
+    """At least the given number of last snapshots is remembered, and memory is bounded."""
     index = SnapshotIndex(remembered=4)
     for identity in [9, 1, 8, 2, 7, 3, 6, 4]:
         assert index.add("f", pa.array([identity]), np.array([1])) is None
@@ -204,7 +204,7 @@ IDS = st.one_of(
 @settings(max_examples=300, deadline=None)
 @given(ids=IDS, cuts=st.lists(st.integers(0, 20), max_size=5), one_hash=st.booleans())
 def test_what_comes_back_is_what_a_plain_search_finds(ids: list[object], cuts: list[int], one_hash: bool) -> None:
-    """However the ids are cut into batches, and though all hashes of text agree: the first that returns, its row."""
+    """For any batches, and with equal hashes of all texts, the first repeated id and its row are reported."""
     ends = sorted({0, len(ids), *(cut for cut in cuts if cut < len(ids))})
     batches = [ids[first:behind] for first, behind in pairwise(ends)]
     expected = next(((place + 1, ids.index(each) + 1) for place, each in enumerate(ids) if each in ids[:place]), None)
@@ -214,7 +214,7 @@ def test_what_comes_back_is_what_a_plain_search_finds(ids: list[object], cuts: l
 
 @pytest.mark.parametrize("name", ["{}", "s{:04d}"])
 def test_an_id_of_long_ago_is_found_with_its_row(name: str) -> None:
-    """In rising ids that are disordered late, the last so many are known; those before may be forgotten."""
+    """In rising ids that become unordered late, the last ones are remembered; earlier ones may be forgotten."""
     ids = [name.format(place) if name != "{}" else place for place in range(1000)]
     for place, expected in ((995, (1001, 996)), (901, (1001, 902)), (400, None)):
         index = SnapshotIndex(remembered=100)
@@ -229,7 +229,7 @@ def test_an_id_of_long_ago_is_found_with_its_row(name: str) -> None:
     cuts=st.lists(st.integers(0, 30), max_size=3),
 )
 def test_duplicates_are_those_of_a_plain_search(rows: list[tuple[int, int, float]], cuts: list[int]) -> None:
-    """The vectorized search finds what a set of seen keys finds, and names the first of each."""
+    """The vectorized search agrees with a set of seen keys, and reports the first of each."""
     offsets = np.array(sorted({0, len(rows), *(cut for cut in cuts if cut < len(rows))}), dtype=np.int64)
     if len(rows) == 0:
         return

@@ -30,7 +30,7 @@ class Trickle(io.RawIOBase):
         self._data = io.BytesIO(data)
 
     def readable(self) -> bool:
-        """Return that it can be read."""
+        """Return true."""
         return True
 
     def readinto(self, buffer: memoryview) -> int:
@@ -43,7 +43,7 @@ class Trickle(io.RawIOBase):
 @pytest.mark.parametrize("data", [JSON_LINES, gzip.compress(JSON_LINES), b"\xef\xbb\xbf" + JSON_LINES])
 @pytest.mark.parametrize("slow", [True, False])
 def test_json_lines_from_stdin_are_recognized(data: bytes, slow: bool) -> None:
-    """Gzipped, or behind a byte order mark, and however slowly they come."""
+    """Formats are detected if gzipped, after a byte order mark, and at any speed of the stream."""
     stdin = io.BufferedReader(Trickle(data)) if slow else io.BytesIO(data)
     reader = MeasurementReader(expand_inputs(["-"], stdin=stdin), InputOptions(scene=SCENE))
     assert sum(len(chunk.snapshot) for chunk in reader.chunks()) == 40
@@ -57,7 +57,7 @@ def test_a_json_array_from_stdin_is_told() -> None:
 
 
 def test_an_arrow_stream_is_read_where_arrow_is_said() -> None:
-    """--input-format arrow in a pipe is what --format arrow writes there."""
+    """--input-format arrow reads from a pipe what --format arrow writes to it."""
     data = (FIXTURES / "good_bearings.arrows").read_bytes()
     inputs = expand_inputs(["-"], FileFormat.ARROW, io.BytesIO(data))
     assert sum(len(chunk.snapshot) for chunk in MeasurementReader(inputs, InputOptions(scene=SCENE)).chunks()) == 40
@@ -66,7 +66,7 @@ def test_an_arrow_stream_is_read_where_arrow_is_said() -> None:
 @pytest.mark.parametrize("name", ["a.parquet", "a.csv", "a.csv.gz", "a.arrow", "a.jsonl", "a.jsonl.gz"])
 @pytest.mark.parametrize("held", ["parquet", "csv", "csv.gz", "arrow", "arrows", "jsonl"])
 def test_bytes_of_another_format_are_told(tmp_path: Path, name: str, held: str) -> None:
-    """A wrong extension is named with the format that the bytes are of; the two of Arrow are taken as they are."""
+    """A wrong extension is reported with the actual format; both Arrow formats are accepted."""
     path = tmp_path / name
     path.write_bytes((FIXTURES / f"good_bearings.{held}").read_bytes())
     named = name.removeprefix("a.")
@@ -79,7 +79,7 @@ def test_bytes_of_another_format_are_told(tmp_path: Path, name: str, held: str) 
 
 
 def test_a_named_pipe_is_read_once(tmp_path: Path) -> None:
-    """<(...) of a shell is an input like stdin."""
+    """<(...) of a shell is read like stdin."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     writing = threading.Thread(target=pipe.write_bytes, args=((FIXTURES / "good_bearings.parquet").read_bytes(),))
@@ -90,7 +90,7 @@ def test_a_named_pipe_is_read_once(tmp_path: Path) -> None:
 
 
 def test_every_type_can_be_written_as_text(tmp_path: Path) -> None:
-    """Lists, structs, bytes, views and intervals become text in CSV and JSON Lines; nothing stops."""
+    """Lists, structs, bytes, views and intervals become text in CSV and JSON Lines."""
     table = pa.table(
         {
             "list": pa.array([[1, 2], None]),
@@ -116,7 +116,7 @@ def test_every_type_can_be_written_as_text(tmp_path: Path) -> None:
 
 
 def test_an_empty_pipe_is_told() -> None:
-    """No bytes on stdin are no rows."""
+    """An empty stdin has no rows."""
     with pytest.raises(DataError, match="0 bytes"):
         MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(b"")))
 
@@ -137,7 +137,7 @@ def test_what_is_no_table_is_one_line(tmp_path: Path, name: str, data: bytes) ->
 
 
 def test_a_table_in_memory_is_left_unread(tmp_path: Path) -> None:
-    """Looking at the first bytes takes nothing from a stream that can't be looked at."""
+    """Detecting the format consumes no byte of a stream without ``peek``."""
     from nlosctl.io.results.in_memory import input_of_table
 
     chunks = list(MeasurementReader([input_of_table(bearings([1, 2]))]).chunks())

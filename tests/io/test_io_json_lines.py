@@ -1,4 +1,4 @@
-"""JSON Lines as people write it: what JSON allows and a table does not."""
+"""JSON Lines variants: what JSON allows and a table does not."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlosctl.io.paths.inputs import expand_inputs
 
 
 def row(place: int = 1, **more: Any) -> str:
-    """Return a good row as JSON, with values replaced or added."""
+    """Return a valid row as JSON, with values replaced or added."""
     standard = {"snapshot": 1, "sensor": f"s{place}", "sensor_x_m": 0, "sensor_y_m": 0.5, "bearing_rad": 1.0}
     return json.dumps({**standard, "bearing_std_rad": 0.1, **more})
 
@@ -75,13 +75,13 @@ def test_booleans_may_be_words(tmp_path: Path) -> None:
     ],
 )
 def test_own_columns_lose_nothing(tmp_path: Path, values: list[Any], kept: list[Any]) -> None:
-    """A column that the contract lacks never stops a run: what is of several types is kept as JSON text."""
+    """An additional column never stops a run: values of several types are kept as JSON text."""
     path = save_lines(tmp_path / "a.jsonl", *(row(place, own=value) for place, value in enumerate(values)))
     assert whole(read([path])).table.column("own").to_pylist() == kept
 
 
 def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A new name or another type after the first block changes nothing for a file, and is one line for a stream."""
+    """A new name or type after the first block is read from a file, and is one line of error for a stream."""
     monkeypatch.setenv("NLOSCTL_JSON_BLOCK_LINES", "4")
     lines = [row(place, own=place) for place in range(20)] + [row(20, own="x"), row(21, late=1)]
     path = save_lines(tmp_path / "a.jsonl", *lines)
@@ -98,7 +98,7 @@ def test_own_columns_are_told_by_the_whole_file(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_late_column_of_the_contract_in_a_stream_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A flag that comes after the first block of a stream is never ignored."""
+    """A flag that first occurs after the first block of a stream is not ignored."""
     monkeypatch.setenv("NLOSCTL_JSON_BLOCK_LINES", "2")
     data = "\n".join([*(row(place) for place in range(5)), row(5, los=False)]).encode()
     reader = MeasurementReader(expand_inputs(["-"], stdin=io.BytesIO(data)), InputOptions(extra_columns=()))
@@ -116,7 +116,7 @@ def test_a_wholly_wrong_column_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", [f"[{row()}, {row(2)}]", f"[\n{row()},\n{row(2)}\n]", f"[{row()},\n{row(2)}]"])
 def test_a_json_array_is_told(tmp_path: Path, text: str) -> None:
-    """An array of objects is named, with the way to convert it."""
+    """An array of objects is reported with the way to convert it."""
     with pytest.raises(DataError, match=r"JSON array, expected JSON Lines.*jq"):
         read([save_lines(tmp_path / "a.jsonl", text)])
 

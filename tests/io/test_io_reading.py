@@ -1,4 +1,4 @@
-"""Reading measurement files: every format, every batch size, one result."""
+"""Reading measurement files: the same result for every format and batch size."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_every_format_gives_the_same_rows(extension: str) -> None:
 
 @pytest.mark.parametrize("extension", FORMATS)
 def test_stdin_is_recognized_by_its_first_bytes(extension: str) -> None:
-    """A stream needs no name for its format to be known."""
+    """The format of a stream is detected without a name."""
     stream = io.BytesIO((FIXTURES / f"good_bearings.{extension}").read_bytes())
     inputs = expand_inputs(["-"], stdin=stream)
     chunks = list(MeasurementReader(inputs, InputOptions(scene=SCENE, use_threads=False)).chunks())
@@ -51,7 +51,7 @@ def test_stdin_is_recognized_by_its_first_bytes(extension: str) -> None:
     group=st.integers(1, 20),
 )
 def test_chunk_size_changes_nothing(tmp_path: Path, counts: list[int], chunk_rows: int, group: int) -> None:
-    """Snapshots that straddle row groups and batches come out whole, whatever the sizes."""
+    """Snapshots across row groups and batches are complete, for any sizes."""
     ids = [place for place, count in enumerate(counts) for _ in range(count)]
     path = save(bearings(ids), tmp_path / "straddling.parquet", row_group_size=group)
     found = whole(read([path], chunk_rows=chunk_rows))
@@ -61,7 +61,7 @@ def test_chunk_size_changes_nothing(tmp_path: Path, counts: list[int], chunk_row
 
 
 def test_parts_of_a_folder_are_one_table(tmp_path: Path) -> None:
-    """A snapshot may begin in one part of a folder and end in the next."""
+    """A snapshot may start in one part of a folder and end in the next."""
     save(bearings([1, 1, 2]), tmp_path / "a.parquet")
     save(bearings([2, 3], sensor=["t0", "t1"]), tmp_path / "b.parquet")
     found = whole(read([tmp_path]))
@@ -83,7 +83,7 @@ def test_files_of_different_columns_share_a_schema(tmp_path: Path) -> None:
 
 
 def test_without_snapshot_column_a_file_is_one_snapshot(tmp_path: Path) -> None:
-    """Without ids all rows belong together, and the report says so."""
+    """Without ids all rows are one snapshot, and the report states it."""
     path = save(bearings([1, 2, 3]).drop_columns(["snapshot"]), tmp_path / "one.parquet")
     reader = MeasurementReader(expand_inputs([str(path)]), InputOptions(use_threads=False))
     (chunk,) = reader.chunks()
@@ -142,14 +142,14 @@ def test_renamed_and_constant_columns(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_options_are_told(tmp_path: Path, options: dict[str, object], error: type, word: str) -> None:
-    """Each wrong word of the command line is named together with its cure."""
+    """Each wrong argument is reported with its cure."""
     path = save(bearings([1, 1]), tmp_path / "a.parquet")
     with pytest.raises(error, match=word):
         read([path], **options)
 
 
 def test_two_spellings_of_one_column_are_refused(tmp_path: Path) -> None:
-    """A file with bearing_rad and bearing_deg must say which it means."""
+    """A file with both bearing_rad and bearing_deg is ambiguous: an error."""
     path = save(bearings([1], bearing_deg=[5.0]), tmp_path / "a.parquet")
     with pytest.raises(DataError, match="are the same quantity"):
         read([path])
@@ -180,7 +180,7 @@ def test_sensor_codes_hold_across_batches_and_types(tmp_path: Path) -> None:
 
 
 def test_formats_are_told_by_extension_name_and_bytes() -> None:
-    """The longest extension counts; unknown words get the nearest known one."""
+    """The longest extension counts; for unknown ones the nearest known one is suggested."""
     assert format_of_path("dir.csv/a.CSV.GZ") is FileFormat.CSV_GZ
     assert format_of_bytes(b"\xff\xff\xff\xff\x10") is FileFormat.ARROW_STREAM
     assert format_of_bytes(b' {"snapshot"') is FileFormat.JSON_LINES

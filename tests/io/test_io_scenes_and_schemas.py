@@ -26,7 +26,7 @@ LINE = '[[reflector]]\nname = "w"\nkind = "line"\n'
 @settings(max_examples=50, deadline=None)
 @given(names=NAMES, x=NUMBERS, y=NUMBERS, heading=st.none() | NUMBERS)
 def test_a_scene_reads_back_equal(names: list[str], x: float, y: float, heading: float | None) -> None:
-    """Writing and reading a scene changes nothing, whatever the names and numbers."""
+    """A scene is unchanged after writing and reading, for any names and numbers."""
     scene = Scene(
         sensors=tuple(Sensor(name=name, position=(x, y), heading_deg=heading) for name in names),
         reflectors=tuple(LineReflector(name=name, point=(y, x), direction=(1.0, y)) for name in names),
@@ -60,7 +60,7 @@ def test_slope_and_intercept_are_a_line() -> None:
     ],
 )
 def test_a_malformed_scene_names_the_key(text: str, message: str) -> None:
-    """The error names file and key, what came and what was expected."""
+    """The error names file, key, value and expectation."""
     with pytest.raises(DataError) as caught:
         scene_from_toml(text, "my.scene.toml")
     assert str(caught.value).startswith("my.scene.toml: ")
@@ -112,7 +112,7 @@ def test_schemas_are_fresh(tmp_path: Path) -> None:
     ],
 )
 def test_frictionless_validates_by_the_schema(name: str, valid: bool) -> None:
-    """The public validator accepts the good fixtures by our schema, and refuses a bad one."""
+    """A public validator accepts the good fixtures by the schema, and refuses a bad one."""
     frictionless = pytest.importorskip("frictionless")
     kind = "triplets" if "triplets" in name else "bearings"
     schema = frictionless.Schema.from_descriptor(str(ROOT / "schemas" / f"{kind}.json"))

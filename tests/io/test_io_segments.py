@@ -10,7 +10,7 @@ from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
 
 
 def test_segments_are_read_and_written_alike() -> None:
-    """A wall has ``from`` and ``to``, and comes back as it was written."""
+    """A wall has ``from`` and ``to``, and is unchanged after writing and reading."""
     scene = Scene(reflectors=(SegmentReflector(name="screen", start=(0.0, 1.5), end=(4.0, -2.0)),))
     text = scene_to_toml(scene)
     assert "from" in text
@@ -22,7 +22,7 @@ def test_segments_are_read_and_written_alike() -> None:
     [("from = [1.0, 2.0]\nto = [1.0, 2.0]", "length"), ("from = [1.0, 2.0]", "to"), ("point = [0.0, 0.0]", "point")],
 )
 def test_bad_segments_are_refused(line: str, words: str) -> None:
-    """A wall without length, without an end, or with the keys of a line is refused by name."""
+    """A wall without length, without an end, or with the keys of a line is refused with its name."""
     text = f'[[reflector]]\nname = "w"\nkind = "segment"\n{line}\n'
     with pytest.raises(DataError) as caught:
         scene_from_toml(text, "b.toml")

@@ -1,4 +1,4 @@
-"""Several files, their scenes and types; snapshots that come back or are lost."""
+"""Several files, their scenes and types; repeated and lost snapshots."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def scene(slope: float) -> str:
 
 
 def save_with_scene(path: Path, slope: float | None, ids: list[int]) -> Path:
-    """Write bearings that carry a scene, or none."""
+    """Write bearings with or without a scene."""
     metadata = {} if slope is None else {SCENE_KEY: scene(slope).encode()}
     return save(bearings(ids).replace_schema_metadata(metadata), path)
 
@@ -35,7 +35,7 @@ def save_with_scene(path: Path, slope: float | None, ids: list[int]) -> Path:
 @pytest.mark.parametrize("slopes", [(1.0, 2.0), (None, 1.0), (1.0, None)])
 @pytest.mark.parametrize("as_folder", [True, False])
 def test_files_of_different_scenes_are_refused(tmp_path: Path, slopes: tuple[Any, Any], as_folder: bool) -> None:
-    """No file is ever read with the scene of another; a scene given for all is for all."""
+    """No file is read with the scene of another; a scene option applies to all."""
     folder = tmp_path / "parts"
     folder.mkdir()
     paths = [save_with_scene(folder / f"{n}.parquet", slope, [n]) for n, slope in enumerate(slopes)]
@@ -48,7 +48,7 @@ def test_files_of_different_scenes_are_refused(tmp_path: Path, slopes: tuple[Any
 
 
 def test_files_of_equal_scenes_are_read(tmp_path: Path) -> None:
-    """The same scene in the metadata of one and beside the other is one scene."""
+    """Equal scenes in the metadata of one file and beside another are one scene."""
     first = save_with_scene(tmp_path / "a.parquet", 1.0, [1])
     second = save_with_scene(tmp_path / "b.parquet", None, [2])
     (tmp_path / "b.scene.toml").write_text(scene(1.0))
@@ -56,7 +56,7 @@ def test_files_of_equal_scenes_are_read(tmp_path: Path) -> None:
 
 
 def test_a_part_of_a_folder_has_its_scene_beside_it(tmp_path: Path) -> None:
-    """Where the folder has no scene, that of each part counts."""
+    """If the folder has no scene, each part uses its scene."""
     save_with_scene(tmp_path / "a.parquet", None, [1])
     (tmp_path / "a.scene.toml").write_text(scene(1.0))
     reader = MeasurementReader(expand_inputs([str(tmp_path)]))
@@ -67,7 +67,7 @@ def test_a_part_of_a_folder_has_its_scene_beside_it(tmp_path: Path) -> None:
 
 
 def test_a_scene_kind_that_is_no_word_is_told() -> None:
-    """A list in place of the kind is an error of that key."""
+    """A list instead of the kind is an error of that key."""
     with pytest.raises(DataError, match=r"reflector\[0\].kind: got \['a'\], expected one of"):
         scene_from_toml('[[reflector]]\nname = "w"\nkind = ["a"]\n', "s.toml")
 
@@ -83,7 +83,7 @@ def test_a_scene_kind_that_is_no_word_is_told() -> None:
     ],
 )
 def test_own_columns_of_two_types_meet(tmp_path: Path, one: Any, other: Any, kept: list[Any]) -> None:
-    """A column of the user's own may have another type in another part: nothing is lost, nothing stops."""
+    """An additional column may have different types in different parts, without loss or error."""
     save(bearings([1], own=one), tmp_path / "a.parquet")
     save(bearings([2], own=other), tmp_path / "b.parquet")
     assert whole(read([tmp_path])).table.column("own").to_pylist() == kept
@@ -101,7 +101,7 @@ def test_own_columns_of_two_types_meet(tmp_path: Path, one: Any, other: Any, kep
     ],
 )
 def test_a_message_shows_how_to_sort(tmp_path: Path, name: str, renames: dict[str, str], hint: str) -> None:
-    """The command works for this input: its name, its parts, its own name of the column."""
+    """The suggested command works for this input: its name, its parts, its column name."""
     table = bearings([1, 2, 1])
     table = table.rename_columns([renames.get("snapshot", "snapshot"), *table.column_names[1:]])
     path = save(table, tmp_path / (name or "part.parquet"))
@@ -120,7 +120,7 @@ def test_a_message_shows_how_to_sort(tmp_path: Path, name: str, renames: dict[st
     cuts=st.lists(st.integers(1, 19), max_size=4),
 )
 def test_lost_snapshots_are_those_without_a_good_row(rows: list[tuple[int, bool]], cuts: list[int]) -> None:
-    """However the rows come in batches, a snapshot whose rows are all bad counts once."""
+    """For any batches, a snapshot whose rows are all bad counts once."""
     runs = [count for count, _ in rows]
     ids = np.repeat(np.arange(len(runs)), runs)
     bad = np.array([lost or (place % 3 == 0 and run > 1) for run, lost in rows for place in range(run)])
@@ -134,7 +134,7 @@ def test_lost_snapshots_are_those_without_a_good_row(rows: list[tuple[int, bool]
 
 
 def test_a_snapshot_of_bad_rows_alone_is_counted(tmp_path: Path) -> None:
-    """No row vanishes silently: rows, bad rows and lost snapshots add up, and a remark reports them."""
+    """Rows, bad rows and lost snapshots add up, and a remark reports the lost ones."""
     std = [0.1, 0.0, 0.0, 0.0, 0.1, 0.1]
     table = bearings([1, 1, 2, 2, 3, 3], sensor=["a", "b", "a", "b", "c", "c"], bearing_std_rad=std)
     path = save(table.set_column(2, "sensor_x_m", pa.array([0.0] * 6)), tmp_path / "a.parquet")

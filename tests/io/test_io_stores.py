@@ -1,4 +1,4 @@
-"""What stores answer: one line with a cure, and the region that the environment names."""
+"""Errors of stores are one line with a cure; the region may come from the environment."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_whatever_a_store_raises_is_one_line(raised: Exception, message: str) ->
 
 
 def test_what_says_enough_already_passes() -> None:
-    """A missing file stays one, in the system's words; our own errors and those of this very file are as they were."""
+    """A missing file keeps the message of the system; errors of nlosctl are unchanged."""
     with pytest.raises(FileNotFoundError, match="No such file or directory: 'gs://b/a'"), answering("gs://b/a"):
         raise FileNotFoundError("b/a")
     for error in (UsageError("as it was"), FileExistsError("as it was"), OSError(5, "as it was", "gs://b/a")):
@@ -44,7 +44,7 @@ def test_what_says_enough_already_passes() -> None:
 @pytest.mark.process
 @pytest.mark.parametrize(("query", "region"), [("", "eu-central-1"), ("?region=us-west-2", "us-west-2")])
 def test_the_region_is_of_the_url_or_the_environment(query: str, region: str) -> None:
-    """AWS_REGION saves asking where the bucket is; what the URL says goes before it. Nothing is asked of a network."""
+    """AWS_REGION avoids a request for the region; the URL takes precedence. No network is used."""
     code = (
         "from nlosctl.io.paths.stores import filesystem_of\n"
         f"store, bucket = filesystem_of(1, 's3', 'bucket', '{query}'); print(store.region, bucket)"

@@ -29,7 +29,7 @@ def write(path: Path, extra: str, cells: list[str]) -> Path:
 
 
 def test_a_whole_prior_is_read(tmp_path: Path) -> None:
-    """All three columns of a prior, each row with all or none of them, are good."""
+    """All three columns of a prior, with all or no values in each row, are valid."""
     assert read(write(tmp_path / "m.csv", "prior_x_m,prior_y_m,prior_std_m", ["1,2,3", "1,2,3", ",,", ",,"])) == 4
 
 
@@ -65,6 +65,6 @@ def test_flags_of_several_methods_are_refused(tmp_path: Path, chunk_rows: int) -
 
 
 def test_flags_of_one_method_each_are_read(tmp_path: Path) -> None:
-    """A method of its own for each snapshot says nothing twice; neither does a column 'method' that is no flag's."""
+    """One method per snapshot is not a repetition; neither is a column 'method' of other files."""
     assert read(write(tmp_path / "f.csv", "method,used", ["ml,true", "ml,true", "ls,true", "ls,true"])) == 4
     assert read(write(tmp_path / "m.csv", "method,room", ["toa,1", "aoa,1", "toa,1", "aoa,1"])) == 4

@@ -1,4 +1,4 @@
-"""Values that are of a wrong size or type: a row's problem when alone, a file's when many."""
+"""Values of a wrong size or type: a bad row if few, a fault of the file if many."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlosctl.io.paths.inputs import expand_inputs
 
 
 def with_bearings(path: Path, values: Sequence[Any], kind: Any = None) -> Path:
-    """Write bearings, a snapshot each."""
+    """Write bearings, one snapshot each."""
     column = pa.array(values, kind or pa.float64())
     return save(bearings(list(range(len(values))), bearing_rad=column), path)
 
@@ -39,7 +39,7 @@ def test_a_lone_wild_bearing_is_a_row_problem(tmp_path: Path, value: float, asid
 
 
 def test_a_full_turn_is_no_fault(tmp_path: Path) -> None:
-    """2 pi passes as float32, and with the rounding of a sum; a little more does not."""
+    """2 pi is accepted as float32 and with the rounding of a sum; a slightly larger value is not."""
     for kind in (pa.float32(), pa.float64()):
         path = with_bearings(tmp_path / "a.parquet", [2.0 * math.pi + 1e-12, -2.0 * math.pi - 1e-12], kind)
         assert len(whole(read([path])).ids) == 2
@@ -56,7 +56,7 @@ def test_a_full_turn_is_no_fault(tmp_path: Path) -> None:
 def test_many_wild_bearings_are_plainly_degrees(
     tmp_path: Path, beyond: int, rows: int, plainly: bool, aside: bool, chunk_rows: int
 ) -> None:
-    """A tenth of the rows and five, or more than half of them, is a fault of the file, whatever the chunks."""
+    """More than a tenth of the rows and five, or more than half, is a fault of the file, for any chunks."""
     path = with_bearings(
         tmp_path / "a.parquet", [1.0] * (rows - beyond) + [90.0] * (beyond - 1) + [math.nan, 90.0][-1:]
     )
@@ -71,7 +71,7 @@ def test_many_wild_bearings_are_plainly_degrees(
 
 
 def test_no_chunk_follows_the_first_degrees(tmp_path: Path) -> None:
-    """Estimates of a degrees file don't stream out before it is refused."""
+    """A file in degrees is refused before any estimates are written."""
     path = with_bearings(tmp_path / "a.parquet", [1.0, 90.0] * 50)
     chunks = MeasurementReader(expand_inputs([str(path)]), InputOptions(chunk_rows=5)).chunks()
     with pytest.raises(DataError, match="50 of 100"):
@@ -80,7 +80,7 @@ def test_no_chunk_follows_the_first_degrees(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [pa.int8(), pa.uint64()])
 def test_an_integer_flag_is_zero_or_one(tmp_path: Path, kind: Any) -> None:
-    """los = 2 in a typed file is a row problem, as in CSV; flags that are only carried are checked too."""
+    """los = 2 in a typed file is a bad row, as in CSV; flags that are only carried are checked too."""
     for name in ("los", "truth_los"):
         path = save(bearings([1] * 4, **{name: pa.array([0, 1, None, 2], kind)}), tmp_path / "a.parquet")
         with pytest.raises(DataError, match=f"row 4, column '{name}': got 2, expected true/false or 1/0"):
@@ -89,7 +89,7 @@ def test_an_integer_flag_is_zero_or_one(tmp_path: Path, kind: Any) -> None:
 
 
 def test_integers_beyond_64_bits(tmp_path: Path) -> None:
-    """A path beyond int64 is a row problem, ids are refused with a plain line; sensors are names."""
+    """A path beyond int64 is a bad row, such an id is one line of error, and such a sensor is a name."""
     path = save(bearings([1, 1, 1], path=pa.array([1, 2**63, None], pa.uint64())), tmp_path / "a.parquet")
     with pytest.raises(DataError, match=f"row 2, column 'path': got {2**63}, expected at most {2**63 - 1}"):
         read([path])
@@ -101,7 +101,7 @@ def test_integers_beyond_64_bits(tmp_path: Path) -> None:
 
 
 def test_a_csv_column_of_mixed_degrees_keeps_its_text(tmp_path: Path) -> None:
-    """The bad row holds what the file held, to be mended there."""
+    """The bad row contains the original cells, so that they can be corrected."""
     text = bearings(list(range(20)), bearing_rad=[1.0] * 19 + [np.float64(90.0)])
     pa.csv.write_csv(text, tmp_path / "a.csv")
     sink = Gathered()

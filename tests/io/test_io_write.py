@@ -1,4 +1,4 @@
-"""Writing tables: whole or not at all, the same bytes however fed."""
+"""Writing tables: complete files or none, and the same bytes for any blocks."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def write(path: Path, step: int = 25, **options: object) -> bytes:
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
 def test_bytes_do_not_depend_on_feeding(tmp_path: Path, extension: str) -> None:
-    """Row groups follow the table, not the blocks it came in."""
+    """Row groups depend on the table, not on the blocks written."""
     assert write(tmp_path / f"a.{extension}", 25) == write(tmp_path / f"b.{extension}", 3)
 
 
 def test_parquet_reads_back_with_its_metadata(tmp_path: Path) -> None:
-    """Row groups have the set size, text is plain, the metadata are there."""
+    """Row groups have the set size, text is plain, metadata are present."""
     write(tmp_path / "a.parquet")
     file = pa.parquet.ParquetFile(tmp_path / "a.parquet")
     assert [file.metadata.row_group(place).num_rows for place in range(3)] == [10, 10, 5]
@@ -61,7 +61,7 @@ def test_parquet_reads_back_with_its_metadata(tmp_path: Path) -> None:
 
 
 def test_text_formats_write_null_as_nothing(tmp_path: Path) -> None:
-    """CSV: an empty field, floats shortest; JSON Lines: null; gzip: no time in it."""
+    """CSV: empty fields and shortest floats; JSON Lines: null; gzip: no time stamp."""
     lines = write(tmp_path / "a.csv").decode().splitlines()
     assert lines[:3] == ["snapshot,x_m,status,used", '0,,"ok",true', '1,0.3333333333333333,"too_few, really",true']
     assert gzip.decompress(write(tmp_path / "a.csv.gz")).decode().splitlines() == lines
@@ -77,7 +77,7 @@ def fail_within(path: Path, error: type[BaseException]) -> None:
 
 
 def test_names_are_quoted_where_they_must_be(tmp_path: Path) -> None:
-    """A CSV header names plain columns as they are, and quotes those that hold a comma, a quote or a line end."""
+    """A CSV header quotes only names with a comma, a quote or a line end."""
     names = ["snapshot", "x, y", 'the "true" one', "two\nlines"]
     table = pa.table({name: [1] for name in names})
     with TableWriter(str(tmp_path / "a.csv"), table.schema, group_rows=10) as writer:
@@ -99,7 +99,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_an_existing_file_is_kept_without_overwrite(tmp_path: Path) -> None:
-    """Overwriting must be asked for, and an input is never overwritten."""
+    """Overwriting requires the option, and an input is never overwritten."""
     path = tmp_path / "a.csv"
     path.write_text("old")
     with pytest.raises(DataError, match="`overwrite`"):
@@ -110,7 +110,7 @@ def test_an_existing_file_is_kept_without_overwrite(tmp_path: Path) -> None:
 
 
 def test_targets_that_cannot_be_written(tmp_path: Path) -> None:
-    """A folder, and a file in a missing folder, are errors before any work is done."""
+    """A folder, or a file in a missing folder, is an error before any work is done."""
     with pytest.raises(DataError, match="is a folder"):
         TableWriter(str(tmp_path), TABLE.schema, format=FileFormat.CSV)
     with pytest.raises(DataError, match="no folder"):
@@ -146,7 +146,7 @@ def test_a_closed_pipe_is_a_broken_pipe_error() -> None:
 
 
 def test_bad_rows_are_written_as_text(tmp_path: Path) -> None:
-    """The bad-rows file has the row, the problem, and what the input held."""
+    """The bad-rows file has the row, the problem, and the original line."""
     target = tmp_path / "bad.csv"
     columns = ["snapshot", "sensor", "bearing_rad"]
     with TableWriter(str(target), BadRowWriter.schema(columns)) as writer:

@@ -1,4 +1,4 @@
-"""Threads and processes on a stream: order, errors, how much is held at a time, and that nothing is left behind."""
+"""Threads and processes on a stream: order, errors, bounded memory, and complete clean-up."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.process
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.integers(0, 3), max_size=20), st.integers(1, 5))
 def test_results_come_in_the_order_of_the_items(pauses: list[int], jobs: int) -> None:
-    """However long each takes, results leave in the order of the stream."""
+    """Results are in the order of the stream, for any durations."""
 
     def work(item: tuple[int, int]) -> int:
         time.sleep(0.0003 * item[1])
@@ -41,12 +41,12 @@ def drain(stream: Iterator[int], seen: list[int]) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 4])
-def test_the_first_error_stands_in_its_place(jobs: int) -> None:
-    """Results before the first error come out, then that error: not a later one that was quicker; no more is begun."""
-    begun = []
+def test_the_first_error_is_raised_in_order(jobs: int) -> None:
+    """Results before the first error are returned, then that error, not a later one; no further item is started."""
+    started = []
 
     def work(item: int) -> int:
-        begun.append(item)
+        started.append(item)
         if item == 6:
             time.sleep(0.05)
             raise ValueError("the first")
@@ -58,12 +58,12 @@ def test_the_first_error_stands_in_its_place(jobs: int) -> None:
     with pytest.raises(ValueError, match="the first"):
         drain(map_in_order(work, range(1000), jobs), seen)
     assert seen == list(range(6))
-    assert max(begun) <= 6 + jobs
+    assert max(started) <= 6 + jobs
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 4])
 def test_an_error_of_the_stream_stands_in_its_place_too(jobs: int) -> None:
-    """When reading fails, what was read before comes out first: the same for any number of workers."""
+    """If reading fails, earlier results are returned first, for any number of workers."""
 
     def items() -> Iterator[int]:
         yield from range(5)
@@ -77,7 +77,7 @@ def test_an_error_of_the_stream_stands_in_its_place_too(jobs: int) -> None:
 
 @pytest.mark.parametrize("jobs", [1, 2, 5])
 def test_few_items_are_held(jobs: int) -> None:
-    """Never more than jobs + 1 items are taken from the stream that have not come out."""
+    """At most jobs + 1 items are read ahead of the results."""
     taken = 0
 
     def items() -> Iterator[int]:
@@ -94,36 +94,36 @@ def test_few_items_are_held(jobs: int) -> None:
 
 
 def test_the_workers_work_at_the_same_time() -> None:
-    """Two jobs wait for each other: they meet only if both run at once."""
+    """Two jobs that wait for each other finish only if they run concurrently."""
     barrier = threading.Barrier(2, timeout=10)
     assert list(map_in_order(lambda item: barrier.wait() >= 0, range(2), 2)) == [True, True]
 
 
 def test_one_job_makes_no_thread() -> None:
-    """With one job everything happens in the caller's thread, an item at a time."""
+    """With one job all work is done in the caller's thread, one item at a time."""
     mine = threading.get_ident()
     assert set(map_in_order(lambda item: threading.get_ident(), range(5), 1)) == {mine}
 
 
 def test_stopping_early_stops_the_work() -> None:
-    """Who takes no more results leaves no thread and no item behind."""
-    begun = []
+    """After an abandoned iteration no thread runs and no item is started."""
+    started = []
     before = threading.active_count()
-    stream = map_in_order(lambda item: begun.append(item), range(1000), 3)
+    stream = map_in_order(lambda item: started.append(item), range(1000), 3)
     next(stream)
     stream.close()  # type: ignore[attr-defined]
-    assert len(begun) <= 4
+    assert len(started) <= 4
     assert threading.active_count() == before
 
 
 def test_no_jobs_means_as_many_as_there_are() -> None:
-    """0 is the number of processors that this process may use; any other number is itself."""
+    """0 is the number of processors that this process may use; other numbers are unchanged."""
     assert 1 <= usable_jobs(0) <= len(os.sched_getaffinity(0))
     assert [usable_jobs(jobs) for jobs in (1, 7)] == [1, 7]
 
 
 def test_control_groups_limit_the_jobs(tmp_path: Path) -> None:
-    """A limit on the processor time of a container limits the jobs, rounded up; invalid or no limits do not."""
+    """The processor limit of a container, rounded up, limits the jobs; an invalid or missing one does not."""
     limit, available = tmp_path / "cpu.max", usable_jobs(0, tmp_path / "absent")
     expected = {"150000 100000": min(2, available), "20000 100000": 1, "max 100000": available, "": available}
     for text, jobs in expected.items():
@@ -132,13 +132,13 @@ def test_control_groups_limit_the_jobs(tmp_path: Path) -> None:
 
 
 def own_process(item: int) -> tuple[int, int]:
-    """Return the item and the process that took it."""
+    """Return the item and its process."""
     time.sleep(0.05)
     return item, os.getpid()
 
 
 def test_processes_keep_the_order() -> None:
-    """Several processes work, none of them ours; results leave in the order of the stream."""
+    """Several child processes do the work; results are in the order of the stream."""
     done = list(map_in_processes(own_process, range(8), 2))
     assert [item for item, _ in done] == list(range(8))
     assert len({process for _, process in done}) == 2
@@ -147,18 +147,18 @@ def test_processes_keep_the_order() -> None:
 
 @pytest.mark.parametrize(("items", "jobs"), [(0, 2), (1, 2), (5, 1)])
 def test_small_inputs_stay_here(items: int, jobs: int) -> None:
-    """A single item, or a single job, begins no process."""
+    """A single item, or a single job, starts no process."""
     assert [process for _, process in map_in_processes(own_process, range(items), jobs)] == [os.getpid()] * items
 
 
 def test_what_processes_do_is_inherited() -> None:
-    """The function needs not be one that can be sent: only items and results are."""
+    """The function need not be picklable: only items and results are pickled."""
     shift = 100
     assert list(map_in_processes(lambda item: item + shift, range(5), 2)) == [100, 101, 102, 103, 104]
 
 
 def test_an_error_comes_back_from_its_process() -> None:
-    """An error of ours stays what it is, in its place."""
+    """An error of nlosctl is raised unchanged, in the position of its result."""
 
     def work(item: int) -> int:
         if item == 3:
@@ -172,7 +172,7 @@ def test_an_error_comes_back_from_its_process() -> None:
 
 
 def test_a_process_that_dies_is_an_error_of_one_line() -> None:
-    """A worker that is killed, as by want of memory, ends the run with a cure."""
+    """A killed worker, as after a lack of memory, ends the run with a message and a cure."""
 
     def work(item: int) -> int:
         if item == 2:
@@ -184,7 +184,7 @@ def test_a_process_that_dies_is_an_error_of_one_line() -> None:
 
 
 def test_stopping_early_stops_the_processes() -> None:
-    """Who takes no more results leaves no process behind, and does not wait for those that work."""
+    """After an abandoned iteration the processes are ended without waiting for their results."""
     stream = map_in_processes(lambda item: (time.sleep(30.0 if item else 0.0), os.getpid())[1], range(10), 2)
     started = time.monotonic()
     process = next(stream)
@@ -195,7 +195,7 @@ def test_stopping_early_stops_the_processes() -> None:
 
 
 def test_no_process_outlives_a_killed_parent(tmp_path: Path) -> None:
-    """When the program is killed without warning its workers end too."""
+    """If the program is killed its workers end too."""
     script = """
 import os, sys, time
 from nlosctl.pipeline.engine.workers import map_in_processes
@@ -217,7 +217,7 @@ list(map_in_processes(work, range(4), 2))
 
 
 def is_running(process: int) -> bool:
-    """Whether a process is there and no zombie."""
+    """Whether a process exists and is not a zombie."""
     try:
         return ") Z" not in Path(f"/proc/{process}/stat").read_text()
     except OSError:
@@ -238,7 +238,7 @@ except KeyboardInterrupt:
 
 @pytest.mark.skipif(not workers.CAN_FORK, reason="nothing is forked here")
 def test_an_interrupt_while_forking_is_not_lost() -> None:
-    """An exception in what runs at a fork is ignored by Python, so Ctrl-C waits until the processes are there."""
+    """Python ignores exceptions of callbacks at a fork, so Ctrl-C is deferred until the processes have started."""
     command = [sys.executable, "-W", "ignore", "-c", _INTERRUPTED_WHILE_FORKING]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert (ended.stdout, ended.stderr) == ("interrupted\n", "")
@@ -261,7 +261,7 @@ for tenths in range(1, 9):
 
 @pytest.mark.skipif(not workers.CAN_FORK, reason="nothing is forked here")
 def test_a_result_cut_off_by_the_end_is_not_waited_for() -> None:
-    """Processes that are killed while they send long results leave nothing that hangs, at whatever moment."""
+    """Killing processes while they send long results never causes a hang."""
     command = [sys.executable, "-W", "ignore", "-c", _STOPPED_WHILE_RESULTS_ARE_SENT]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert (ended.stdout, ended.stderr) == ("interrupted\n" * 8, "")
