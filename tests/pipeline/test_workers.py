@@ -62,7 +62,7 @@ def test_the_first_error_is_raised_in_order(jobs: int) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 4])
-def test_an_error_of_the_stream_stands_in_its_place_too(jobs: int) -> None:
+def test_an_error_of_the_stream_is_raised_in_order_too(jobs: int) -> None:
     """If reading fails, earlier results are returned first, for any number of workers."""
 
     def items() -> Iterator[int]:
