@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import pyarrow as pa
 from guarded_run import Ending, complaints, run_guarded
 from independent_readers import differences, read_independently
-from other_seeds import folder_as_it_should_be
+from other_seeds import expected_folder
 from seed_files import SeedFile
 
 __all__ = ["Case", "result_complaints"]
@@ -86,7 +86,7 @@ def _compared(case: Case, folder: Path) -> Iterator[str]:
 
 def _folder_complaints(target: str, folder: Path) -> Iterator[str]:
     """Yield the files in ``out`` that differ from those of a run into an empty folder."""
-    whole = folder_as_it_should_be(target)
+    whole = expected_folder(target)
     found = {path.relative_to(folder).as_posix(): path for path in (folder / "out").rglob("*") if path.is_file()}
     if found.keys() != whole.keys():
         yield f"files {sorted(found)}, expected {sorted(whole)}"

@@ -99,7 +99,7 @@ def test_too_small_memory_limits(megabytes: int, folder: Path) -> None:
 
 def test_libraries_that_can_not_be_loaded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A library that does not fit into memory, or is damaged, gives a line of bounded length."""
-    monkeypatch.setitem(sys.modules, "nlosctl.pipeline.solve.run", None)
+    monkeypatch.setitem(sys.modules, "nlosctl.jobs.solve", None)
     ending = run_guarded(["localize", GOOD, "-q", "-o", "e.csv"])
     assert list(complaints(ending, folder, [], [])) == []
     assert (ending.code, ending.err[:42]) == (1, "nlosctl: a library can't be loaded, perhap")
