@@ -102,4 +102,4 @@ def test_libraries_that_can_not_be_loaded(folder: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "nlosctl.jobs.solve", None)
     ending = run_guarded(["localize", GOOD, "-q", "-o", "e.csv"])
     assert list(complaints(ending, folder, [], [])) == []
-    assert (ending.code, ending.err[:42]) == (1, "nlosctl: a library can't be loaded, perhap")
+    assert (ending.code, ending.err[:44]) == (1, "nlosctl: a library cannot be loaded, perhaps")
