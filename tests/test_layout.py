@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
+import importlib.util
 import json
 import subprocess
 import sys
@@ -40,6 +43,33 @@ finally:
 print(json.dumps(sorted(name for name in entered if name.startswith("nlosctl"))))
 """
 """Runs the program and prints the modules whose functions are called, other than while modules are imported."""
+
+
+def test_scripts_import_what_exists() -> None:
+    """Every name of nlosctl that benchmarks and builders import exists; mypy does not check them."""
+    root = PACKAGE.parent
+    scripts = [
+        path for folder in ("benchmarks", "docs/builders", "fixtures/builders") for path in root.glob(f"{folder}/*.py")
+    ]
+    missing = []
+    for path in scripts:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("nlosctl"):
+                missing += [
+                    f"{path.name}: {node.module}.{name.name}"
+                    for name in node.names
+                    if not exists(node.module, name.name)
+                ]
+    assert scripts
+    assert missing == []
+
+
+def exists(module: str | None, name: str) -> bool:
+    """Whether a module has a name, or a submodule of that name."""
+    try:
+        return hasattr(importlib.import_module(str(module)), name) or bool(importlib.util.find_spec(f"{module}.{name}"))
+    except ImportError:
+        return False
 
 
 def test_rooms_have_at_most_20_modules() -> None:
