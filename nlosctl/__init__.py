@@ -39,3 +39,8 @@ def __getattr__(name: str) -> Any:
 
         return getattr(api, name)
     raise AttributeError(f"module 'nlosctl' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the public names, imported or not: shells complete them."""
+    return sorted({*globals(), *__all__})

@@ -59,8 +59,8 @@ def localize(
     all_rows: bool = False,
     alternatives: int = 1,
     ellipse: float | None = None,
-    add: Sequence[str] = (),
-    carry: Sequence[str] = (),
+    add: str | Sequence[str] = (),
+    carry: str | Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 8192,
@@ -91,7 +91,7 @@ def localize(
         jobs=jobs,
         block_size=block_size,
     )
-    write = OutputOptions(ellipse=ellipse, add=tuple(add), carry=tuple(carry))
+    write = OutputOptions(ellipse=ellipse, add=_names(add), carry=_names(carry))
     tables, report = _solve("localize", table, read, options, write, ["estimates", "flags"])
     return Localization(estimates=tables["estimates"], flags=tables["flags"], report=report)
 
@@ -140,7 +140,7 @@ def detect_ip(
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
     details: bool = False,
-    carry: Sequence[str] = (),
+    carry: str | Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 8192,
@@ -158,7 +158,7 @@ def detect_ip(
     options = SolveOptions(
         method=_names(method), parameters=parameters, sweep=sweep or {}, seed=seed, jobs=jobs, block_size=block_size
     )
-    write = OutputOptions(details=details, carry=tuple(carry))
+    write = OutputOptions(details=details, carry=_names(carry))
     estimated = any(registry.resolve(name, "triplets", "detect-ip").estimates for name in options.method)
     wanted = ["flags", *(["estimates"] if estimated else [])]
     tables, report = _solve("detect-ip", table, read, options, write, wanted)
@@ -176,7 +176,7 @@ def identify_los(
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
     alternatives: int = 1,
-    carry: Sequence[str] = (),
+    carry: str | Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
     block_size: int = 8192,
@@ -203,7 +203,7 @@ def identify_los(
         block_size=block_size,
     )
     wanted = ["flags", "estimates"]
-    tables, report = _solve("identify-los", table, read, options, OutputOptions(carry=tuple(carry)), wanted)
+    tables, report = _solve("identify-los", table, read, options, OutputOptions(carry=_names(carry)), wanted)
     return Localization(estimates=tables["estimates"], flags=tables["flags"], report=report)
 
 
@@ -292,5 +292,5 @@ def _input_options(
     return InputOptions(columns=dict(columns or {}), constants=dict(constants or {}), scene=scene, **rest)
 
 
-def _names(method: str | Sequence[str]) -> tuple[str, ...]:
-    return (method,) if isinstance(method, str) else tuple(method)
+def _names(names: str | Sequence[str]) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names)

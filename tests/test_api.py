@@ -181,8 +181,30 @@ def test_faults_of_the_data_raise_data_error() -> None:
         nlosctl.localize(table, scene=SCENE)
 
 
+def test_messages_name_arguments_of_the_functions() -> None:
+    """A missing standard deviation is reported with the argument that supplies it, and that argument works."""
+    table = good().drop_columns(["bearing_std_rad"])
+    with pytest.raises(DataError, match=r"set `constants\['bearing_std_rad'\]`.*The file has: snapshot") as caught:
+        nlosctl.localize(table, scene=SCENE)
+    assert "--" not in str(caught.value)
+    assert nlosctl.localize(table, scene=SCENE, constants={"bearing_std_rad": 0.02}).report.rows == table.num_rows
+
+
+def test_one_name_needs_no_list() -> None:
+    """A single added or carried column is a string or a list of one."""
+    listed = nlosctl.localize(good(), scene=SCENE, add=["cep50"], carry=["truth_x_m"])
+    assert nlosctl.localize(good(), scene=SCENE, add="cep50", carry="truth_x_m").estimates.equals(listed.estimates)
+
+
+def test_a_path_instead_of_a_table_is_refused() -> None:
+    """A path is reported as such: the functions take tables."""
+    with pytest.raises(UsageError, match=r"got the path 'a\.csv', expected a table"):
+        nlosctl.localize("a.csv")
+
+
 def test_public_names() -> None:
     """Every public name exists, and an unknown one is an AttributeError."""
     assert all(getattr(nlosctl, name) is not None for name in nlosctl.__all__)
+    assert set(nlosctl.__all__) <= set(dir(nlosctl))
     with pytest.raises(AttributeError, match="nope"):
         _ = nlosctl.nope

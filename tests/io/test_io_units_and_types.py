@@ -61,7 +61,7 @@ def test_many_wild_bearings_are_plainly_degrees(
         tmp_path / "a.parquet", [1.0] * (rows - beyond) + [90.0] * (beyond - 1) + [math.nan, 90.0][-1:]
     )
     if plainly:
-        with pytest.raises(DataError, match=f"{beyond} of {rows} values are beyond 6.283 rad, these are degrees"):
+        with pytest.raises(DataError, match=f"{beyond} of {rows} values are beyond ±6.283 rad; they seem"):
             read([path], Gathered() if aside else None, chunk_rows=chunk_rows)
     elif aside:
         assert sum(chunk.table.num_rows for chunk in read([path], Gathered(), chunk_rows=chunk_rows)) == rows - beyond

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 _CONFIG = "config"
-_SETTING = re.compile(r"`([a-z][a-z0-9_]*)`")
+_SETTING = re.compile(r"`([a-z][a-z0-9_]*)(?:\['([a-z][a-z0-9_]*)'\])?`")
 CONFIG_VARIABLE = "NLOSCTL_CONFIG"
 """The environment variable with the config file of all commands."""
 
@@ -278,11 +278,14 @@ def key_values(items: Sequence[str], flag: str) -> dict[str, str]:
 
 
 def with_flags(text: str) -> str:
-    """Return a message with the settings that it names in backquotes as flags: ```overwrite``` as ``--overwrite``."""
-    return _SETTING.sub(lambda match: _flag_names().get(match[1], f"--{match[1].replace('_', '-')}"), text)
+    """Return a message with the settings that it names in backquotes as flags: ```overwrite``` as ``--overwrite``.
+
+    A key of a setting has its own flag: ```constants['range_std_m']``` is ``--range-std-m``.
+    """
+    return _SETTING.sub(lambda match: _flag_names().get(match[2] or match[1], f"--{match[1].replace('_', '-')}"), text)
 
 
 @functools.cache
 def _flag_names() -> dict[str, str]:
     options = [pair for group in (InputOptions, SolveOptions, OutputOptions) for pair in flags_of(group)]
-    return {option.name: flag.name for option, flag in options if not flag.key}
+    return {flag.key or option.name: flag.name for option, flag in options}

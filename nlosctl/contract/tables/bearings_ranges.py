@@ -60,7 +60,6 @@ _RANGE = (
         nullable=True,
         positive=True,
         constant_allowed=True,
-        constant_option="range_std_m",
         meaning="standard deviation of the range error",
     ),
 )
@@ -92,7 +91,7 @@ BEARINGS = Table(
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,
-            too_large_means="these are degrees: name the column bearing_deg (or azimuth_deg for compass bearings)",
+            too_large_means="they seem to be degrees: rename the column to bearing_deg (compass bearings: azimuth_deg)",
             meaning="direction from the sensor towards the incoming wave, counter-clockwise from +x",
             spellings=(
                 Spelling(name="bearing_deg", scale=DEGREE),
@@ -106,7 +105,6 @@ BEARINGS = Table(
             required=True,
             positive=True,
             constant_allowed=True,
-            constant_option="bearing_std_deg",
             meaning="standard deviation of the bearing error",
             spellings=(Spelling(name="bearing_std_deg", scale=DEGREE),),
         ),

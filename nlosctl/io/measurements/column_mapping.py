@@ -118,9 +118,12 @@ def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file:
                 f"`columns` {wanted}={given}: {table.name} have no column {wanted!r}{did_you_mean(wanted, known)}"
             )
         if given not in names:
-            raise DataError(f"{file}: `columns` {wanted}={given}: no column {given!r}{did_you_mean(given, names)}")
+            raise DataError(
+                f"{file}: `columns` {wanted}={given}: no column {given!r}{did_you_mean(given, names)}. "
+                f"The file has: {', '.join(names)}"
+            )
         if wanted in names and wanted != given:
-            raise DataError(f"{file}: `columns` {wanted}={given}: the file has a column {wanted!r} already")
+            raise DataError(f"{file}: `columns` {wanted}={given}: the file already has a column {wanted!r}")
         by_file_name[given] = wanted
     return tuple(by_file_name.get(name, name) for name in names)
 
@@ -204,7 +207,7 @@ def _check_constants(
                 f"{table.name} take no constant {name!r}{did_you_mean(name, allowed)}; "
                 f"they take: {', '.join(allowed) or 'none'}"
             )
-        option = f"`{allowed[name].constant_option}`"
+        option = f"`constants[{name!r}]`"
         if name in mapped:
             raise UsageError(f"{option} is given, but {file} has a column {mapped[name].name!r}; leave the option out")
         if not 0.0 < value < float("inf"):
@@ -219,14 +222,14 @@ def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file
         if column.earth_place:
             others = [f"{column.earth_place}_lat_deg with {column.earth_place}_lon_deg"]
         accepted = f", also accepted: {', '.join(others)}" if others else ""
-        option = f", or give `{column.constant_option}`" if column.constant_option else ""
-        scene = ", or give a scene with its sensors" if column.scene_axis is not None else ""
+        option = f", or set `constants[{column.name!r}]`" if column.constant_allowed else ""
+        scene = ", or pass a scene with its sensors" if column.scene_axis is not None else ""
         parts.append(f"{column.name!r}{near}{accepted}{option}{scene}")
     comment = "; the first line begins with '#', expected the header there" if names[0].startswith("#") else ""
     plural = "s" if len(missing) > 1 else ""
     return (
         f"{file}: missing column{plural} {'; '.join(parts)}. The file has: {', '.join(names) or 'no columns'}; "
-        f"`columns` NAME=COLUMN reads one under another name, `kind` another kind than {table.name}{comment}"
+        f"rename one with `columns` NAME=HEADER, or set another `kind` than {table.name}{comment}"
     )
 
 

@@ -211,7 +211,7 @@ class ValueChecks:
             column = mapped.column
             raise DataError(
                 f"{self._file}, column {mapped.name!r}: {count} of {self.rows} values are beyond "
-                f"{column.largest_magnitude:.4g} {column.unit}, {column.too_large_means}"
+                f"±{column.largest_magnitude:.4g} {column.unit}; {column.too_large_means}"
             )
 
     def integers(self, mapped: MappedColumn, cells: Any, faults: list[Fault]) -> IntArray:
@@ -281,7 +281,7 @@ def null_mask(cells: Any) -> BoolArray:
 
 def is_null(expected: str) -> Describe:
     """Return the message for a null."""
-    return lambda _: f"empty (null), expected {expected}"
+    return lambda _: f"got an empty cell (null), expected {expected}"
 
 
 def got(values: FloatArray, expected: str) -> Describe:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.errors import UsageError
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.base import plain_type
@@ -15,7 +17,12 @@ __all__ = ["gather", "input_of_table"]
 
 
 def input_of_table(table: Any) -> Input:
-    """Return a table (or anything that `pyarrow.table` accepts) as an input for the readers."""
+    """Return a table (or anything that `pyarrow.table` accepts) as an input for the readers.
+
+    Raises UsageError for a path.
+    """
+    if isinstance(table, str | PathLike):
+        raise UsageError(f"got the path {str(table)!r}, expected a table; read it, such as by pyarrow.csv.read_csv")
     table = table if isinstance(table, pa.Table) else pa.table(table)
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
