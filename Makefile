@@ -1,5 +1,5 @@
 # README's two commands: `make demo` and `make test` set up everything they need in .venv, then run.
-# `make test PYTHON=python3.13` makes .venv anew with another Python; `JOBS=2` runs the tests in two processes.
+# `make test PYTHON=python3.13` makes .venv again with another Python; `JOBS=2` runs the tests in two processes.
 PYTHON ?= python3
 JOBS ?= auto
 BIN := .venv/bin
@@ -7,8 +7,8 @@ RUNTIME := .venv/runtime-$(notdir $(PYTHON))
 DEV := .venv/dev-$(notdir $(PYTHON))
 LOCK := requirements/dev.lock
 
-.PHONY: demo test test-fast format schemas reference figures fixtures benchmark papers clean \
-	coverage reliability mutants lock audit test-minimum test-newest test-package
+.PHONY: demo test test-fast format schemas reference figures fixtures benchmark benchmark-peers benchmark-quick \
+	benchmark-compare papers clean coverage reliability mutants lock audit test-minimum test-newest test-package
 
 # The oldest runtime dependencies that pyproject.toml allows.
 MINIMUM := numpy==2.0.* scipy==1.13.* pyarrow==18.* typer==0.26.* rich==13.8.* msgspec==0.19.*
@@ -48,7 +48,7 @@ schemas: $(RUNTIME) ## write schemas/ again from contract/tables/
 reference: $(RUNTIME) ## write docs/commands.md and man/nlosctl.1 again from the commands
 	$(BIN)/python docs/builders/build_reference.py
 
-figures: $(DEV) ## make docs/figures/ again (but those of docs/papers.md) by running the pages that show them
+figures: $(DEV) ## draw docs/figures/ again (except those of docs/papers.md) by running the pages that show them
 	$(BIN)/python docs/builders/build_figures.py
 	$(BIN)/python docs/builders/build_circle_regions.py
 
@@ -65,24 +65,24 @@ benchmark: $(DEV) ## all benchmarks, peers too, to benchmarks/results.md and ben
 benchmark-peers: $(DEV) ## only gtsam, pyceres, jax, Stone Soup and scikit-image; the first time installs them (1.5 GB)
 	$(BIN)/python benchmarks/peers.py
 
-benchmark-quick: $(DEV) ## only what the limits are on; prints
+benchmark-quick: $(DEV) ## only the benchmarks with limits; prints the results
 	$(BIN)/python benchmarks/run.py --quick
 
-benchmark-compare: $(DEV) ## what got slower between the last two runs
+benchmark-compare: $(DEV) ## list what became slower between the last two runs
 	$(BIN)/python benchmarks/history.py
 
-papers: $(DEV) ## run all figures and tables of the papers (an hour at most; goes on where it stopped) and write docs/papers.md
+papers: $(DEV) ## run all figures and tables of the papers (an hour at most; continues an interrupted run) and write docs/papers.md
 	$(BIN)/nlosctl reproduce all -o out/papers --page docs/papers.md --jobs 0 --overwrite
 
 coverage: $(DEV) ## the tests with coverage by branches, in subprocesses too; fails under 95 %
 	$(BIN)/python -m pytest -n $(JOBS) --cov=nlosctl --cov-report=term-missing
 
-reliability: $(DEV) ## faults, hostile files, fuzzing, kills, numerics, at length: see docs/reliability.md
+reliability: $(DEV) ## long runs with faults, hostile files, fuzzing, kills and extreme numbers: see docs/reliability.md
 	$(BIN)/python -m pytest -n $(JOBS) -m '' tests/reliability
 	$(BIN)/python tests/reliability/fuzz_files.py --inputs 100000
 	$(BIN)/python tests/reliability/kill_runs.py --kills 200
 
-mutants: $(DEV) ## which small changes of geometry/ and methods/ no test notices (an hour or two the first time); goes on where it stopped
+mutants: $(DEV) ## mutation test of geometry/ and methods/ (an hour or two the first time); continues an interrupted run
 	$(BIN)/python -m pip install --quiet -c $(LOCK) mutmut==3.8.1
 	$(BIN)/mutmut run
 	$(BIN)/mutmut results
@@ -92,7 +92,7 @@ lock: $(DEV) ## resolve the development dependencies again
 	$(BIN)/uv pip compile --universal --fork-strategy fewest --upgrade --quiet --python-version 3.11 --all-extras \
 		--no-header --no-annotate --output-file requirements/dev.lock pyproject.toml
 
-audit: $(DEV) ## known vulnerabilities of what is locked; asks a service in the net
+audit: $(DEV) ## known vulnerabilities of the locked packages; needs a network
 	$(BIN)/python -m pip install --quiet pip-audit
 	$(BIN)/pip-audit --requirement requirements/dev.lock --no-deps --disable-pip --strict
 
@@ -101,7 +101,7 @@ test-minimum: ## the tests with the oldest runtime dependencies that pyproject.t
 	out/minimum/bin/python -m pip install --quiet --disable-pip-version-check $(MINIMUM) -e '.[dev]'
 	out/minimum/bin/python -m pytest -n $(JOBS)
 
-test-newest: ## the tests with the newest dependencies there are
+test-newest: ## the tests with the newest dependencies
 	$(PYTHON) -m venv --clear out/newest
 	out/newest/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	out/newest/bin/python -m pytest -n $(JOBS)

@@ -1,4 +1,4 @@
-"""docs/architecture.md: its rooms and modules exist, the road is short, and the forms of a row are seven."""
+"""docs/architecture.md: its packages and modules exist, the path is short, and the forms of a row are seven."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def first_column(header: str) -> list[str]:
 
 
 def test_all_rooms_are_listed() -> None:
-    """The table of rooms has every folder of the package, and every module beside them except `version.py`."""
+    """The table of packages has every folder of the package, and every module beside them except `version.py`."""
     rooms = {path.name + "/" for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
     modules = {path.name for path in PACKAGE.glob("*.py")} - {"__init__.py", "version.py"}
-    assert {cell.strip("`") for cell in first_column("room")} == rooms | modules
+    assert {cell.strip("`") for cell in first_column("package")} == rooms | modules
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`([\w/]+\.py)`", TEXT))))
