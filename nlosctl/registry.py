@@ -167,8 +167,8 @@ def _entry(point: EntryPoint) -> MethodEntry:
 def _unknown(name: str, kind: str, known: list[MethodEntry]) -> str:
     bare = name.rpartition(".")[2]
     others = sorted({entry.kind for entry in known if entry.name == bare})
-    if others:
-        return f"method {name!r} exists for {', '.join(others)}, not for {kind}"
     names = sorted({entry.name for entry in known if entry.kind == kind})
+    if others:
+        return f"method {name!r} is for {', '.join(others)}, not for {kind}; there are: {', '.join(names) or 'none'}"
     near = did_you_mean(bare, names) or did_you_mean(bare, {entry.name for entry in known})
     return f"no method {name!r} for {kind}{near}; there are: {', '.join(names) or 'none'}"

@@ -170,7 +170,7 @@ def _fail(error: Exception) -> int:
         print_message(str(error).rstrip("\n"))
         return 2
     elif isinstance(error, _PARSER.ClickException):  # the parser's own usage errors
-        message, code = f"{' '.join(error.format_message().split())}{_help_hint(error)}", 2
+        message, code = f"{_with_value(' '.join(error.format_message().split()), error)}{_help_hint(error)}", 2
     elif isinstance(error, ImportError):
         message = f"a library cannot be loaded, perhaps for lack of memory: {in_one_line(error)[:300]}"
     elif isinstance(error, OSError) and error.strerror:
@@ -181,6 +181,13 @@ def _fail(error: Exception) -> int:
     if isinstance(error, OSError):
         _discard_stdout()
     return code
+
+
+def _with_value(message: str, error: Exception) -> str:
+    """Return the message of a parser's error with the value that it could not convert, if it does not contain that."""
+    details = getattr(error.__cause__, "errors", None)
+    values = [repr(detail["input"]) for detail in details() if "input" in detail] if callable(details) else []
+    return f"{message.rstrip('.')}; got {values[0]}" if values and values[0] not in message else message
 
 
 def _help_hint(error: Exception) -> str:

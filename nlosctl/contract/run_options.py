@@ -103,7 +103,7 @@ class InputOptions:
         None, "--input-format", "Input", "Input format; default: detected from the name or contents.",
         f"{_READ} convert evaluate plot", metavar="FORMAT", complete="format")
     kind: str | None = _option(
-        None, "--kind", "Input", "Measurement kind; default: detected from the columns.",
+        None, "--kind", "Input", "Kind: bearings, ranges or triplets; default: detected from the columns.",
         "localize bound validate plot", metavar="KIND", complete="kind")
     columns: Mapping[str, str] = _option(
         {}, "--column", "Input", "Read column HEADER of the file as NAME. Repeatable.",
@@ -119,7 +119,8 @@ class InputOptions:
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
         f"{_SOLVE} bound")
     max_snapshot_rows: int = _option(
-        1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.", _READ, minimum=1)
+        1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.", _READ,
+        minimum=1, metavar="N")
     scene: Scene | str | None = _option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
         "localize identify-los bound validate convert plot", metavar="FILE")
@@ -154,7 +155,8 @@ class SolveOptions:
         (), "--method", "Method", "Method (see 'nlosctl methods'). Repeatable.", _SOLVE,
         short="-m", metavar="NAME", complete="method")
     parameters: Mapping[str, Any] = _option(
-        {}, "--param", "Method", "Parameter; METHOD:KEY=VALUE sets that of one method. Repeatable.",
+        {}, "--param", "Method",
+        "Parameter of method, scenario or format; METHOD:KEY=VALUE: only that method. Repeatable.",
         f"{_SOLVE} simulate convert", short="-p", metavar="KEY=VALUE", complete="parameter")
     sweep: Mapping[str, Any] = _option(
         {}, "--sweep", "Method", "Parameter values to run in turn; several sweeps form a grid. Repeatable.",
@@ -175,11 +177,13 @@ class SolveOptions:
         True, "--use-ranges/--no-ranges", "Method", "Use the ranges in a file of bearings.", "bound")
     seed: int = _option(
         0, "--seed", "Method", "Random seed; each snapshot derives its own.", f"{_SOLVE} simulate reproduce",
-        minimum=0, maximum=2**63 - 1)
+        minimum=0, maximum=2**63 - 1, metavar="N")
     jobs: int = _option(
-        0, "--jobs", "Run", "Number of parallel workers; 0 = one per available CPU.", f"{_SOLVE} reproduce", minimum=0)
+        0, "--jobs", "Run", "Number of parallel workers; 0 = one per available CPU.", f"{_SOLVE} reproduce", minimum=0,
+        metavar="N")
     block_size: int = _option(
-        8192, "--block-size", "Run", "Snapshots solved at a time; results do not depend on it.", _SOLVE, minimum=1)
+        8192, "--block-size", "Run", "Snapshots solved at a time; results do not depend on it.", _SOLVE, minimum=1,
+        metavar="N")
     engine: str = _option(
         "local", "--engine", "Run", "Execution engine: local or dask.", f"{_SOLVE} bound", metavar="NAME")
     scheduler: str | None = _option(

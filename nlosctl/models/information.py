@@ -1,4 +1,4 @@
-"""Fisher information of a position, by kind of measurement: what the Cramer-Rao bound is made of.
+"""Fisher information of a position, by kind of measurement: the inverse of the Cramér-Rao bound.
 
 A kind has one entry in `INFORMATION`.
 """

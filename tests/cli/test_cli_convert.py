@@ -70,7 +70,7 @@ def test_a_bad_line_stops_the_import_or_is_set_aside(cli: Any) -> None:
     assert not Path("log.parquet").exists()
     gone_on = cli(*words, "--bad-rows", "bad.csv")
     assert gone_on.code == 0
-    assert "log.csv: 6 rows, 1 bad rows set aside" in gone_on.err
+    assert "log.csv: 6 rows, 1 bad row set aside" in gone_on.err
     assert "1734501487,CCF9579B21AE,far,0.01" in Path("bad.csv").read_text(encoding="utf-8")
 
 

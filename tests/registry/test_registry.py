@@ -68,8 +68,8 @@ def test_a_name_is_resolved_by_the_kind(name: str) -> None:
     [
         ("taylr", "ranges", "no method 'taylr' for ranges (did you mean 'taylor'?); there are: taylor"),
         ("nonsense", "bearings", "no method 'nonsense' for bearings; there are: ls, ml"),
-        ("taylor", "bearings", "method 'taylor' exists for ranges, not for bearings"),
-        ("ranges.taylor", "bearings", "method 'ranges.taylor' exists for ranges, not for bearings"),
+        ("taylor", "bearings", "method 'taylor' is for ranges, not for bearings; there are: ls, ml"),
+        ("ranges.taylor", "bearings", "method 'ranges.taylor' is for ranges, not for bearings; there are: ls, ml"),
     ],
 )
 def test_unknown_methods_suggest_the_nearest(name: str, kind: str, says: str) -> None:

@@ -102,7 +102,7 @@ def convert(
             preview=preview,
         )
     terminal = Terminal(quiet)
-    bad = f", {report.bad_rows} bad rows set aside" if report.bad_rows else ""
+    bad = f", {report.bad_rows} bad row{'s' if report.bad_rows > 1 else ''} set aside" if report.bad_rows else ""
     terminal.note(f"{inputs[0]}: {report.rows} rows{bad}")
     if report.loses_scene and write.scene_out is None:
         terminal.note("note: this format cannot store the scene; --scene-out FILE writes it, --scene FILE reads it")

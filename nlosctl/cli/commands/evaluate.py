@@ -40,11 +40,12 @@ def evaluate(
     estimates: Annotated[
         str | None,
         typer.Option(
-            "--estimates", metavar="FILE", rich_help_panel="Input", help="Estimates to the flags of identify-los."
+            "--estimates", metavar="FILE", rich_help_panel="Input", help="Estimates of the same identify-los run."
         ),
     ] = None,
     ospa_order: Annotated[
-        float, typer.Option("--ospa-order", min=1.0, rich_help_panel="Method", help="Order p of OSPA and GOSPA.")
+        float,
+        typer.Option("--ospa-order", metavar="P", min=1.0, rich_help_panel="Method", help="Order p of OSPA and GOSPA."),
     ] = 2.0,
     ospa_cutoff_m: Annotated[
         float,

@@ -105,6 +105,7 @@ def plot(
         int,
         typer.Option(
             "--max-rows",
+            metavar="N",
             min=1000,
             rich_help_panel="Input",
             help="Largest number of rows to plot; a larger file is thinned.",

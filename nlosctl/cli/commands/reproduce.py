@@ -51,6 +51,7 @@ def reproduce(
         typer.Option(
             "--trials",
             "-n",
+            metavar="N",
             min=1,
             rich_help_panel="Method",
             help="Trials per condition; default: set by the experiment.",

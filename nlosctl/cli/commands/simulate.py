@@ -28,7 +28,7 @@ def simulate(
     options: SolveOptions,
     write: OutputOptions,
     trials: Annotated[
-        int, typer.Option("--trials", "-n", min=1, rich_help_panel="Method", help="Number of snapshots.")
+        int, typer.Option("--trials", "-n", metavar="N", min=1, rich_help_panel="Method", help="Number of snapshots.")
     ] = 1000,
     show: Annotated[
         bool, typer.Option("--show", rich_help_panel="Method", help="Show the scenario's parameters and exit.")
@@ -38,7 +38,7 @@ def simulate(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Draw measurements from a simulated world, with ground truth. The same seed gives the same file."""
+    """Simulate measurements of a scenario, with ground truth. The same seed gives the same file."""
     if scenario is None:
         if options.parameters or options.sweep or show or write.scene_out is not None or write.output != "-":
             raise UsageError("name a scenario; 'nlosctl simulate' alone lists them")

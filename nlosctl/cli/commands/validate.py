@@ -23,7 +23,7 @@ def validate(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> int:
-    """Check measurement files as the other commands do: columns, values, scene, order. Exit 0 if there is no fault."""
+    """Check files of measurements: columns, values, scene, order of snapshots. Exit 1 if there is a fault."""
     from nlosctl.io.writers.output_set import OutputSet
     from nlosctl.jobs.files import Destination, open_measurements
 

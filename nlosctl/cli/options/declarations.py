@@ -10,7 +10,7 @@ from nlosctl.cli.options.settings import take_config
 
 __all__ = ["CONFIG_HELP", "ConfigFile", "Debug", "Inputs", "Json", "Quiet", "Strict", "Verbose"]
 
-CONFIG_HELP = "Config file (TOML, one table per command). Order: flag, NLOSCTL_<COMMAND>_<OPTION>, FILE."
+CONFIG_HELP = "Config file (TOML); flags and NLOSCTL_<COMMAND>_<OPTION> take precedence."
 
 Inputs = Annotated[
     list[str],

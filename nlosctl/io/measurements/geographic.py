@@ -86,6 +86,6 @@ def _range_faults(pair: CoordinateColumns, lat: Any, lon: Any) -> list[CellFault
     absent = np.isnan(lat) & np.isnan(lon) & pair.nullable
     for column, values, limit in ((pair.lat, lat, 90.0), (pair.lon, lon, 180.0)):
         for row in np.flatnonzero(~(np.abs(values) <= limit) & ~absent).tolist():
-            got = "empty (null)" if np.isnan(values[row]) else f"got {values[row]:g}"
+            got = "got an empty cell (null)" if np.isnan(values[row]) else f"got {values[row]:g}"
             faults.append(CellFault(index=row, column=column, fault=f"{got}, expected {-limit:g} to {limit:g} degrees"))
     return faults

@@ -76,7 +76,7 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         raise DataError(f"{name}, column 'alternative': got empty cells, expected a number in every row")
     for column in TRUTH_NAMES:
         if truth is None and column not in table.column_names:
-            raise DataError(f"{name}: no column {column!r}; name a file with the truth by `truth` FILE")
+            raise DataError(f"{name}: no column {column!r}; add it, or pass a file that has it as `truth`")
     return EstimateArrays(
         position_m=_stack(table, ("x_m", "y_m"), name),
         covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), name, LARGEST_NUMBER**2),

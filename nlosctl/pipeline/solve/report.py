@@ -145,7 +145,7 @@ class RunReport:
         if self.rows_left_out:
             rows += f" ({self.rows_left_out} left out: flagged by an earlier step)"
         if self.bad_rows:
-            rows += f", {self.bad_rows} bad rows set aside"
+            rows += f", {self.bad_rows} bad row{'s' if self.bad_rows > 1 else ''} set aside"
         names = ", ".join(str(entry["name"]) for entry in self.inputs[:3])
         more = f" and {len(self.inputs) - 3} more" if len(self.inputs) > 3 else ""
         snapshots = "1 snapshot" if self.snapshots == 1 else f"{self.snapshots} snapshots"
@@ -206,7 +206,7 @@ def _unused_ranges(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
 def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:
     tallies = [(run.label, report.methods[run.label]) for run in runs if run.spec.searches]
     return [
-        f"{name} searched {field}: {tally.on_edge} of {tally.answered} fixes touch the field's edge"
+        f"search region of {name}: {field}; {tally.on_edge} of {tally.answered} estimates are at its edge"
         for name, tally in tallies
     ]
 
