@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from nlosctl.scenarios.drawing import draw_snapshots
 from scipy.optimize import least_squares
 from timing import best_of
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.methods import bearings_ml, bearings_stansfield_focused
+from nlosctl.methods import bearings_ml, bearings_stansfield
 from nlosctl.models.bearings import sight_lines
 from nlosctl.scenarios.song_circle import SCENARIO
 from nlosctl.scenarios.spec import draw_snapshots
@@ -89,7 +90,7 @@ def scipy_loop(batch: BearingBatch, starts: np.ndarray, snapshots: int) -> np.nd
 def report() -> list[str]:
     """Return the lines of the tables, after checking that both programs agree on the answers."""
     batch = make_batch(_SNAPSHOTS)
-    starts = bearings_stansfield_focused.solve(batch, bearings_stansfield_focused.METHOD.options()).estimates.position_m
+    starts = bearings_stansfield.solve_focused(batch, bearings_stansfield.FOCUSED.options()).estimates.position_m
     ours = bearings_ml.solve(batch, bearings_ml.METHOD.options()).estimates.position_m
     apart = np.hypot(*(ours[:_LOOPED] - scipy_loop(batch, starts, _LOOPED)).T)
     assert np.median(apart) < 10.0, "the loop and ml must agree before they are timed"

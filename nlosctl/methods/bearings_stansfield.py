@@ -1,23 +1,32 @@
-"""Stansfield's estimator on bearings: one weighted linear fit, close to maximum likelihood."""
+"""Stansfield's estimator on bearings: one weighted linear fit, close to maximum likelihood; and focused on circles."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.bearings import sight_lines
+from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield, inflated_sandwich, sandwich_covariance
+from nlosctl.solvers.bearings.line_fits import (
+    LineFit,
+    fit_focused,
+    fit_least_squares,
+    fit_stansfield,
+    inflated_sandwich,
+    sandwich_covariance,
+)
 
-__all__ = ["METHOD", "StansfieldOptions", "solve"]
+__all__ = ["FOCUSED", "METHOD", "StansfieldOptions", "solve", "solve_focused"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StansfieldOptions:
-    """Parameters of ``stansfield``."""
+    """Parameters of ``stansfield`` and ``stansfield-focused``."""
 
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
@@ -30,10 +39,30 @@ def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     The distances in the weights are those of the least-squares fix: one pass, not iterated. The covariance is the
     sandwich of these weights and the errors of the lines at the fix, std times the spread of the ray tubes.
     """
+    return _solve(batch, options, fit_stansfield, SightLines.range_m)
+
+
+def solve_focused(batch: BearingBatch, options: StansfieldOptions) -> Solution:
+    """Solve a batch by equations (10)-(15) of Song, Willett, Zhou 2013, with the true spread of the ray tubes.
+
+    On a circle the error of a line is not std times distance, but std times the width of the ray tube per radian,
+    l1 + l2 - 2 l1 l2 / (R cos i) along the measured ray. The widths are those at the least-squares fix, one pass. The
+    covariance is the sandwich of these weights and the widths at the fix. Without circle rows it is ``stansfield``.
+    """
+    return _solve(batch, options, fit_focused, SightLines.tube_width_m)
+
+
+def _solve(
+    batch: BearingBatch,
+    options: StansfieldOptions,
+    weighted_fit: Callable[[SightLines, LineFit], LineFit],
+    width_m: Callable[[SightLines, FloatArray, FloatArray], FloatArray],
+) -> Solution:
+    """Solve a batch by a weighted fit of the lines, whose errors grow with ``width_m`` at the least-squares fix."""
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
-    fit = fit_stansfield(lines, first)
-    weighed_m = lines.range_m(first.x, first.y)
+    fit = weighted_fit(lines, first)
+    weighed_m = width_m(lines, first.x, first.y)
     return finish_bearings_fix(
         batch,
         lines,
@@ -58,4 +87,13 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
+)
+
+FOCUSED = replace(
+    METHOD,
+    name="stansfield-focused",
+    summary="Stansfield with the focusing of circular reflectors: lines weighted by std and ray-tube spread",
+    reference="Song, Willett, Zhou 2013, equations (10)-(15), (41)-(45), with the spread of a concave mirror",
+    solve=solve_focused,
+    cost="half the chi-square of the bearing residuals",
 )

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import IntArray, SeedArray
-from nlosctl.contract.random_streams import snapshot_seeds
+from nlosctl.arrays import IntArray
 from nlosctl.plotting.panels import Panel
 from nlosctl.reproduce.samples import Condition, Results, Samples, Statistic
 from nlosctl.reproduce.verdicts import Expected
@@ -60,11 +59,6 @@ class Chunk:
     def trials(self) -> IntArray:
         """The numbers (size,) of the trials."""
         return np.arange(self.first, self.first + self.size, dtype=np.int64)
-
-    @property
-    def trial_seeds(self) -> SeedArray:
-        """A seed (size,) for each trial."""
-        return snapshot_seeds(self.seed, self.trials)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from nlosctl.contract.methods import MethodSpec
-from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield, bearings_stansfield_focused
+from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield
 from nlosctl.testing import CIRCLES, LAWS, MethodLaw, check_law
 
 CASES = {
     "ls": (bearings_ls.METHOD, None),
     "stansfield": (bearings_stansfield.METHOD, None),
-    "stansfield-focused": (bearings_stansfield_focused.METHOD, None),
+    "stansfield-focused": (bearings_stansfield.FOCUSED, None),
     "ml": (bearings_ml.METHOD, None),
     "ml feasible": (bearings_ml.METHOD, bearings_ml.MaximumLikelihoodOptions(feasible=True)),
     "ml-grid": (bearings_ml_grid.METHOD, bearings_ml_grid.GridOptions(step_m=40e3)),

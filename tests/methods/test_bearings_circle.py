@@ -18,7 +18,6 @@ from nlosctl.methods import (
     bearings_ml,
     bearings_ml_grid,
     bearings_stansfield,
-    bearings_stansfield_focused,
 )
 from nlosctl.models.bearings import predict_bearings
 
@@ -66,7 +65,7 @@ def test_stansfield_focused_without_circles_is_stansfield() -> None:
     sensor_xy = on_ground(0.02, -0.03, 0.01)
     bearing = bearings_of(sensor_xy, SOURCE, -1) + 0.01 * np.array([[1.0, -1.0, 0.5]])
     batch = bearing_batch(sensor_xy, bearing, 0.01, -1, IONOSPHERE)
-    first, second = (estimate(m.METHOD, batch) for m in (bearings_stansfield, bearings_stansfield_focused))
+    first, second = (estimate(spec, batch) for spec in (bearings_stansfield.METHOD, bearings_stansfield.FOCUSED))
     np.testing.assert_array_equal(first.position_m, second.position_m)
     np.testing.assert_array_equal(first.covariance_m2, second.covariance_m2)
 

@@ -7,15 +7,21 @@ from flat_solving import dense_batch
 from scipy.optimize import least_squares
 
 from nlosctl.geometry.short_arc import short_arc_reflection
-from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield, bearings_stansfield_focused
+from nlosctl.methods import bearings_ls, bearings_ml, bearings_ml_grid, bearings_stansfield
 from nlosctl.scenarios.catalogue import find_scenario
 from nlosctl.scenarios.spec import draw_snapshots
 
 EARTH_M, IONOSPHERE_M = 6371e3, 6671e3
 TARGET_M = np.array([6421e3, 0.0])
 METHODS = {
-    module.METHOD.name: module.METHOD
-    for module in (bearings_ls, bearings_stansfield, bearings_stansfield_focused, bearings_ml, bearings_ml_grid)
+    spec.name: spec
+    for spec in (
+        bearings_ls.METHOD,
+        bearings_stansfield.METHOD,
+        bearings_stansfield.FOCUSED,
+        bearings_ml.METHOD,
+        bearings_ml_grid.METHOD,
+    )
 }
 
 
