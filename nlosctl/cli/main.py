@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -111,7 +113,8 @@ _COMMANDS = (
 )
 for _name, _command in _COMMANDS:
     _epilog = PLOT_EPILOG if _command is plot else None
-    app.command(_name, cls=SettingsCommand, epilog=_epilog)(_guarded(_command))
+    _help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(_command.__doc__ or ""))  # paragraphs fill the terminal
+    app.command(_name, cls=SettingsCommand, epilog=_epilog, help=_help)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 app.add_typer(config_app, name="config")
 
