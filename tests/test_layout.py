@@ -79,6 +79,12 @@ def test_rooms_have_at_most_20_modules() -> None:
     assert {room: count for room, count in large.items() if Path(room).name not in ONE_FILE_PER_ENTRY} == {}
 
 
+def test_no_module_is_above_300_lines() -> None:
+    """A module of more than 300 lines is divided."""
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in PACKAGE.rglob("*.py")}
+    assert {str(path.relative_to(PACKAGE)): count for path, count in lines.items() if count > 300} == {}
+
+
 @pytest.mark.process
 @pytest.mark.parametrize(("extension", "most"), [("parquet", 45), ("csv", 47)])
 def test_a_row_passes_few_modules(tmp_path: Path, extension: str, most: int) -> None:
