@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from nlosctl.scenarios.drawing import draw_snapshots
 from scipy.optimize import least_squares
 from timing import best_of
 
@@ -95,9 +94,7 @@ def report() -> list[str]:
     apart = np.hypot(*(ours[:_LOOPED] - scipy_loop(batch, starts, _LOOPED)).T)
     assert np.median(apart) < 10.0, "the loop and ml must agree before they are timed"
     times = best_of(
-        5,
-        lambda: scipy_loop(batch, starts, _LOOPED),
-        lambda: bearings_ml.solve(batch, bearings_ml.METHOD.options()),
+        5, lambda: scipy_loop(batch, starts, _LOOPED), lambda: bearings_ml.solve(batch, bearings_ml.METHOD.options())
     )
     loop, ml = times[0] / _LOOPED, times[1] / _SNAPSHOTS
     return [

@@ -8,16 +8,7 @@ TYPE_CHECKING = False  # instead of importing typing: an interrupt during that i
 if TYPE_CHECKING:
     from typing import Any
 
-    from nlosctl.api import (
-        Detection,
-        Localization,
-        bound,
-        detect_ip,
-        evaluate,
-        identify_los,
-        localize,
-        simulate,
-    )
+    from nlosctl.api import Detection, Localization, bound, detect_ip, evaluate, identify_los, localize, simulate
 
 __all__ = [
     "Detection",

@@ -34,13 +34,7 @@ def option(
     ``default`` the option is required. The annotation of the field is its type: bool, int, float, str,
     ``Literal[...]``, a tuple of these, or any of them ``| None``.
     """
-    metadata = {
-        "meaning": meaning,
-        "unit": unit,
-        "minimum": minimum,
-        "maximum": maximum,
-        "exclusive": exclusive,
-    }
+    metadata = {"meaning": meaning, "unit": unit, "minimum": minimum, "maximum": maximum, "exclusive": exclusive}
     return dataclasses.field(default=default, metadata=metadata)
 
 

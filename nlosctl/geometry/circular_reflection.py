@@ -113,12 +113,7 @@ def all_points(
 
 
 def _turning_root(
-    product: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    orientation: float,
+    product: FloatArray, x: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray, orientation: float
 ) -> FloatArray:
     """Return the root of F within the bracket, shapes (N,), where ``orientation`` times F rises through zero."""
 

@@ -54,10 +54,7 @@ class BaselineFrame:
 
     def to_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points of the frame in global coordinates."""
-        return (
-            self.center_x + self.cosine * x - self.sine * y,
-            self.center_y + self.sine * x + self.cosine * y,
-        )
+        return (self.center_x + self.cosine * x - self.sine * y, self.center_y + self.sine * x + self.cosine * y)
 
     def matrix_to_global(self, matrix: SymmetricMatrix) -> SymmetricMatrix:
         """Return covariances of the frame in global axes; undefined where they are not finite."""
@@ -219,10 +216,7 @@ class TripletRays:
         if axis == "x":
             value = value - 0.5 * self.baseline_m
         return Quantity(
-            value,
-            -self._over_crossing_sine(along_doa * dod),
-            self._over_crossing_sine(along_dod * doa),
-            0.0,
+            value, -self._over_crossing_sine(along_doa * dod), self._over_crossing_sine(along_dod * doa), 0.0
         )
 
     def _dod_on_ellipse(self, axis: Axis) -> Quantity:

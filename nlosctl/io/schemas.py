@@ -14,13 +14,7 @@ __all__ = ["schema_text", "table_schema", "write_schemas"]
 _LEAST_SPELLED = 5e-324
 """The smallest number above 0, for other units: validators do not read ``exclusiveMinimum``."""
 
-_TYPES = {
-    "number": "number",
-    "integer": "integer",
-    "boolean": "boolean",
-    "text": "string",
-    "identifier": "any",
-}
+_TYPES = {"number": "number", "integer": "integer", "boolean": "boolean", "text": "string", "identifier": "any"}
 
 
 def table_schema(table: Table) -> dict[str, Any]:
@@ -57,11 +51,7 @@ def write_schemas(folder: Path) -> list[Path]:
 
 
 def _field(column: Column) -> dict[str, Any]:
-    field: dict[str, Any] = {
-        "name": column.name,
-        "type": _TYPES[column.type],
-        "description": column.meaning,
-    }
+    field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.type], "description": column.meaning}
     if column.unit:
         field["unit"] = column.unit
     if column.type == "boolean":

@@ -65,9 +65,4 @@ def evaluate(
 
 def evaluation_report(evaluation: Evaluation, failed: Sequence[str]) -> dict[str, Any]:
     """Return the figures and the conditions met as plain values."""
-    return {
-        "of": evaluation.of,
-        "groups": evaluation.groups,
-        "overall": evaluation.overall,
-        "failed": list(failed),
-    }
+    return {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": list(failed)}

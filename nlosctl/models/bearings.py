@@ -149,12 +149,7 @@ class SightLines(RowBlock):
         return residuals
 
     def information(
-        self,
-        x: FloatArray,
-        y: FloatArray,
-        paths: ReflectedPath | None = None,
-        *,
-        extra_m2: FloatArray | None = None,
+        self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None, *, extra_m2: FloatArray | None = None
     ) -> SymmetricMatrix:
         """Return the Fisher information (B,) of the position at points (B,); equations (27)-(29).
 

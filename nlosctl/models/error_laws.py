@@ -278,17 +278,9 @@ def _simplex_rule(nodes_u: int, nodes_v: int) -> tuple[FloatArray, FloatArray, F
     t, r = 0.5 * (point_u + 1.0), 0.5 * (point_v + 1.0)
     u, wu = 1.0 - t**4, 2.0 * weight_u * t**3
     v, wv = r**2, weight_v * r
-    return (
-        np.outer(u, v).ravel(),
-        np.outer(u, 1.0 - v).ravel(),
-        np.outer(wu * u, wv).ravel(),
-    )
+    return (np.outer(u, v).ravel(), np.outer(u, 1.0 - v).ravel(), np.outer(wu * u, wv).ravel())
 
 
 _SIMPLEX = _simplex_rule(32, 16)
 _ROWS = 256
-_PLAIN: dict[str, ErrorLaw] = {
-    "gaussian": GaussianErrors(),
-    "uniform": UniformErrors(),
-    "laplace": LaplaceErrors(),
-}
+_PLAIN: dict[str, ErrorLaw] = {"gaussian": GaussianErrors(), "uniform": UniformErrors(), "laplace": LaplaceErrors()}

@@ -55,12 +55,7 @@ def _layers(radius: float, turn: float, center: np.ndarray[tuple[int], np.dtype[
     return Scene(
         reflectors=(
             LineReflector(name="above", point=(above[0], above[1]), direction=(-up[1], up[0])),
-            CircleReflector(
-                name="layer",
-                center=(center[0], center[1]),
-                radius=7.5 * scale,
-                blocker_radius=radius,
-            ),
+            CircleReflector(name="layer", center=(center[0], center[1]), radius=7.5 * scale, blocker_radius=radius),
             CircleReflector(
                 name="high layer",
                 center=(center[0], center[1]),

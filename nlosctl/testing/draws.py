@@ -255,9 +255,7 @@ _TRIPLET_DRAW = Draw(
 
 DRAWS: dict[tuple[str, str], Draw] = {
     ("bearings", "localize"): Draw(
-        trial=draw_bearings,
-        faults=("parallel", "one point", "on a sensor", "behind"),
-        directions=("bearing_rad",),
+        trial=draw_bearings, faults=("parallel", "one point", "on a sensor", "behind"), directions=("bearing_rad",)
     ),
     ("ranges", "localize"): Draw(
         trial=draw_ranges, faults=("one point", "on one line", "on a sensor", "do not meet"), directions=()

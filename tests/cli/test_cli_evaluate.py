@@ -166,11 +166,7 @@ def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
     write(tmp_path, truth_x_m=None, truth_y_m=None)
     write(tmp_path, "wrong.csv", truth_x_m=[0.0] * 8, truth_y_m=[0.0] * 8)
     order = [6, 3, 0, 1, 7, 4, 2]
-    columns = {
-        "snapshot": order,
-        "truth_x_m": [TRUTH_X[k] for k in order],
-        "truth_y_m": [TRUTH_Y[k] for k in order],
-    }
+    columns = {"snapshot": order, "truth_x_m": [TRUTH_X[k] for k in order], "truth_y_m": [TRUTH_Y[k] for k in order]}
     (tmp_path / "t.csv").write_text(table_csv(columns))
     for name in ("e.csv", "wrong.csv"):
         output = cli("evaluate", name, "--truth", "t.csv", "--json").json["overall"]

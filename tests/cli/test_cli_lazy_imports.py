@@ -42,11 +42,7 @@ CASES: dict[str, tuple[list[str], dict[str, str], str]] = {
         {"_NLOSCTL_COMPLETE": "complete_bash", "COMP_WORDS": "nlosctl localize --fla", "COMP_CWORD": "2"},
         "--flags-out",
     ),
-    "completion in zsh": (
-        [],
-        {"_NLOSCTL_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": "nlosctl eva"},
-        "evaluate",
-    ),
+    "completion in zsh": ([], {"_NLOSCTL_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": "nlosctl eva"}, "evaluate"),
 }
 
 

@@ -27,9 +27,7 @@ def test_stdout_carries_the_table_alone(cli: Cli) -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["localize", GOOD], ["simulate", "ring", "-n", "5"], ["validate", GOOD]],
-    ids=lambda words: words[0],
+    "words", [["localize", GOOD], ["simulate", "ring", "-n", "5"], ["validate", GOOD]], ids=lambda words: words[0]
 )
 def test_quiet_prints_nothing_on_stderr(cli: Cli, words: list[str]) -> None:
     """``-q`` leaves stderr empty and stdout unchanged."""

@@ -57,16 +57,8 @@ COMPLAINTS: list[tuple[str, MethodSpec, str]] = [
         toys.toy(toys.other_estimates(lambda e: {"row": np.minimum(e.row, 9)})),
         r"\(9, 0, 0\) follows \(9, 0, 0\)",
     ),
-    (
-        "null",
-        toys.toy(toys.other_estimates(lambda e: {"n_used": e.n_used + 9})),
-        "n_used is 9 of 2",
-    ),
-    (
-        "null",
-        toys.toy(toys.other_estimates(lambda e: {"cost": e.cost * np.nan})),
-        "the cost is nan where",
-    ),
+    ("null", toys.toy(toys.other_estimates(lambda e: {"n_used": e.n_used + 9})), "n_used is 9 of 2"),
+    ("null", toys.toy(toys.other_estimates(lambda e: {"cost": e.cost * np.nan})), "the cost is nan where"),
     ("flags", toys.toy(toys.other_flags(lambda flags: None)), "missing although the batch wants them"),
     ("flags", toys.toy(toys.other_flags(lambda f: Flags(used=f.used * 1.0, columns=f.columns))), "used is float64"),
     ("flags", toys.toy(toys.other_flags(lambda f: Flags(used=f.used[:1], columns=f.columns))), "used has shape"),

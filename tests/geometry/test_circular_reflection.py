@@ -6,14 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from circle_worlds import (
-    EARTH_M,
-    IONOSPHERE_M,
-    draw_disc,
-    parts,
-    quartic_points,
-    unblocked_points,
-)
+from circle_worlds import EARTH_M, IONOSPHERE_M, draw_disc, parts, quartic_points, unblocked_points
 
 from nlosctl.geometry import short_arc
 from nlosctl.geometry.circular_reflection import all_points, all_reflections, count_reflections, reflect_at, separatrix

@@ -143,11 +143,7 @@ def test_malformed_json_lines_are_row_problems(tmp_path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
     aside = Gathered()
     read([path], aside, scene=scene_of(FIXTURES / "good_bearings.csv"))
-    assert [(row.problem.row, row.problem.column) for row in aside] == [
-        (2, None),
-        (4, "bearing_std_rad"),
-        (5, None),
-    ]
+    assert [(row.problem.row, row.problem.column) for row in aside] == [(2, None), (4, "bearing_std_rad"), (5, None)]
 
 
 @pytest.mark.parametrize(

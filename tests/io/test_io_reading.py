@@ -46,9 +46,7 @@ def test_stdin_is_recognized_by_its_first_bytes(extension: str) -> None:
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    counts=st.lists(st.integers(1, 9), min_size=1, max_size=12),
-    chunk_rows=st.integers(1, 40),
-    group=st.integers(1, 20),
+    counts=st.lists(st.integers(1, 9), min_size=1, max_size=12), chunk_rows=st.integers(1, 40), group=st.integers(1, 20)
 )
 def test_chunk_size_changes_nothing(tmp_path: Path, counts: list[int], chunk_rows: int, group: int) -> None:
     """Snapshots across row groups and batches are complete, for any sizes."""

@@ -13,12 +13,7 @@ from bearing_worlds import estimate, flags_of, words
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.geometry.circular_reflection import all_reflections
-from nlosctl.methods import (
-    bearings_mixture_ml,
-    bearings_ml,
-    bearings_ml_grid,
-    bearings_stansfield,
-)
+from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_ml_grid, bearings_stansfield
 from nlosctl.models.bearings import predict_bearings
 
 FloatArray = npt.NDArray[np.float64]

@@ -245,30 +245,18 @@ PLUGINS = {
     "raises on solve": ("def solve(b, o): raise ValueError('no\\nluck')", "failed: ValueError: no luck"),
     "exits on solve": ("def solve(b, o): raise SystemExit", "failed: SystemExit"),
     "gives none": ("def solve(b, o): return None", "returned a NoneType, not a Solution"),
-    "gives NaN": (
-        "solve = lambda b, o: answer(b, position_m=np.full((b.size, 2), np.nan))",
-        "position is [nan, nan]",
-    ),
-    "gives infinity": (
-        "solve = lambda b, o: answer(b, covariance_m2=np.full((b.size, 3), np.inf))",
-        "covariance is",
-    ),
+    "gives NaN": ("solve = lambda b, o: answer(b, position_m=np.full((b.size, 2), np.nan))", "position is [nan, nan]"),
+    "gives infinity": ("solve = lambda b, o: answer(b, covariance_m2=np.full((b.size, 3), np.inf))", "covariance is"),
     "gives no ellipse": ("solve = lambda b, o: answer(b, covariance_m2=np.full((b.size, 3), -1.0))", "not positive"),
     "is short": ("solve = lambda b, o: answer(b, position_m=np.zeros((1, 2)))", "position_m has shape (1, 2)"),
     "is flat": ("solve = lambda b, o: answer(b, cost=np.zeros((b.size, 2)))", "cost has shape"),
     "is text": ("solve = lambda b, o: answer(b, cost=np.full(b.size, 'x'))", "cost is"),
     "is a list": ("solve = lambda b, o: answer(b, cost=[0.0] * b.size)", "cost has shape"),
-    "has no such status": (
-        "solve = lambda b, o: answer(b, status=np.full(b.size, 77, np.uint8))",
-        "unknown status 77",
-    ),
+    "has no such status": ("solve = lambda b, o: answer(b, status=np.full(b.size, 77, np.uint8))", "unknown status 77"),
     "misses one": ("solve = lambda b, o: answer(b, row=np.zeros(b.size, int))", "got no estimate"),
     "knows others": ("solve = lambda b, o: answer(b, row=np.arange(b.size) + 1)", "is not one of its"),
     "has odd flags": ("solve = lambda b, o: answer(b, flags=Flags(used=np.ones(3, bool)))", "flag 'used' has shape"),
-    "counts as flags": (
-        "solve = lambda b, o: answer(b, flags=Flags(used=np.ones(b.bearing_rad.shape)))",
-        "booleans",
-    ),
+    "counts as flags": ("solve = lambda b, o: answer(b, flags=Flags(used=np.ones(b.bearing_rad.shape)))", "booleans"),
 }
 FRAME = """
 import dataclasses

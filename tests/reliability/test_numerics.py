@@ -191,11 +191,7 @@ def test_covariances_are_calibrated_at_any_size(method: str, size_m: float, offs
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [
-        ("parallel", {"degenerate", "behind"}),
-        ("one point", {"degenerate"}),
-        ("behind", {"behind", "degenerate"}),
-    ],
+    [("parallel", {"degenerate", "behind"}), ("one point", {"degenerate"}), ("behind", {"behind", "degenerate"})],
 )
 @pytest.mark.parametrize("method", ["ls", "stansfield", "ml"])
 def test_degenerate_bearings_have_no_fix(method: str, fault: str, words: set[str], size_m: float) -> None:

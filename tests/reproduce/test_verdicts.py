@@ -60,11 +60,7 @@ def test_right_claims_are_seldom_rejected() -> None:
 
 @pytest.mark.parametrize(
     ("statistic", "true_error"),
-    [
-        (lambda x: float(x.mean()), 1.0),
-        (rms, 1.0 / math.sqrt(2.0)),
-        (median, math.sqrt(math.pi / 2.0)),
-    ],
+    [(lambda x: float(x.mean()), 1.0), (rms, 1.0 / math.sqrt(2.0)), (median, math.sqrt(math.pi / 2.0))],
 )
 def test_the_jackknife_gives_the_textbook_standard_errors(statistic: object, true_error: float) -> None:
     """Mean, root mean square and median of a standard normal, over 60 draws of 4000: within 10 %."""

@@ -29,10 +29,7 @@ def generate(name, snapshots, seed=6, **options):
 
 def complex_positions(columns):
     """Return sensors and sources as complex numbers."""
-    return (
-        columns["sensor_x_m"] + 1j * columns["sensor_y_m"],
-        columns["truth_x_m"] + 1j * columns["truth_y_m"],
-    )
+    return (columns["sensor_x_m"] + 1j * columns["sensor_y_m"], columns["truth_x_m"] + 1j * columns["truth_y_m"])
 
 
 def noise_of(scene, columns):

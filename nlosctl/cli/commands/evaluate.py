@@ -31,10 +31,7 @@ def evaluate(
     truth: Annotated[
         str | None,
         typer.Option(
-            "--truth",
-            metavar="FILE",
-            rich_help_panel="Input",
-            help="True positions: snapshot, truth_x_m, truth_y_m.",
+            "--truth", metavar="FILE", rich_help_panel="Input", help="True positions: snapshot, truth_x_m, truth_y_m."
         ),
     ] = None,
     estimates: Annotated[
@@ -50,10 +47,7 @@ def evaluate(
     ospa_cutoff_m: Annotated[
         float,
         typer.Option(
-            "--ospa-cutoff-m",
-            metavar="M",
-            rich_help_panel="Method",
-            help="Cutoff c of OSPA and GOSPA, in metres.",
+            "--ospa-cutoff-m", metavar="M", rich_help_panel="Method", help="Cutoff c of OSPA and GOSPA, in metres."
         ),
     ] = 20.0,
     alternatives: Annotated[

@@ -82,8 +82,7 @@ def plot(
         ),
     ] = [],  # noqa: B006 - typer copies it
     x: Annotated[
-        str | None,
-        typer.Option("--x", metavar="KEY", rich_help_panel="Method", help="Swept parameter of the x axis."),
+        str | None, typer.Option("--x", metavar="KEY", rich_help_panel="Method", help="Swept parameter of the x axis.")
     ] = None,
     y: Annotated[
         str | None,

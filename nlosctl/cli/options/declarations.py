@@ -20,19 +20,11 @@ Inputs = Annotated[
         show_default=False,
     ),
 ]
-Strict = Annotated[
-    bool,
-    typer.Option("--strict", rich_help_panel="Run", help="Exit 3 if a snapshot has no estimate."),
-]
+Strict = Annotated[bool, typer.Option("--strict", rich_help_panel="Run", help="Exit 3 if a snapshot has no estimate.")]
 ConfigFile = Annotated[
     str | None,
     typer.Option(
-        "--config",
-        metavar="FILE",
-        is_eager=True,
-        callback=take_config,
-        rich_help_panel="Run",
-        help=CONFIG_HELP,
+        "--config", metavar="FILE", is_eager=True, callback=take_config, rich_help_panel="Run", help=CONFIG_HELP
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", rich_help_panel="Messages", help="Print as JSON.")]

@@ -67,10 +67,7 @@ ESTIMATES = Table(
         Column(name="method", type="text", required=True, meaning="name of the method"),
         Column(name="target", type="integer", required=True, meaning="number of the target, from 0"),
         Column(
-            name="alternative",
-            type="integer",
-            required=True,
-            meaning="rank of the alternative, from 0, best first",
+            name="alternative", type="integer", required=True, meaning="rank of the alternative, from 0, best first"
         ),
         Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
         Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
@@ -137,10 +134,7 @@ FLAGS = Table(
             meaning="range, measured minus predicted at the estimate",
         ),
         Column(
-            name="target",
-            type="integer",
-            nullable=True,
-            meaning="target that the row is assigned to, numbered from 0",
+            name="target", type="integer", nullable=True, meaning="target that the row is assigned to, numbered from 0"
         ),
         Column(
             name="under_horizon",
@@ -161,12 +155,7 @@ FLAGS = Table(
             nullable=True,
             meaning="probability that the row agrees with its stated path",
         ),
-        Column(
-            name="ip",
-            type="boolean",
-            nullable=True,
-            meaning="whether the path is indirect (triplets)",
-        ),
+        Column(name="ip", type="boolean", nullable=True, meaning="whether the path is indirect (triplets)"),
         Column(
             name="p_value",
             type="number",

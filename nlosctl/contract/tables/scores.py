@@ -60,11 +60,7 @@ _NUMBERS = (
     ("los_recall", "", "fraction of direct echoes flagged as direct"),
     *(
         (f"ospa{part}_m", "m", f"mean OSPA distance{part_meaning}")
-        for part, part_meaning in (
-            ("", ""),
-            ("_location", ": localization part"),
-            ("_number", ": cardinality part"),
-        )
+        for part, part_meaning in (("", ""), ("_location", ": localization part"), ("_number", ": cardinality part"))
     ),
     *(
         (f"gospa{part}_m", "m", f"mean GOSPA distance{part_meaning}")

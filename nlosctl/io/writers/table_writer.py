@@ -21,11 +21,7 @@ from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
 from nlosctl.io.writers.text_encoders import CsvEncoder, JsonLinesEncoder
 
-__all__ = [
-    "BadRowWriter",
-    "TableWriter",
-    "provenance_text",
-]
+__all__ = ["BadRowWriter", "TableWriter", "provenance_text"]
 
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
 

@@ -53,11 +53,7 @@ class BoundRun:
     """Computes the bound of every snapshot at its truth, or over a map: ``grid``, whose text is ``map``."""
 
     def __init__(
-        self,
-        reader: MeasurementReader,
-        options: SolveOptions,
-        grid: MapGrid | None = None,
-        map: str | None = None,
+        self, reader: MeasurementReader, options: SolveOptions, grid: MapGrid | None = None, map: str | None = None
     ) -> None:
         self.reader, self._options, self._grid, self._map = reader, options, grid, map
         what = "snapshots" if grid is None else "positions"

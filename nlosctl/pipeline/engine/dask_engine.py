@@ -67,11 +67,7 @@ def _client(distributed: Any, scheduler: str | None, jobs: int) -> Iterator[Any]
     cluster = None
     if scheduler is None:
         cluster = distributed.LocalCluster(
-            n_workers=jobs,
-            threads_per_worker=1,
-            dashboard_address=":0",
-            host="127.0.0.1",
-            silence_logs=_SILENT,
+            n_workers=jobs, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1", silence_logs=_SILENT
         )
     try:
         try:

@@ -12,14 +12,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.fix_status import InflatedCovariance
 
-__all__ = [
-    "LineFit",
-    "fit_focused",
-    "fit_least_squares",
-    "fit_stansfield",
-    "inflated_sandwich",
-    "sandwich_covariance",
-]
+__all__ = ["LineFit", "fit_focused", "fit_least_squares", "fit_stansfield", "inflated_sandwich", "sandwich_covariance"]
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,7 @@ from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
-__all__ = [
-    "Mixture",
-    "MixtureRows",
-]
+__all__ = ["Mixture", "MixtureRows"]
 
 
 _FACTORS = 8

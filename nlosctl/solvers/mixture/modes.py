@@ -80,11 +80,7 @@ def find_modes(
 
 
 def _score(
-    mixture: Mixture,
-    candidates: Callable[[IntArray], Candidates],
-    allowed: Allowed,
-    rows: IntArray,
-    points: int,
+    mixture: Mixture, candidates: Callable[[IntArray], Candidates], allowed: Allowed, rows: IntArray, points: int
 ) -> Scores:
     """Return the candidates of some snapshots with their cost, infinite for invalid ones."""
     scored = []

@@ -107,11 +107,7 @@ def range_outlier_model(
     with ignoring_division():
         log_direct = np.log(share * (1.0 - alpha)) - np.log(circles.std_m * sqrt(2.0 * pi)) - log_density[:, None]
     mixture = Mixture.of(
-        DirectRanges(circles),
-        log_direct,
-        np.full(extent.shape, alpha),
-        groups.last,
-        batch.measurements * log_density,
+        DirectRanges(circles), log_direct, np.full(extent.shape, alpha), groups.last, batch.measurements * log_density
     )
     return RangeOutlierModel(circles, mixture, sort_rows(groups.leader, groups), share, region)
 

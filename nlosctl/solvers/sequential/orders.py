@@ -85,24 +85,13 @@ class Run:
             return np.take_along_axis(array, index, axis=1)
 
         states = [
-            SourceState(
-                take(state.x),
-                take(state.y),
-                state.covariance.map(take),
-                take(state.alive),
-            )
+            SourceState(take(state.x), take(state.y), state.covariance.map(take), take(state.alive))
             for state in self.states
         ]
         return states, [take(row)[:, 0] for row in self.rows]
 
 
-def run_all_orders(
-    ranged: RangedLines,
-    seed: SeedArray,
-    first: IntArray,
-    second: IntArray,
-    prior: Prior | None,
-) -> Run:
+def run_all_orders(ranged: RangedLines, seed: SeedArray, first: IntArray, second: IntArray, prior: Prior | None) -> Run:
     """Return the runs that start from pairs ``first``, ``second`` (B, M), or from the prior where there is one.
 
     The rest of the rows (all, after a prior) follow in random order (Section III-B, steps 1 to 4). Where the first row

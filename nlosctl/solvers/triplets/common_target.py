@@ -254,11 +254,5 @@ def _best_set(
     supported = hypotheses.log_direct > hypotheses.log_indirect
     chosen = np.take_along_axis(supported, np.maximum(members, 0)[:, :, None], axis=0) & present[:, :, None]
     return CommonTargets(
-        direct,
-        pick(hypotheses.x),
-        pick(hypotheses.y),
-        hypotheses.information.map(pick),
-        chosen,
-        cost,
-        lead,
+        direct, pick(hypotheses.x), pick(hypotheses.y), hypotheses.information.map(pick), chosen, cost, lead
     )
