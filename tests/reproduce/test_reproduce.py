@@ -117,7 +117,7 @@ def test_killed_runs_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     kept = len(list(parts.glob("[0-9]*.parquet")))
     assert 3 <= kept < 20
     assert run([*words, str(folder)]) == 0
-    assert f"{1000 * kept} of them there already" in capsys.readouterr().err
+    assert f"{1000 * kept} of them done before" in capsys.readouterr().err
     assert run([*words, str(tmp_path / "whole"), "-q"]) == 0
     assert bytes_of(folder) == bytes_of(tmp_path / "whole")
 
