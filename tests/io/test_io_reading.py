@@ -133,7 +133,7 @@ def test_renamed_and_constant_columns(tmp_path: Path) -> None:
     [
         ({"columns": {"bearing_deg": "AZZ"}}, DataError, "AZZ"),
         ({"columns": {"baering_deg": "bearing_rad"}}, UsageError, "bearing_deg"),
-        ({"constants": {"bearing_std_rad": 0.1}}, UsageError, "`bearing_std_deg`"),
+        ({"constants": {"bearing_std_rad": 0.1}}, UsageError, r"`constants\['bearing_std_rad'\]`"),
         ({"constants": {"bearing_rad": 0.1}}, UsageError, "bearing_std_rad"),
         ({"kind": "bearing"}, UsageError, "bearings"),
         ({"max_snapshot_rows": 1}, DataError, "`max_snapshot_rows`"),

@@ -52,7 +52,8 @@ def test_half_a_prior_is_an_error(tmp_path: Path, columns: str, message: str) ->
 def test_a_half_filled_row_is_told(tmp_path: Path, cell: str, column: str) -> None:
     """A row with some of the values is a bad row; the message names the first empty column."""
     path = write(tmp_path / "m.csv", "prior_x_m,prior_y_m,prior_std_m", ["1,2,3", cell, ",,", ",,"])
-    with pytest.raises(DataError, match=rf"row 2 \(line 3\), column '{column}': empty \(null\), expected all of"):
+    message = rf"row 2 \(line 3\), column '{column}': got an empty cell \(null\), expected all of"
+    with pytest.raises(DataError, match=message):
         read(path)
 
 
