@@ -35,8 +35,10 @@ test: $(DEV) ## lint, format, types, import contract, tests, with the locked dep
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n $(JOBS)
 
-test-fast: $(DEV) ## the tests that start no process and take little time: seconds
-	$(BIN)/python -m pytest -q -n 2 -m 'not process and not extensive and not slow'
+FAST := geometry models contract solvers methods scenarios evaluation pipeline registry
+
+test-fast: $(DEV) ## the tests of the folders that compute, those that start no process and take little time: seconds
+	$(BIN)/python -m pytest -q -n 2 -m 'not process and not extensive and not slow' $(FAST:%=tests/%)
 
 format: $(DEV)
 	$(BIN)/ruff check --fix .

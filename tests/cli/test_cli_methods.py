@@ -126,6 +126,7 @@ def test_a_name_that_is_there_twice_is_an_error_when_used(with_broken: Cli) -> N
     assert "nlosctl and nlosctl-broken" in outcome.err
 
 
+@pytest.mark.process
 def test_plugins_can_be_left_out(with_broken: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     """``NLOSCTL_NO_PLUGINS=1`` leaves only built-in methods: the check passes, the taken name is free again."""
     monkeypatch.setenv("NLOSCTL_NO_PLUGINS", "1")

@@ -8,7 +8,7 @@ from method_options import BUILT_IN, options_of
 from nlosctl import registry
 from nlosctl.testing import LAWS, MethodLaw, check_law
 
-QUICK = {"bearings.ls", "bearings.stansfield", "bearings.sequential", "ranges.sr-ls", "triplets.ml"}
+QUICK = {"bearings.stansfield", "ranges.sr-ls"}
 """Methods whose laws `make test-fast` checks; every other run checks all."""
 
 ENTRIES = [
