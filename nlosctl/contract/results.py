@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +24,7 @@ __all__ = [
     "form_faults",
     "has_covariance",
     "has_position",
+    "is_fix",
     "no_estimates",
     "null_faults",
     "single_estimates",
@@ -42,14 +43,29 @@ FORM: dict[str, tuple[str, tuple[int, ...]]] = {
 """The arrays of `Estimates`: type, and shape after the first axis (E,)."""
 
 
+def _by_number(of: Callable[[Status], bool]) -> BoolArray:
+    """Return a property of each status, false for the numbers (256,) that are not a status."""
+    return np.isin(np.arange(256), [int(status) for status in Status if of(status)])
+
+
+_POSITION = _by_number(lambda status: status.has_position)
+_COVARIANCE = _by_number(lambda status: status.has_covariance)
+_FIX = _by_number(lambda status: status.is_fix)
+
+
 def has_position(status: StatusArray) -> BoolArray:
     """Return which estimates have a position."""
-    return status <= Status.BOUNDARY
+    return _POSITION[status]
 
 
 def has_covariance(status: StatusArray) -> BoolArray:
     """Return which estimates have a covariance."""
-    return status <= Status.INFEASIBLE
+    return _COVARIANCE[status]
+
+
+def is_fix(status: StatusArray) -> BoolArray:
+    """Return which estimates count as a fix: their position is supported by the measurements."""
+    return _FIX[status]
 
 
 @dataclass(frozen=True, kw_only=True)

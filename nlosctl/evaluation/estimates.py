@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.contract.results import has_covariance, is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis
 from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_std_error, rows_by_group
@@ -38,8 +39,8 @@ class EstimateRows:
 
     @property
     def answered(self) -> BoolArray:
-        """Which rows (N,) have a position: the status promises one, and it is finite."""
-        return (self.status <= Status.BOUNDARY) & np.isfinite(self.position_m).all(axis=1)
+        """Which rows (N,) have a fix: by their status, and their position is finite."""
+        return is_fix(self.status) & np.isfinite(self.position_m).all(axis=1)
 
     @property
     def error_m(self) -> FloatArray:
@@ -132,7 +133,7 @@ class _Tally:
         error = rows.error_m
         answered = rows.answered
         offset = (rows.position_m - rows.truth_m)[answered]
-        promised = answered & (rows.status <= Status.INFEASIBLE)
+        promised = answered & has_covariance(rows.status)
         squared = squared_mahalanobis(rows.position_m[promised] - rows.truth_m[promised], rows.covariance_m2[promised])
         usable = squared[np.isfinite(squared)]
         self.errors.append(error)

@@ -12,8 +12,9 @@ __all__ = ["DetectionSummary", "EstimateSummary", "FlagSummary", "TargetSummary"
 class EstimateSummary:
     """Estimates against truth. Lengths in metres.
 
-    ``rows`` have a truth; ``without_truth`` have none and enter no other figure. ``answered`` rows have a position,
-    ``fix_rate`` is their share; ``statuses`` counts the rows of each status. RMSE, bias and mean are over
+    ``rows`` have a truth; ``without_truth`` have none and enter no other figure. ``answered`` rows have a fix (a
+    position, and a status other than no_consensus and outside_field), ``fix_rate`` is their share; ``statuses``
+    counts the rows of each status. RMSE, bias and mean are over
     answered rows, ``rmse_std_error_m`` is the standard error of the RMSE for independent rows; in the median and the
     percentiles a row without a fix is infinite. ``nees`` is the mean over the ``nees_rows`` that have a covariance;
     the interval from ``nees_low`` to ``nees_high`` contains it with 95 % probability if the covariances are correct

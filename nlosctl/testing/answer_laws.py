@@ -112,11 +112,11 @@ def seeds(bench: Bench) -> Iterator[str]:
 
 
 def answers(bench: Bench) -> Iterator[str]:
-    """With plenty of measurements some ordinary snapshot gets a position."""
+    """With plenty of measurements some ordinary snapshot gets a fix."""
     if not bench.spec.estimates:
         return
     status = bench.solve(bench.ordinary(4 * _SNAPSHOTS, bench.plenty).batch).estimates.status
-    if not any(Status(word).has_position for word in np.unique(status)):
+    if not any(Status(word).is_fix for word in np.unique(status)):
         yield f"of {4 * _SNAPSHOTS} snapshots none, but {', '.join(Status(word).word for word in np.unique(status))}"
 
 

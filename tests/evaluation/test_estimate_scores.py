@@ -15,14 +15,16 @@ from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_a
 def some_rows(count, seed=0):
     """Return rows of every status, with and without truth, with calibrated covariances."""
     generator = np.random.default_rng(seed)
-    status = generator.choice(len(Status), count, p=[0.6] + [0.4 / 9] * 9).astype(np.uint8)
+    status = generator.choice(len(Status), count, p=[0.6] + [0.4 / (len(Status) - 1)] * (len(Status) - 1)).astype(
+        np.uint8
+    )
     root = generator.normal(size=(count, 2, 2)) * 3.0
     truth = generator.normal(size=(count, 2)) * 100.0
     position = truth + (root @ generator.normal(size=(count, 2, 1)))[..., 0]
     covariance = root @ root.transpose(0, 2, 1)
     packed = np.stack([covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]], axis=1)
-    position[status > Status.BOUNDARY] = np.nan
-    packed[status > Status.INFEASIBLE] = np.nan
+    position[[not Status(code).has_position for code in status]] = np.nan
+    packed[[not Status(code).has_covariance for code in status]] = np.nan
     truth[generator.random(count) < 0.05] = np.nan
     return EstimateRows(position_m=position, covariance_m2=packed, status=status, truth_m=truth)
 
@@ -56,7 +58,7 @@ def test_summaries_agree_with_plain_loops():
         if np.isnan(truth[0]):
             continue
         statuses.append(Status(status).word)
-        if not Status(status).has_position:
+        if not Status(status).has_position or Status(status).word in ("no_consensus", "outside_field"):
             errors.append(math.inf)
             continue
         offset = position - truth
@@ -130,6 +132,21 @@ def test_boundary_rows_have_an_error_and_no_nees():
     """A constrained fix counts in the RMSE; its covariance is not used."""
     found = scored(rows_of([(1, 0), (2, 0)], [Status.INFEASIBLE, Status.BOUNDARY])).overall()
     assert (found.answered, found.nees_rows, found.nees, found.bad_covariances) == (2, 1, 1.0, 0)
+
+
+@pytest.mark.parametrize("status", [Status.NO_CONSENSUS, Status.OUTSIDE_FIELD])
+def test_a_position_that_is_no_fix_is_counted_only_by_its_status(status):
+    """RMSE, coverage and fix rate ignore its position; the percentiles treat it as missing."""
+    found = scored(rows_of([(1, 0), (900, 0)], [Status.OK, status])).overall()
+    assert (found.rows, found.answered, found.fix_rate, found.nees_rows) == (2, 1, 0.5, 1)
+    assert (found.rmse_m, found.nees, found.p99_m) == (1.0, 1.0, math.inf)
+    assert found.statuses == {"ok": 1, status.word: 1}
+
+
+def test_the_best_set_of_a_stopped_search_counts_as_a_fix():
+    """not_proven has an error and a covariance like any fix."""
+    found = scored(rows_of([(1, 0), (0, 1)], [Status.OK, Status.NOT_PROVEN])).overall()
+    assert (found.answered, found.fix_rate, found.nees_rows, found.rmse_m) == (2, 1.0, 2, 1.0)
 
 
 def test_invalid_covariances_are_counted():

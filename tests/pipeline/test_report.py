@@ -14,7 +14,8 @@ from scipy import stats
 from nlosctl.contract.statuses import Status
 from nlosctl.pipeline.solve.report import MethodTally, RunReport
 
-ANSWERED = {"ok", "ambiguous", "infeasible", "boundary"}
+ANSWERED = {"ok", "ambiguous", "infeasible", "boundary", "not_proven"}
+POSITION_ONLY = {"no_consensus", "outside_field"}
 
 
 @given(st.lists(st.lists(st.sampled_from(list(Status)), max_size=12), max_size=5))
@@ -68,8 +69,11 @@ def test_the_summary_tells_every_count() -> None:
 
 
 def test_unanswered_are_counted_over_the_methods() -> None:
-    """Estimates without a position of any method are unanswered."""
+    """Estimates of any method that are no fix are unanswered."""
     assert report().unanswered == 3
+    tally = MethodTally(Counter(ok=3, no_consensus=2, outside_field=4, not_proven=5))
+    assert RunReport(kind="bearings", inputs=[], methods={"mixture-ml": tally}).unanswered == 6
+    assert (tally.answered, tally.total) == (8, 14)
     assert RunReport(kind="bearings", inputs=[]).unanswered == 0
 
 
@@ -88,6 +92,7 @@ def test_the_report_is_plain_json() -> None:
 
 @pytest.mark.parametrize("status", Status)
 def test_every_status_says_what_it_has(status: Status) -> None:
-    """A status has a position if and only if it is answered, and a covariance unless it is also on a boundary."""
-    assert status.has_position == (status.word in ANSWERED)
+    """Fixes have a position, and a covariance unless on a boundary; two statuses have a position without being one."""
+    assert status.is_fix == (status.word in ANSWERED)
+    assert status.has_position == (status.word in ANSWERED | POSITION_ONLY)
     assert status.has_covariance == (status.word in ANSWERED - {"boundary"})

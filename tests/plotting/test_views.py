@@ -393,5 +393,20 @@ def test_snapshots_without_a_fix_are_noted(tmp_path: Path) -> None:
     plotted = picture(opened, "scene")
     assert plotted.notes == ["ml: no position (too_few)"]
     assert figure_bytes(plotted.figure, "png")
-    with pytest.raises(DataError, match="no estimate has a position"):
+    with pytest.raises(DataError, match="no estimate is a fix"):
+        picture(opened, "estimates")
+
+
+def test_positions_that_are_no_fix_are_crosses(tmp_path: Path) -> None:
+    """The picture of a snapshot marks them by a cross and their status; that of the estimates leaves them out."""
+    row = {"snapshot": 1, "method": "mixture-ml", "target": 0, "alternative": 0, "x_m": 3.0, "y_m": 4.0}
+    row |= dict.fromkeys(("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"))
+    row |= {"n_measurements": 4, "n_used": 2, "cost": 1.0, "status": "no_consensus"}
+    pyarrow.csv.write_csv(pa.Table.from_pylist([row]), tmp_path / "e.csv")
+    opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], None)]
+    lines = picture(opened, "scene").figure.axes[0].get_lines()
+    assert [(line.get_marker(), line.get_label()) for line in lines if line.get_xdata().tolist() == [3.0]] == [
+        ("x", "mixture-ml: no fix (no_consensus)")
+    ]
+    with pytest.raises(DataError, match="no estimate is a fix"):
         picture(opened, "estimates")

@@ -10,7 +10,7 @@ __all__ = ["SCORES"]
 _COUNTS = (
     ("rows", "rows with a truth (of flags: and a flag)"),
     ("without_truth", "rows without a truth, not in any other metric"),
-    ("answered", "rows with a position"),
+    ("answered", "rows with a fix: a position, and a status other than no_consensus and outside_field"),
     ("nees_rows", "rows with a covariance"),
     ("bad_covariances", "rows whose covariance is not positive definite"),
     *((f"inside_{percent}", f"rows inside their {percent} % ellipse") for percent in (50, 90, 95, 99)),
@@ -31,13 +31,13 @@ _COUNTS = (
     *((f"status_{status.word}", f"rows of status {status.word}") for status in Status),
 )
 _NUMBERS = (
-    ("fix_rate", "", "fraction of rows with a position"),
-    ("rmse_m", "m", "root mean square error of the rows with a position"),
+    ("fix_rate", "", "fraction of rows with a fix"),
+    ("rmse_m", "m", "root mean square error of the rows with a fix"),
     ("rmse_std_error_m", "m", "standard error of the RMSE for independent rows"),
     ("bias_x_m", "m", "mean error along x"),
     ("bias_y_m", "m", "mean error along y"),
     ("mean_m", "m", "mean distance from the truth"),
-    ("median_m", "m", "median distance; empty if it falls on rows without a position"),
+    ("median_m", "m", "median distance; empty if it falls on rows without a fix"),
     *((f"p{percent}_m", "m", f"{percent}th percentile of the distance") for percent in (90, 95, 99)),
     ("nees", "", "mean normalized estimation error squared; 2 if covariances are correct"),
     ("nees_low", "", "lower end of the 95 % acceptance interval of nees if covariances are correct"),

@@ -100,7 +100,15 @@ def _read_estimates(source: Input, grouping: list[str]) -> _TargetEstimates:
 
 
 _WITHOUT_TARGET = [
-    status.word for status in (Status.NO_TARGET, Status.TOO_FEW, Status.NOT_CONVERGED, Status.NO_CANDIDATE)
+    status.word
+    for status in (
+        Status.NO_TARGET,
+        Status.TOO_FEW,
+        Status.NOT_CONVERGED,
+        Status.NO_CANDIDATE,
+        Status.NO_CONSENSUS,
+        Status.OUTSIDE_FIELD,
+    )
 ]
 
 

@@ -14,6 +14,7 @@ from scipy.special import gammaincc
 from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field
+from nlosctl.contract.results import is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import KINDS
 from nlosctl.io.results.layouts import ChunkEstimates
@@ -26,7 +27,7 @@ _BAD_FIT_SHARE = 0.05
 _UNKNOWNS = 2
 _VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
 _STATUS_WORDS = tuple(status.word for status in Status)
-_ANSWERED = {status.word for status in Status if status.has_position}
+_ANSWERED = {status.word for status in Status if status.is_fix}
 
 
 @dataclass
@@ -52,7 +53,7 @@ class MethodTally:
         mine = (estimates.alternative == 0) & (estimates.method == method)
         cost = estimates.cost if fit else np.full(estimates.cost.shape, np.nan)
         self.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
-        self.on_edge += int(np.count_nonzero(estimates.on_edge[mine]))
+        self.on_edge += int(np.count_nonzero(estimates.on_edge[mine] & is_fix(estimates.status[mine])))
 
     def add(self, status: npt.NDArray[np.uint8], cost: FloatArray, n_used: IntArray) -> None:
         """Count estimates (E,), best alternatives only; ``cost`` is half a chi-square, or NaN where it is not."""
@@ -82,8 +83,13 @@ class MethodTally:
         self.on_edge += counts["on_edge"]
 
     @property
+    def total(self) -> int:
+        """The number of snapshots and targets."""
+        return sum(self.statuses.values())
+
+    @property
     def answered(self) -> int:
-        """The number of snapshots and targets with a position."""
+        """The number of snapshots and targets with a fix."""
         return sum(count for word, count in self.statuses.items() if word in _ANSWERED)
 
     @property
@@ -134,10 +140,8 @@ class RunReport:
 
     @property
     def unanswered(self) -> int:
-        """The number of estimates, over all methods, without a position; includes the lost snapshots."""
-        return self.snapshots_lost + sum(
-            sum(tally.statuses.values()) - tally.answered for tally in self.methods.values()
-        )
+        """The number of estimates, over all methods, without a fix; includes the lost snapshots."""
+        return self.snapshots_lost + sum(tally.total - tally.answered for tally in self.methods.values())
 
     def lines(self) -> list[str]:
         """Return the summary, a line per input, method and note."""
@@ -204,19 +208,24 @@ def _unused_ranges(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
 
 
 def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:
-    tallies = [(run.label, report.methods[run.label]) for run in runs if run.spec.searches]
-    return [
-        f"search region of {name}: {field}; {tally.on_edge} of {tally.answered} estimates are at its edge"
-        for name, tally in tallies
-    ]
+    notes = []
+    for name, tally in ((run.label, report.methods[run.label]) for run in runs if run.spec.searches):
+        notes.append(f"search region of {name}: {field}; {tally.on_edge} of {tally.answered} estimates are at its edge")
+        outside = tally.statuses[Status.OUTSIDE_FIELD.word]
+        if outside:
+            notes.append(
+                f"{name}: in {outside} of {tally.total} snapshots a point outside the search region is more likely "
+                "than any inside; enlarge it by `field`"
+            )
+    return notes
 
 
 def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
-    answered = any(tally.answered for tally in report.methods.values())
-    if answered or not report.snapshots or all(run.spec.job != "localize" for run in runs):
+    located = any(tally.answered or tally.statuses[Status.OUTSIDE_FIELD.word] for tally in report.methods.values())
+    if located or not report.snapshots or all(run.spec.job != "localize" for run in runs):
         return []
     names = [spelling.name for column in KINDS[report.kind].columns for spelling in column.spellings]
-    return [f"no snapshot got a position; check units and sense of the angles (there are also {', '.join(names)})"]
+    return [f"no snapshot got a fix; check units and sense of the angles (there are also {', '.join(names)})"]
 
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:

@@ -13,7 +13,7 @@ from nlosctl.plotting.plane import Extent, draw_ellipses, draw_reflectors, draw_
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.series import place_legend
 from nlosctl.plotting.views.close_ups import map_size_in
-from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
+from nlosctl.plotting.views.snapshot_rows import fixes_of, labels_of_rows, positions_of
 
 __all__ = ["draw_estimates_view", "thinning_note"]
 
@@ -22,13 +22,13 @@ _ELLIPSES_TO = 60
 _MOST_PANELS = 9
 _CELLS = 120
 _MOST_TRUTHS = 200
-_COLUMNS = ("x_m", "y_m", "cov_*", "alternative", "method", "source", "sweep_*", "truth_x_m", "truth_y_m")
+_COLUMNS = ("x_m", "y_m", "cov_*", "alternative", "status", "method", "source", "sweep_*", "truth_x_m", "truth_y_m")
 _FAR_QUANTILES = (0.005, 0.995)
 
 
 @figure_style()
 def draw_estimates_view(request: PlotRequest) -> Picture:
-    """Draw the best alternative of every estimate with a position."""
+    """Draw the best alternative of every fix."""
     files = request.of("estimates")
     clouds: dict[str, tuple[FloatArray, FloatArray]] = {}
     truths, notes = [], []
@@ -41,7 +41,7 @@ def draw_estimates_view(request: PlotRequest) -> Picture:
         if {"truth_x_m", "truth_y_m"} <= rows.columns.keys():
             truths.append(np.unique(positions_of(rows.columns, "truth_x_m", "truth_y_m"), axis=0))
     if not clouds:
-        raise DataError(f"{', '.join(file.name for file in files)}: no estimate has a position")
+        raise DataError(f"{', '.join(file.name for file in files)}: no estimate is a fix")
     labels = list(clouds)[:_MOST_PANELS]
     if len(clouds) > len(labels):
         notes.append(f"only {len(labels)} of {len(clouds)} groups are shown")
@@ -68,9 +68,10 @@ def thinning_note(file: PlotInput, rows: SampledRows) -> list[str]:
 
 
 def _groups(rows: SampledRows, prefix: str) -> dict[str, IntArray]:
-    """Return the row indices of each label: best alternatives with a position."""
+    """Return the row indices of each label: best alternatives that are fixes."""
     position = positions_of(rows.columns, "x_m", "y_m")
     good = np.isfinite(position).all(axis=1) & (rows.columns["alternative"] == 0.0)
+    good &= fixes_of(rows.columns)
     index = np.flatnonzero(good)
     labels = np.array(labels_of_rows({name: rows.columns[name][index] for name in rows.columns}, index.size, prefix))
     return {str(label): index[labels == label] for label in dict.fromkeys(labels.tolist())}

@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray
+from nlosctl.contract.statuses import Status
 from nlosctl.errors import DataError
 from nlosctl.io.results.plot_inputs import PlotInput, read_rows_of_snapshot
 from nlosctl.plotting.figures import series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_ellipses
 
-__all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "labels_of_rows", "positions_of"]
+__all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "fixes_of", "labels_of_rows", "positions_of"]
 
 Columns = Mapping[str, npt.NDArray[np.generic]]
 
@@ -58,13 +59,20 @@ def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Column
             look = series_style(style + 1)
             style += 1
             name = label or "estimate"
-            for rows, size, shown in ((fixed & best, 7.0, name), (fixed & ~best, 4.0, f"{name}, alternatives")):
+            unfit = fixed & ~fixes_of(columns)
+            words = ", ".join(dict.fromkeys(str(word) for word in columns["status"][unfit]))
+            drawn = (
+                (fixed & best & ~unfit, look.marker, 7.0, name),
+                (fixed & ~best & ~unfit, look.marker, 4.0, f"{name}, alternatives"),
+                (unfit, "x", 7.0, f"{name}: no fix ({words})"),
+            )
+            for rows, marker, size, shown in drawn:
                 if not rows.any():
                     continue
                 axes.plot(
                     *position[rows].T,
                     linestyle="none",
-                    marker=look.marker,
+                    marker=marker,
                     markersize=size,
                     color=look.color,
                     markerfacecolor=look.color if look.filled else "white",
@@ -97,6 +105,11 @@ def draw_truth(axes: Axes, columns: Columns, extent: Extent) -> None:
             zorder=3.8,
         )
         extent.include(truth)
+
+
+def fixes_of(columns: Columns) -> npt.NDArray[np.bool_]:
+    """Return which rows (N,) of estimates count as a fix by their status."""
+    return ~np.isin(columns["status"], [status.word for status in Status if not status.is_fix])
 
 
 def positions_of(columns: Columns, x: str, y: str) -> FloatArray:
