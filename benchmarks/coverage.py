@@ -25,7 +25,7 @@ _LEVEL_95 = 5.991464547107979
 
 @dataclass(frozen=True)
 class World:
-    """A scenario with its parameters, and what the methods are told about it: search region and alternatives."""
+    """A scenario with its parameters, and the settings of the methods for it: search region and alternatives."""
 
     name: str
     scenario: str
