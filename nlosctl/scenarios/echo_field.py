@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -54,7 +55,7 @@ def generate(options: EchoFieldOptions, generator: np.random.Generator, snapshot
         options=options,
         generator=generator,
         sensor_xy_m=sensors,
-        target_xy_m=_uniform(options, generator, (snapshots, options.targets)),
+        draw_targets=partial(_uniform, options, generator),
         scatterer_xy_m=scatterers,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,7 +36,8 @@ class EchoOptions:
         0.0,
         minimum=0.0,
         maximum=1000.0,
-        meaning="mean number of false echoes per sensor, uniform up to the longest true range",
+        meaning="mean number of false echoes per sensor, uniform up to the longest true range; without targets, "
+        "each has the range that a real echo of a target of its own would have",
     )
     nlos_range: Literal["sum", "half"] = option(
         "sum",
@@ -48,27 +50,29 @@ def echo_columns(
     options: EchoOptions,
     generator: np.random.Generator,
     sensor_xy_m: FloatArray,
-    target_xy_m: FloatArray,
+    draw_targets: Callable[[tuple[int, ...]], FloatArray],
     scatterer_xy_m: FloatArray,
 ) -> Columns:
     """Return the flat columns of B snapshots, the rows of each in random order; equation (1).
 
-    Sensors (B, N, 2), targets (B, K, 2) and scatterers (B, L, 2) in metres. A direct range is one way; a range via a
-    scatterer is |p - a| + |p - s| + |s - a|, or half of that. ``truth_target`` and the true position are NaN for a
-    false echo.
+    Sensors (B, N, 2) and scatterers (B, L, 2) in metres; ``draw_targets`` returns targets (..., 2) for a shape. A
+    direct range is one way; a range via a scatterer is |p - a| + |p - s| + |s - a|, or half of that.
+    ``truth_target`` and the true position are NaN for a false echo.
     """
+    snapshots, sensors, targets = *sensor_xy_m.shape[:2], options.targets
+    target_xy_m = draw_targets((snapshots, targets))
     direct, detour = _ranges(sensor_xy_m, target_xy_m, scatterer_xy_m)
     if options.nlos_range == "half":
         detour *= 0.5
-    snapshots, sensors, targets = direct.shape
     false_count = generator.poisson(options.false_echoes, (snapshots, sensors))
     most_false = int(false_count.max(initial=0))
-    span = np.maximum(direct.max(initial=0.0, axis=(1, 2)), detour.max(initial=0.0, axis=(1, 2, 3)))
-    parts = [
-        direct,
-        detour.reshape(snapshots, sensors, -1),
-        span[:, None, None] * generator.uniform(0.0, 1.0, (snapshots, sensors, most_false)),
-    ]
+    if targets:
+        span = np.maximum(direct.max(initial=0.0, axis=(1, 2)), detour.max(initial=0.0, axis=(1, 2, 3)))
+        false = span[:, None, None] * generator.uniform(0.0, 1.0, (snapshots, sensors, most_false))
+    else:
+        unseen = draw_targets((snapshots, sensors * most_false)).reshape(snapshots * sensors, most_false, 2)
+        false = _ranges_of_any_path(options, generator, sensor_xy_m, unseen, scatterer_xy_m)
+    parts = [direct, detour.reshape(snapshots, sensors, -1), false]
     detected = [
         generator.random(direct.shape) < options.detection_probability,
         np.ones(parts[1].shape, dtype=bool),
@@ -92,6 +96,28 @@ def _ranges(sensor: FloatArray, target: FloatArray, scatterer: FloatArray) -> tu
     direct = distance(sensor, target)
     detour = direct[..., None] + distance(target, scatterer)[:, None] + distance(sensor, scatterer)[:, :, None]
     return direct, detour
+
+
+def _ranges_of_any_path(
+    options: EchoOptions,
+    generator: np.random.Generator,
+    sensor_xy_m: FloatArray,
+    target_xy_m: FloatArray,
+    scatterer_xy_m: FloatArray,
+) -> FloatArray:
+    """Return ranges (B, N, F) from each sensor (B, N, 2) to targets (B N, F, 2) of its own, by one path drawn of all.
+
+    No two sensors share a target: the ranges have the distribution of real echoes, and no common origin.
+    """
+    snapshots, sensors = sensor_xy_m.shape[:2]
+    count = scatterer_xy_m.shape[1]
+    direct, detour = _ranges(sensor_xy_m.reshape(-1, 1, 2), target_xy_m, np.repeat(scatterer_xy_m, sensors, axis=0))
+    if options.nlos_range == "half":
+        detour *= 0.5
+    paths = np.concatenate([direct[..., None], detour], axis=-1)[:, 0]
+    path = generator.integers(0, count + 1, paths.shape[:2])
+    ranges: FloatArray = np.take_along_axis(paths, path[..., None], axis=-1).reshape(snapshots, sensors, -1)
+    return ranges
 
 
 def _shuffled(

@@ -47,7 +47,7 @@ def generate(options: LiangOptions, generator: np.random.Generator, snapshots: i
         options=options,
         generator=generator,
         sensor_xy_m=np.broadcast_to(_sensors(options), (snapshots, options.sensors, 2)),
-        target_xy_m=generator.uniform(-half, half, (snapshots, options.targets, 2)),
+        draw_targets=lambda shape: generator.uniform(-half, half, (*shape, 2)),
         scatterer_xy_m=np.broadcast_to(scatterers, (snapshots, options.scatterers, 2)),
     )
 

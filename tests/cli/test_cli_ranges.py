@@ -237,3 +237,18 @@ def test_the_fixtures_are_valid(cli: Cli, path: Path, rows: int, snapshots: int)
     """The fixtures of ranges are valid, with their rows counted."""
     output = cli("validate", path, "--json").json
     assert (output["kind"], output["rows"], output["snapshots"], output["bad_rows"]) == ("ranges", rows, snapshots, 0)
+
+
+@pytest.mark.parametrize(
+    ("job", "words", "advised"),
+    [("identify-los", ["-m", "tca", "-p", "targets=1"], False), ("localize", ["-m", "r-ls"], True)],
+)
+def test_a_bad_fit_names_only_methods_of_the_same_job(
+    cli: Cli, tmp_path: Path, job: str, words: list[str], advised: bool
+) -> None:
+    """``identify-los`` does not advise mixture-ml, which it refuses; ``localize`` does."""
+    path = ranges_file(tmp_path, range_m=[5.5, 8.0, 8.0, 5.0], range_std_m=[1e-3] * 4)
+    outcome = cli(job, path, *words, "-o", "f.csv")
+    assert outcome.code == 0, outcome.err
+    assert "fits badly" in outcome.err
+    assert ("mixture-ml" in outcome.err) is advised

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenario_draws import draw_columns
+from scipy.stats import ks_2samp
 
 from nlosctl.scenarios import echo_field, liang
 from nlosctl.scenarios.spec import ScenarioSpec
@@ -54,6 +55,35 @@ def test_misses_and_false_echoes(spec: ScenarioSpec) -> None:
     assert false.sum() == pytest.approx(1.5 * 200 * 4, rel=0.1)
     np.testing.assert_array_equal(np.isnan(columns["truth_x_m"]), false)
     assert not columns["truth_los"][false].any()
+
+
+@pytest.mark.parametrize("nlos_range", ["sum", "half"])
+@pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)
+def test_without_targets_false_echoes_have_the_distribution_of_real_ones(spec: ScenarioSpec, nlos_range: str) -> None:
+    """Ranges of pure clutter and of all echoes of targets have the same distribution; no row has a truth."""
+    fixed = {"layout": "fixed"} if spec.name == "echo-field" else {}
+    real = draw_columns(spec, 1500, seed=3, targets=1, scatterers=3, nlos_range=nlos_range, **fixed)
+    clutter = draw_columns(spec, 300, seed=4, targets=0, scatterers=3, false_echoes=5.0, nlos_range=nlos_range, **fixed)
+    assert clutter["range_m"].shape[0] == pytest.approx(300 * 5 * np.unique(real["sensor"]).size, rel=0.05)
+    assert not clutter["truth_los"].any()
+    assert np.isnan(clutter["truth_target"]).all()
+    assert np.isnan(clutter["truth_x_m"]).all()
+    for sensor in np.unique(real["sensor"]):
+        ranges = [columns["range_m"][columns["sensor"] == sensor] for columns in (real, clutter)]
+        assert ks_2samp(*ranges).pvalue > 1e-3
+
+
+def test_false_echoes_have_no_common_origin() -> None:
+    """Without targets the ranges of two sensors in the same snapshot are not correlated."""
+    columns = draw_columns(liang.SCENARIO, 4000, seed=5, targets=0, scatterers=0, sensors=2, false_echoes=1.0)
+    rows = [
+        {snapshot: value for snapshot, value, sensor in zip(*columns, strict=True) if sensor == name}
+        for columns in [[columns[key] for key in ("snapshot", "range_m", "sensor")]]
+        for name in ("s1", "s2")
+    ]
+    both = sorted(set(rows[0]) & set(rows[1]))
+    assert len(both) > 1000
+    assert abs(np.corrcoef([[side[snapshot] for snapshot in both] for side in rows])[0, 1]) < 0.1
 
 
 @pytest.mark.parametrize("spec", SCENARIOS, ids=lambda spec: spec.name)

@@ -229,11 +229,18 @@ def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
-    known = {entry.name for entry in registry.entries() if entry.kind == report.kind}
-    advice = "; try `method` mixture-ml" if "mixture-ml" in known - {run.spec.name for run in runs} else ""
+    bad = [(name, tally) for name, tally in report.methods.items() if tally.fits_badly]
+    advice = "; try `method` mixture-ml" if bad and _offers_mixture(runs, report.kind) else ""
     return [
         f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
         f"their standard deviations explain{advice}"
-        for name, tally in report.methods.items()
-        if tally.fits_badly
+        for name, tally in bad
     ]
+
+
+def _offers_mixture(runs: Sequence[MethodRun], kind: str) -> bool:
+    """Return whether mixture-ml exists for this kind and does the job of the runs, but did not run."""
+    if "mixture-ml" in {run.spec.name for run in runs}:
+        return False
+    known = [entry for entry in registry.entries() if entry.full_name == f"{kind}.mixture-ml"]
+    return any(registry.load(entry).job in {run.spec.job for run in runs} for entry in known)
