@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,21 +10,13 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignorin
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import RayResiduals, SightLines
+from nlosctl.solvers.bearings.line_fits import InflatedCovariance, fit_focused, fit_least_squares
 
-__all__ = [
-    "CONDITION_LIMIT",
-    "InflatedCovariance",
-    "finish_bearings_fix",
-    "inflate_near_sensors",
-    "judge_fixes",
-    "nearly_singular",
-]
-
-InflatedCovariance = Callable[[IntArray, FloatArray], SymmetricMatrix]
-"""A function of snapshots (N,) and square metres (N,): the covariance with all squared ranges so much larger."""
+__all__ = ["finish_bearings_fix", "inflate_near_sensors", "judge_fixes", "judge_optima", "mark_crossings_behind"]
 
 _NEAR = 3.0
 """A fix is near a sensor if it is at most this many standard deviations away."""
@@ -65,10 +56,29 @@ _ROUNDING = 1e-12
 """Relative size of what rounding leaves of a coordinate."""
 
 
+_CLEARLY_BEHIND = 3.0
+"""A crossing is clearly behind an origin from this many of its standard deviations on."""
+
+_MEETING = 5.0
+"""Lines meet at a point if none passes it at more than this many standard deviations."""
+
+_DECISIVE = 20.0
+"""A crossing behind the origins explains the bearings better if its chi-square is at least this much less."""
+
+
 def nearly_singular(normal: SymmetricMatrix) -> BoolArray:
     """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
     smaller, larger = normal.eigenvalues()
     return ~(smaller * CONDITION_LIMIT**2 > larger)
+
+
+def _least_range_m(lines: SightLines, farthest_m: FloatArray) -> FloatArray:
+    """Return the distance (B,) up to which a point is on an origin.
+
+    Sensors at a single point have no size other than that of their coordinates.
+    """
+    rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
+    return np.maximum(_RELATIVE_MINIMUM_RANGE * farthest_m, rounding_m)
 
 
 def judge_fixes(
@@ -91,10 +101,7 @@ def judge_fixes(
     with ignoring_overflow():
         sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
         uncertain = ~sure | nearly_singular(covariance)
-        # Sensors at a single point have no size other than that of their coordinates.
-        rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
-        least_m = np.maximum(np.maximum(minimum_range_m, _RELATIVE_MINIMUM_RANGE * farthest), rounding_m)
-        on_sensor = rays.nearest_m <= least_m
+        on_sensor = rays.nearest_m <= np.maximum(minimum_range_m, _least_range_m(lines, farthest))
     status = np.full(x.shape, Status.OK, dtype=np.uint8)
     status[lines.outside_scene(x, y, paths) | lines.all_under_horizon()] = Status.INFEASIBLE
     status[rays.behind] = Status.BEHIND
@@ -152,6 +159,7 @@ def judge_optima(
     """Return status, covariance and cost of fixes; arguments as in `finish_bearings_fix`."""
     paths = lines.paths_from(x, y)
     rays = lines.ray_residuals(x, y, paths)
+    searched = covariance is None or inflated is None
     if covariance is None or inflated is None:
         covariance = lines.information(x, y, paths).inverse()
         inflated = _inflated_information(lines, x, y)
@@ -165,9 +173,51 @@ def judge_optima(
     if constrained_status is not None:
         status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), constrained_status, status)
     status[nearly_singular(normal)] = Status.DEGENERATE
+    if searched:
+        mark_crossings_behind(status, lines, rays.chi_square)
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
     return Verdict(status, covariance, 0.5 * rays.chi_square)
+
+
+def mark_crossings_behind(
+    status: StatusArray, lines: SightLines, chi_square: FloatArray, *, answered_too: bool = False
+) -> None:
+    """Write behind into the status (B,) of snapshots without an answer whose lines meet behind the sensors instead.
+
+    A likelihood without a maximum in front of the rays ends at a sensor or far away: degenerate, or not converged.
+    ``answered_too`` for methods that may end at a fix that fits badly; ``chi_square`` (B,) is that of the fix.
+    """
+    answered = has_position(status)
+    suspect = (status == Status.DEGENERATE) | (status == Status.NOT_CONVERGED)
+    rows = np.flatnonzero(suspect | answered if answered_too else suspect)
+    if rows.size:
+        status[rows[_crosses_behind(lines.take(rows), chi_square[rows], answered[rows])]] = Status.BEHIND
+
+
+def _crosses_behind(lines: SightLines, chi_square: FloatArray, answered: BoolArray) -> BoolArray:
+    """Return in which snapshots (B,) the lines meet behind the sensors, as with bearings of the opposite sense.
+
+    The lines, without their directions, then meet at a well-determined point behind a ray's origin, which explains
+    them far better than the best point in front, whose ``chi_square`` (B,) is given (NaN if it is unknown). Where that
+    point is not ``answered``, it is enough that the crossing is clearly behind the origin.
+    """
+    first = fit_least_squares(lines)
+    fit = fit_focused(lines, first)
+    width_m = lines.std_rad * lines.tube_width_m(fit.x, fit.y)
+    dx, dy = fit.x[:, None] - lines.origin_x, fit.y[:, None] - lines.origin_y
+    covariance = fit.normal.inverse()
+    with ignoring_overflow():
+        missed = np.abs((lines.sine * dx - lines.cosine * dy) / width_m)
+        range_m = np.sqrt(dx * dx + dy * dy)
+        farthest_m = range_m.max(axis=1)
+        along_m = (lines.cosine * dx + lines.sine * dy).min(axis=1)
+        meeting = (covariance.trace > 0.0) & (covariance.trace <= farthest_m * farthest_m)
+        meeting &= (missed.max(axis=1) <= _MEETING) & (range_m.min(axis=1) > _least_range_m(lines, farthest_m))
+        clearly = ~answered & (along_m < -_CLEARLY_BEHIND * np.sqrt(covariance.eigenvalues()[1]))
+        decisively = ~(sum_measurements(missed * missed) + _DECISIVE > chi_square)
+        behind: BoolArray = (along_m < 0.0) & meeting & (clearly | decisively) & ~nearly_singular(first.normal)
+    return behind
 
 
 def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> BoolArray:

@@ -13,7 +13,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes
+from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes, mark_crossings_behind
 from nlosctl.solvers.bearings.ray_crossings import end_rays
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
@@ -85,8 +85,10 @@ def fit_ranged_bearings(
     x, y = np.where(best, second.x, first.x), np.where(best, second.y, first.y)
     converged = np.where(best, second.converged, first.converged)
     covariance = problem.information(x, y).inverse()
-    status = judge_fixes(lines, x, y, lines.ray_residuals(x, y), covariance, min_range_m)
+    rays = lines.ray_residuals(x, y)
+    status = judge_fixes(lines, x, y, rays, covariance, min_range_m)
     status[~converged & has_position(status)] = Status.NOT_CONVERGED
+    mark_crossings_behind(status, lines, rays.chi_square)
     position = (x + lines.center_x, y + lines.center_y)
     cost = np.where(best, second.cost, first.cost)
     estimates = Estimates.of(status, position, covariance, cost, batch.measurements)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,19 @@ from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_ove
 from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.fix_status import InflatedCovariance
 
-__all__ = ["LineFit", "fit_focused", "fit_least_squares", "fit_stansfield", "inflated_sandwich", "sandwich_covariance"]
+__all__ = [
+    "InflatedCovariance",
+    "LineFit",
+    "fit_focused",
+    "fit_least_squares",
+    "fit_stansfield",
+    "inflated_sandwich",
+    "sandwich_covariance",
+]
+
+InflatedCovariance = Callable[[IntArray, FloatArray], SymmetricMatrix]
+"""A function of snapshots (N,) and square metres (N,): the covariance with all squared ranges so much larger."""
 
 
 @dataclass(frozen=True)
