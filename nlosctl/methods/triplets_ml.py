@@ -14,7 +14,7 @@ from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
-from nlosctl.solvers.triplets.target_status import judge_targets, mark_ambiguous, path_estimates
+from nlosctl.solvers.triplets.target_status import curved_covariance, judge_targets, mark_ambiguous, path_estimates
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 
@@ -33,8 +33,8 @@ class MaximumLikelihoodOptions:
 def solve(batch: TripletBatch, options: MaximumLikelihoodOptions) -> Solution:
     """Solve a batch by maximum likelihood, Section VI-E of Shen, Molisch 2012, all rows trusted.
 
-    Newton and Gauss-Newton steps from the three intersections and points between them. The covariance is the inverse
-    Fisher information at the estimate.
+    Newton and Gauss-Newton steps from the three intersections and points between them. The covariance of a single path
+    is the second moment of its posterior about the estimate, that of several the inverse Fisher information.
     """
     rows = path_rows(batch)
     fits = fit_paths(rows, max_iterations=options.max_iterations)
@@ -56,6 +56,8 @@ def _solve_snapshots(
     fits = fit_snapshots(problem, *proposed, max_iterations=options.max_iterations)
     covariance = problem.information(fits.x, fits.y).inverse()
     judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
+    if batch.measurements == 1:
+        covariance = curved_covariance(rows, single)
     status = mark_ambiguous(fits, judged, options.ambiguous_within)
     position = (fits.x + center_x, fits.y + center_y)
     estimates = Estimates.of(status, position, covariance, fits.cost, batch.measurements)

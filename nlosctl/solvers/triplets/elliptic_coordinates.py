@@ -19,11 +19,17 @@ from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
 
-__all__ = ["minimize_paths"]
+__all__ = ["minimize_paths", "path_covariance"]
 
 
 _PATIENCE = 20
 """Refused steps after which a descent is given up: then the likelihood has no smooth minimum near, as at the nodes."""
+
+_NODES_ALONG, _NODES_ACROSS = 7, 5
+"""Nodes of the quadrature along the ellipse, where the likelihood is wide and curved, and across it."""
+
+_HIGHEST_NATS = 30.0
+"""Points likelier than the estimate by more than this count as if by this much."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,18 @@ class _EllipticProblem(RowBlock):
             cosine, sine = cosine_sine(v)
             return 0.5 * length * cosine, 0.5 * w * sine
 
+    def information(self, w: FloatArray, v: FloatArray, in_plane: SymmetricMatrix) -> SymmetricMatrix:
+        """Return the information (N,) of w and v, from that of x and y at the same points."""
+        cosine, sine = cosine_sine(v)
+        length = np.sqrt(w * w + self.baseline_m * self.baseline_m)
+        return _pull_back(in_plane, 0.5 * w * cosine / length, -0.5 * length * sine, 0.5 * sine, 0.5 * w * cosine)
+
+    def area(self, w: FloatArray, v: FloatArray) -> FloatArray:
+        """Return the area in x and y of a unit of w and v (N,), up to a constant factor."""
+        squared, sine = self.baseline_m * self.baseline_m, np.sin(v)
+        area: FloatArray = (w * w + squared * sine * sine) / np.sqrt(w * w + squared)
+        return area
+
     def from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return w >= 0 and v of points x, y (N,); NaN where they are."""
         half = 0.5 * self.baseline_m
@@ -83,6 +101,47 @@ def minimize_paths(
     x, y = problem.to_plane(found.x, found.y)
     there = plane.evaluate(x, y)
     return Minimum((x, y), there.cost, there.hessian, found.converged, found.evaluations)
+
+
+def path_covariance(
+    plane: TripletProblem,
+    baseline_m: FloatArray,
+    information: SymmetricMatrix,
+    x: FloatArray,
+    y: FloatArray,
+    cost: FloatArray,
+) -> SymmetricMatrix:
+    """Return the second moments (N,) about estimates x, y of the flat-prior posterior of single paths; square metres.
+
+    ``information`` (N,) is that of x and y. Its inverse is tangent to the ellipse, which curves away from it by more
+    than the standard deviation of the path length where the angles are inaccurate. So the moments are integrated
+    in w and v, by Gauss-Hermite quadrature about the estimate. NaN where the information is singular.
+    """
+    problem = _EllipticProblem(plane, baseline_m)
+    w, v = problem.from_plane(x, y)
+    with ignoring_overflow():
+        linear = problem.information(w, v, information).inverse()
+        along = np.sqrt(linear.yy)
+        tilt = linear.xy / along
+        across = np.sqrt(linear.xx - tilt * tilt)
+        total = [np.zeros(x.shape) for _ in range(4)]
+        for u_along, weight_along in zip(*_nodes(_NODES_ALONG), strict=True):
+            for u_across, weight_across in zip(*_nodes(_NODES_ACROSS), strict=True):
+                at_w, at_v = w + tilt * u_along + across * u_across, v + along * u_along
+                at_x, at_y = problem.to_plane(at_w, at_v)
+                nats = cost - plane.cost(at_x, at_y) + 0.5 * (u_along * u_along + u_across * u_across)
+                mass = np.exp(np.minimum(nats, _HIGHEST_NATS)) * problem.area(at_w, at_v)
+                mass *= weight_along * weight_across
+                dx, dy = at_x - x, at_y - y
+                for sums, factor in zip(total, (np.ones_like(dx), dx * dx, dx * dy, dy * dy), strict=True):
+                    sums += mass * factor
+        return SymmetricMatrix(*(sums / total[0] for sums in total[1:]))
+
+
+def _nodes(count: int) -> tuple[list[float], list[float]]:
+    """Return the nodes and weights of Gauss-Hermite quadrature for the density exp(-u^2 / 2)."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(count)
+    return nodes.tolist(), weights.tolist()
 
 
 def _pull_back(

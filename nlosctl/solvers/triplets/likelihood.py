@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import cosine_sine
-from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.problem import Evaluation
@@ -68,6 +68,12 @@ class TripletProblem(RowBlock):
         reach = np.sqrt(from_tx_x * from_tx_x + from_tx_y * from_tx_y)
         reach += np.sqrt(from_rx_x * from_rx_x + from_rx_y * from_rx_y)
         return dod, doa, self.path_length_m - reach
+
+    def cost(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square (B,) at targets (B,)."""
+        inverse_std = (self.inverse_dod_std, self.inverse_doa_std, self.inverse_length_std)
+        scaled = [part * scale for part, scale in zip(self.residuals(x, y), inverse_std, strict=True)]
+        return 0.5 * sum_measurements(scaled[0] ** 2 + scaled[1] ** 2 + scaled[2] ** 2)
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and the exact second derivatives, or Gauss-Newton's where those are not positive."""

@@ -10,10 +10,11 @@ from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
+from nlosctl.solvers.triplets.elliptic_coordinates import path_covariance
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits
 
-__all__ = ["judge_targets", "mark_ambiguous", "path_estimates"]
+__all__ = ["curved_covariance", "judge_targets", "mark_ambiguous", "path_estimates"]
 
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
@@ -48,14 +49,21 @@ def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: floa
     return np.where(close, np.uint8(Status.AMBIGUOUS), status)
 
 
-def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) -> Estimates:
-    """Return an estimate for every path, each of a separate target; covariance: the inverse Fisher information."""
+def curved_covariance(rows: PathRows, fits: TargetFits) -> SymmetricMatrix:
+    """Return the posterior's second moments (N,) about the targets of single paths, in the axes of the file."""
     problem = TripletProblem.of_paths(rows)
-    covariance = problem.information(fits.x, fits.y).inverse()
-    judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
+    information = problem.information(fits.x, fits.y)
+    covariance = path_covariance(problem, rows.rays.baseline_m, information, fits.x, fits.y, fits.cost)
+    return rows.frame.matrix_to_global(covariance)
+
+
+def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) -> Estimates:
+    """Return an estimate for every path, each of a separate target; covariance: the posterior's second moments."""
+    problem = TripletProblem.of_paths(rows)
+    judged = judge_targets(problem, fits.x, fits.y, problem.information(fits.x, fits.y).inverse(), fits.converged)
     status = mark_ambiguous(fits, judged, ambiguous_within)
     x, y = rows.frame.to_global(fits.x, fits.y)
-    turned = rows.frame.matrix_to_global(covariance)
+    covariance = curved_covariance(rows, fits)
 
     def by_snapshot(flat: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         return np.ascontiguousarray(rows.dense(flat)).reshape(-1)
@@ -65,7 +73,7 @@ def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) ->
     return Estimates.of(
         by_snapshot(status),
         (by_snapshot(x), by_snapshot(y)),
-        turned.map(by_snapshot),
+        covariance.map(by_snapshot),
         by_snapshot(fits.cost),
         1,
         row=np.repeat(np.arange(size), count),
