@@ -32,7 +32,7 @@ HALF_CHI_SQUARE = "half the chi-square of the residuals"
 """The ``cost`` of methods whose cost is that; others describe their own."""
 
 LEAST_HALF_CHI_SQUARE = f"{HALF_CHI_SQUARE}, minimized"
-"""The ``cost`` of methods that minimize it: it then shows whether the measurements are consistent."""
+"""The ``cost`` of methods that minimize it."""
 
 Job = Literal["localize", "detect-ip", "identify-los"]
 
@@ -78,11 +78,6 @@ class MethodSpec:
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int | None = None
-
-    @property
-    def cost_tells_fit(self) -> bool:
-        """Whether the cost can be compared with the chi-square distribution of a good fit."""
-        return self.cost == LEAST_HALF_CHI_SQUARE
 
     def flag_columns(self, options: Any, scene: Scene, given: Container[str], *, details: bool) -> tuple[str, ...]:
         """Return the columns that it adds to the flags under ``options``, with or without the details.

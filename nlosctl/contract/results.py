@@ -11,10 +11,12 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
 from nlosctl.contract.statuses import Status
+from nlosctl.contract.text_columns import Words
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = [
     "FORM",
+    "MISFIT_FORM",
     "Estimates",
     "Flags",
     "Solution",
@@ -41,6 +43,12 @@ FORM: dict[str, tuple[str, tuple[int, ...]]] = {
     "status": ("uint8", ()),
 }
 """The arrays of `Estimates`: type, and shape after the first axis (E,)."""
+
+MISFIT_FORM: dict[str, tuple[str, tuple[int, ...]]] = {
+    "chi_square": ("float64", ()),
+    "degrees_of_freedom": ("int64", ()),
+}
+"""Those that a method may leave out."""
 
 
 def _by_number(of: Callable[[Status], bool]) -> BoolArray:
@@ -76,7 +84,9 @@ class Estimates:
     its status. ``position_m`` (E, 2) in metres; ``covariance_m2`` (E, 3) holds xx, xy, yy in square metres; both
     are NaN exactly where the status requires it. ``cost`` (E,) is NaN where there is no position. ``covariance_kind``
     states what the covariance accounts for, if the method has more than one kind. ``measurement`` (E,) is set if
-    every measurement is solved by itself, for a target of its own: its index in the snapshot.
+    every measurement is solved by itself, for a target of its own: its index in the snapshot. ``chi_square`` (E,) is
+    that of the residuals of the rows that the estimate uses, NaN if unknown, with ``degrees_of_freedom`` (E,): the
+    scalars among those rows (a bearing with a range has two) minus the unknowns. None: the method has no chi-square.
     """
 
     row: IntArray
@@ -89,6 +99,8 @@ class Estimates:
     status: StatusArray
     covariance_kind: str | None = None
     measurement: IntArray | None = None
+    chi_square: FloatArray | None = None
+    degrees_of_freedom: IntArray | None = None
 
     @classmethod
     def of(
@@ -102,6 +114,8 @@ class Estimates:
         row: IntArray | None = None,
         target: IntArray | None = None,
         alternative: IntArray | None = None,
+        chi_square: FloatArray | float = np.nan,
+        degrees_of_freedom: IntArray | int = 0,
         **kinds: Any,
     ) -> Estimates:
         """Return estimates (E,) without the numbers that their status denies: those become NaN, ``n_used`` 0.
@@ -120,32 +134,10 @@ class Estimates:
             cost=np.where(positioned, cost, np.nan),
             n_used=np.where(positioned, n_used, 0),
             status=status,
+            chi_square=np.where(certain, chi_square, np.nan),
+            degrees_of_freedom=np.where(certain, degrees_of_freedom, 0),
             **kinds,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Words:
-    """A text column with few different words: each entry of ``code`` (B, K) is an index into ``words``.
-
-    It reads like an array of text. A word may be None: no value.
-    """
-
-    code: npt.NDArray[np.uint8]
-    words: tuple[str | None, ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape of the array."""
-        return self.code.shape
-
-    def __getitem__(self, key: Any) -> Any:
-        """Return the words at an index of the array."""
-        return np.array(self.words, dtype=object)[self.code[key]]
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[np.object_]:
-        """Return the words (B, K) as an array of text."""
-        return np.array(self.words, dtype=object)[self.code]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,15 +203,13 @@ def no_estimates(size: int) -> Estimates:
     )
 
 
-def single_estimates(
-    *, position_m: FloatArray, covariance_m2: FloatArray, cost: FloatArray, n_used: IntArray, status: StatusArray
-) -> Estimates:
+def single_estimates(*, position_m: FloatArray, covariance_m2: FloatArray, **columns: Any) -> Estimates:
     """Return estimates with one row per snapshot, without the numbers that their status denies.
 
-    Shapes: position (B, 2), covariance (B, 3), cost, n_used and status (B,). A snapshot without a position gets
-    ``n_used`` 0.
+    Shapes: position (B, 2), covariance (B, 3); the columns (B,) cost, n_used and status, and chi_square and
+    degrees_of_freedom if the method has them. A snapshot without a position gets ``n_used`` 0.
     """
-    return Estimates.of(status, tuple(position_m.T), SymmetricMatrix(*covariance_m2.T), cost, n_used)
+    return Estimates.of(position=tuple(position_m.T), covariance=SymmetricMatrix(*covariance_m2.T), **columns)
 
 
 def contract_violation(solution: Any, shape: tuple[int, int]) -> str:
@@ -244,8 +234,10 @@ def form_faults(estimates: Estimates, *, exact_types: bool = False) -> Iterator[
     """
     rows = np.shape(estimates.row)
     count = rows[0] if rows else 0
-    for name, (dtype, tail) in FORM.items():
+    for name, (dtype, tail) in {**FORM, **MISFIT_FORM}.items():
         array, shape = getattr(estimates, name), (count, *tail)
+        if array is None and name in MISFIT_FORM:
+            continue
         if not isinstance(array, np.ndarray) or array.shape != shape:
             yield f"{name} has shape {np.shape(array)}, expected {shape}"
         elif exact_types and array.dtype != dtype:

@@ -17,11 +17,12 @@ from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_s
 from nlosctl.evaluation.summaries import EstimateSummary
 from nlosctl.geometry.ellipses import ellipse_threshold
 
-__all__ = ["EstimateRows", "EstimateScores", "nearest_alternatives"]
+__all__ = ["EstimateRows", "EstimateScores", "FitTally", "nearest_alternatives"]
 
 Key = Hashable
 
 _PERCENTS = (50.0, 90.0, 95.0, 99.0)
+_SMALL_P_VALUE = 1e-3
 _PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 
 
@@ -29,13 +30,16 @@ _PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 class EstimateRows:
     """N estimates: position (N, 2), covariance (N, 3) as xx, xy, yy, status (N,) as ``Status`` numbers, truth (N, 2).
 
-    Metres and square metres; NaN for an absent value.
+    Metres and square metres; NaN for an absent value. ``used_share`` and ``fit_p_value`` (N,) are None where the table
+    has no such column.
     """
 
     position_m: FloatArray
     covariance_m2: FloatArray
     status: npt.NDArray[np.uint8]
     truth_m: FloatArray
+    used_share: FloatArray | None = None
+    fit_p_value: FloatArray | None = None
 
     @property
     def answered(self) -> BoolArray:
@@ -56,6 +60,8 @@ class EstimateRows:
             covariance_m2=self.covariance_m2[rows],
             status=self.status[rows],
             truth_m=self.truth_m[rows],
+            used_share=None if self.used_share is None else self.used_share[rows],
+            fit_p_value=None if self.fit_p_value is None else self.fit_p_value[rows],
         )
 
 
@@ -114,6 +120,41 @@ class EstimateScores:
 
 
 @dataclass
+class FitTally:
+    """Sums over fixes: shares of rows used, and p-values of the fit, with how many have them."""
+
+    shares: float = 0.0
+    with_share: int = 0
+    small: int = 0
+    with_p_value: int = 0
+
+    def add(self, answered: BoolArray, used_share: FloatArray | None, p_value: FloatArray | None) -> None:
+        """Add those of estimates (N,) that are ``answered``; NaN or None where a value is unknown."""
+        if used_share is not None:
+            known = used_share[answered & ~np.isnan(used_share)]
+            self.shares, self.with_share = _running_sum(self.shares, known), self.with_share + known.size
+        if p_value is not None:
+            known = p_value[answered & ~np.isnan(p_value)]
+            self.small += int(np.count_nonzero(known < _SMALL_P_VALUE))
+            self.with_p_value += known.size
+
+    def include(self, other: FitTally) -> None:
+        """Add the sums of another group."""
+        for name in self.__dataclass_fields__:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+
+    @property
+    def mean_used_share(self) -> float:
+        """The mean share of rows used; NaN without a fix."""
+        return ratio(self.shares, self.with_share)
+
+    @property
+    def share_p_below_0001(self) -> float:
+        """The share of fixes whose p-value is below 0.001, of those that have one; NaN without one."""
+        return ratio(self.small, self.with_p_value)
+
+
+@dataclass
 class _Tally:
     """The running sums of one group."""
 
@@ -123,6 +164,7 @@ class _Tally:
     statuses: IntArray = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     inside: IntArray = field(default_factory=lambda: np.zeros(len(_PROBABILITIES), dtype=np.int64))
     answered: int = 0
+    fit: FitTally = field(default_factory=FitTally)
     sums: FloatArray = field(default_factory=lambda: np.zeros(6))
     errors: list[FloatArray] = field(default_factory=list)
 
@@ -137,6 +179,7 @@ class _Tally:
         squared = squared_mahalanobis(rows.position_m[promised] - rows.truth_m[promised], rows.covariance_m2[promised])
         usable = squared[np.isfinite(squared)]
         self.errors.append(error)
+        self.fit.add(answered, rows.used_share, rows.fit_p_value)
         self.answered += int(np.count_nonzero(answered))
         self.statuses += np.bincount(rows.status, minlength=len(Status))
         self.bad_covariances += squared.size - usable.size
@@ -151,6 +194,7 @@ class _Tally:
         self.bad_covariances += other.bad_covariances
         self.nees_rows += other.nees_rows
         self.answered += other.answered
+        self.fit.include(other.fit)
         self.statuses = self.statuses + other.statuses
         self.inside = self.inside + other.inside
         self.sums = self.sums + other.sums
@@ -167,6 +211,8 @@ class _Tally:
             without_truth=self.without_truth,
             answered=self.answered,
             fix_rate=ratio(self.answered, errors.size),
+            mean_used_share=self.fit.mean_used_share,
+            share_p_below_0001=self.fit.share_p_below_0001,
             rmse_m=math.sqrt(mean_square),
             rmse_std_error_m=rmse_std_error(self.answered, mean_square, mean_fourth),
             bias_x_m=bias_x,

@@ -19,13 +19,17 @@ class EstimateSummary:
     percentiles a row without a fix is infinite. ``nees`` is the mean over the ``nees_rows`` that have a covariance;
     the interval from ``nees_low`` to ``nees_high`` contains it with 95 % probability if the covariances are correct
     and the rows independent. ``inside_p`` rows are inside their p % ellipse, ``coverage_p`` is their share.
-    ``bad_covariances`` counts covariances that are not positive definite.
+    ``bad_covariances`` counts covariances that are not positive definite. ``mean_used_share`` is the mean of
+    ``used_share`` over the fixes, ``share_p_below_0001`` the share with a ``fit_p_value`` below 0.001, of those that
+    have one.
     """
 
     rows: int
     without_truth: int
     answered: int
     fix_rate: float
+    mean_used_share: float
+    share_p_below_0001: float
     rmse_m: float
     rmse_std_error_m: float
     bias_x_m: float
@@ -110,7 +114,8 @@ class TargetSummary:
     target also has exactly its direct echoes; ``los_precision`` and ``los_recall`` are over all echoes. OSPA and GOSPA
     (alpha = 2) are means over the snapshots, with their parts; ``matched_rmse_m`` is over the ``matched_targets``,
     estimated within the cutoff. ``case_i`` to ``case_vi`` count the estimated targets by the cases of Liang, Zeng,
-    Li (see `nlosctl.evaluation.targets.case_of`). NaN: not defined.
+    Li (see `nlosctl.evaluation.targets.case_of`). ``mean_used_share`` and ``share_p_below_0001`` are as in
+    `EstimateSummary`, over the estimated targets. NaN: not defined.
     """
 
     snapshots: int
@@ -129,6 +134,8 @@ class TargetSummary:
     gospa_false_m: float
     matched_targets: int
     matched_rmse_m: float
+    mean_used_share: float
+    share_p_below_0001: float
     case_i: int
     case_ii: int
     case_iii: int

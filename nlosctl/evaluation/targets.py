@@ -12,6 +12,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.evaluation.error_statistics import ratio
+from nlosctl.evaluation.estimates import FitTally
 from nlosctl.evaluation.point_sets import SetDistance, set_distance
 from nlosctl.evaluation.summaries import TargetSummary
 
@@ -63,9 +64,10 @@ class TargetScores:
         self._groups: dict[Hashable, _Tally] = {}
 
     def add(self, rows: EchoRows, estimated_m: FloatArray | None, key: Hashable = ("",)) -> None:
-        """Add a snapshot: its rows, and the estimated target positions (T, 2).
+        """Add a snapshot: its rows, and the estimated targets (T, 2), their positions.
 
-        With ``estimated_m`` None, targets are counted from the flags, and no distances are scored.
+        Further columns of them are the share of rows used and the p-value of the fit. With ``estimated_m`` None,
+        targets are counted from the flags, and no distances are scored.
         """
         tally = self._groups.setdefault(key, _Tally())
         estimated = _sets(rows.target, rows.los)
@@ -81,6 +83,9 @@ class TargetScores:
         tally.cases.update(case_of(rows.true_target[[*echoes]], rows.true_los[[*echoes]]) for echoes in estimated)
         if estimated_m is not None:
             true_m = np.array([rows.true_m[rows.true_target == number][0] for number in numbers]).reshape(-1, 2)
+            estimated_m, fit = estimated_m[:, :2], estimated_m[:, 2:]
+            if fit.shape[1]:
+                tally.fit.add(np.isfinite(estimated_m[:, 0]), fit[:, 0], fit[:, 1])
             distance = set_distance(estimated_m, true_m, order=self._order, cutoff_m=self._cutoff_m)
             tally.add_distance(distance, estimated_m, true_m)
 
@@ -127,6 +132,7 @@ class _Tally:
     located: int = 0
     confusion: IntArray = field(default_factory=lambda: np.zeros(4, dtype=np.int64))
     cases: Counter[str] = field(default_factory=Counter)
+    fit: FitTally = field(default_factory=FitTally)
     distances: FloatArray = field(default_factory=lambda: np.zeros(len(_DISTANCES)))
 
     def add_distance(self, distance: SetDistance, estimated_m: FloatArray, true_m: FloatArray) -> None:
@@ -137,7 +143,8 @@ class _Tally:
         self.distances = self.distances + [getattr(distance, name) for name in _DISTANCES]
 
     def include(self, other: _Tally) -> None:
-        for name in self.__dataclass_fields__:
+        self.fit.include(other.fit)
+        for name in self.__dataclass_fields__.keys() - {"fit"}:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def summary(self) -> TargetSummary:
@@ -155,6 +162,8 @@ class _Tally:
             los_recall=ratio(hits, hits + missed),
             matched_targets=self.matched,
             matched_rmse_m=math.sqrt(ratio(self.squared_error_m2, self.matched)),
+            mean_used_share=self.fit.mean_used_share,
+            share_p_below_0001=self.fit.share_p_below_0001,
             **means,
             **{f"case_{name}": self.cases[name] for name in CASES},
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
@@ -14,13 +14,7 @@ from nlosctl.solvers.mixture.modes import find_modes
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, has_several_paths, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, MixtureModeOptions
 from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
-from nlosctl.solvers.mixture.ranked_estimates import (
-    RankedFixes,
-    rank_modes,
-    ranked_estimates,
-    ranked_flags,
-    ranked_status,
-)
+from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.optimization.split_batches import solve_parts
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
@@ -80,7 +74,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         status[:] = Status.TOO_FEW
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
-        fixes = RankedFixes(fixes.x, fixes.y, fixes.cost, covariance, fixes.n_used)
+        fixes = replace(fixes, covariance=covariance)
     lines = model.lines
     estimates = ranked_estimates(fixes, status, lines.center_x, lines.center_y, options.covariance)
     if not batch.want_flags:

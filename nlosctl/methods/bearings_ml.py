@@ -77,6 +77,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             min_range_m=options.min_range_m,
             converged=optima.converged,
             constrained_status=constrained_status,
+            at_optimum=True,
         )
     return finish_alternatives(
         batch,

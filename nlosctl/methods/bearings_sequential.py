@@ -15,15 +15,20 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, Trace, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import judge_fixes, nearly_singular
 from nlosctl.solvers.bearings.joint_range_bearing import range_columns
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
+from nlosctl.solvers.bearings.row_terms import DirectBearings
+from nlosctl.solvers.optimization.problem import RowDerivatives, least_chi_square
 from nlosctl.solvers.sequential.orders import Prior, RangedLines, Run, run_all_orders
 from nlosctl.solvers.sequential.polar_updates import SourceState
 from nlosctl.solvers.sequential.starting_pairs import conditioned_pairs
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
+
+_UNKNOWNS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +70,7 @@ def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
     cost = np.where(last.alive, ranged.half_chi_square(last.x, last.y), np.inf)
     best = np.argmin(cost, axis=1)
     status = _status(batch, lines, run, best, prior, options.min_range_m)
-    return _solution(batch, ranged, run, best, cost[np.arange(batch.size), best], status)
+    return _solution(batch, ranged, run, best, cost[np.arange(batch.size), best], status, prior)
 
 
 def _prior(batch: BearingBatch, lines: SightLines, options: SequentialOptions) -> Prior | None:
@@ -101,7 +106,13 @@ def _status(
 
 
 def _solution(
-    batch: BearingBatch, ranged: RangedLines, run: Run, best: IntArray, cost: FloatArray, status: StatusArray
+    batch: BearingBatch,
+    ranged: RangedLines,
+    run: Run,
+    best: IntArray,
+    cost: FloatArray,
+    status: StatusArray,
+    prior: Prior | None,
 ) -> Solution:
     lines = ranged.lines
     states, rows = run.pick(best)
@@ -109,11 +120,32 @@ def _solution(
     x, y = last.x[:, 0], last.y[:, 0]
     position = (x + lines.center_x, y + lines.center_y)
     covariance = last.covariance.at(slice(None), 0)
+    chi_square, degrees = _misfit(ranged, x, y, prior)
     return Solution(
-        estimates=Estimates.of(status, position, covariance, cost, batch.measurements),
+        estimates=Estimates.of(
+            status, position, covariance, cost, batch.measurements, chi_square=chi_square, degrees_of_freedom=degrees
+        ),
         flags=Flags.of_fixes(status, lines.residuals(batch, x, y)) if batch.want_flags else None,
         trace=_trace(lines, states, rows, status) if batch.want_trace else None,
     )
+
+
+def _misfit(ranged: RangedLines, x: FloatArray, y: FloatArray, prior: Prior | None) -> tuple[FloatArray, IntArray]:
+    """Return the chi-square (B,) of all rows, and of the prior where there is one, with its degrees of freedom."""
+    smallest = np.full(x.shape, np.finfo(np.float64).tiny)
+    ranges = (ranged.measured_m, ranged.range_std_m)
+    rows = DirectBearings.of(ranged.lines, smallest, *ranges, lognormal=ranged.lognormal)
+    everything = np.ones(rows.weight.shape, dtype=bool)
+    if prior is None:
+        chi_square, scalars = least_chi_square(rows, x, y, everything)
+        return chi_square, scalars - _UNKNOWNS
+    weight = np.where(prior.known, 1.0 / (prior.std_m * prior.std_m), 0.0)
+    dx, dy = (np.where(prior.known, part, 0.0) for part in (x - prior.x, y - prior.y))
+    precision = SymmetricMatrix(weight, np.zeros(x.shape), weight)
+    half = 0.5 * precision.quadratic_form(dx, dy)
+    expected = RowDerivatives(half, (weight * dx, weight * dy), precision, precision)
+    chi_square, scalars = least_chi_square(rows, x, y, everything, expected)
+    return chi_square, scalars + np.where(prior.known, _UNKNOWNS, 0) - _UNKNOWNS
 
 
 def _trace(lines: SightLines, states: list[SourceState], rows: list[IntArray], status: StatusArray) -> Trace:

@@ -72,6 +72,7 @@ def _solve(
         first.normal,
         inflated=inflated_sandwich(lines, fit, weighed_m),
         min_range_m=options.min_range_m,
+        at_optimum=not batch.scene.has_circles or weighted_fit is fit_focused,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import MethodSpec
@@ -13,13 +13,7 @@ from nlosctl.solvers.mixture.modes import find_modes
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
 from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
 from nlosctl.solvers.mixture.range_rows import RangeCandidates, grouped_ranges, range_outlier_model
-from nlosctl.solvers.mixture.ranked_estimates import (
-    RankedFixes,
-    rank_modes,
-    ranked_estimates,
-    ranked_flags,
-    ranked_status,
-)
+from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
@@ -70,7 +64,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     fixes, probability = rank_modes(model.mixture, modes)
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
-        fixes = RankedFixes(fixes.x, fixes.y, fixes.cost, covariance, fixes.n_used)
+        fixes = replace(fixes, covariance=covariance)
     status = ranked_status(
         fixes,
         modes.candidates,

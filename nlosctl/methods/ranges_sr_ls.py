@@ -48,7 +48,13 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
     one = _optimum(circles, fit.x, fit.y, problem.evaluate(fit.x, fit.y).cost, np.isfinite(fit.x))
     other = _optimum(circles, mirror.x, mirror.y, mirror.cost, mirror.converged)
     return finish_range_fix(
-        batch, circles, one, other, min_range_m=options.min_range_m, ambiguous_within=options.ambiguous_within
+        batch,
+        circles,
+        one,
+        other,
+        min_range_m=options.min_range_m,
+        ambiguous_within=options.ambiguous_within,
+        at_optimum=False,
     )
 
 

@@ -19,7 +19,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.triplets import path_rows, snapshot_centers
 from nlosctl.solvers.triplets.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
 from nlosctl.solvers.triplets.target_fits import fit_paths
 from nlosctl.solvers.triplets.target_status import judge_targets
 
@@ -108,6 +108,9 @@ def _estimates(
         """Return what is present of (T, B), snapshot by snapshot."""
         return np.asarray(values.T[present])
 
+    chi_square = np.stack(
+        [problem.chi_square(common.x[index], common.y[index], supported[index]) for index in range(targets)]
+    )
     row, target = np.nonzero(present)
     estimates = Estimates.of(
         listed(status),
@@ -117,6 +120,8 @@ def _estimates(
         listed(np.count_nonzero(supported, axis=2)),
         row=row,
         target=target,
+        chi_square=listed(chi_square),
+        degrees_of_freedom=listed(SCALARS * np.count_nonzero(supported, axis=2) - covariance.dimension),
     )
     return estimates, np.logical_or.reduce(supported, axis=0)
 

@@ -12,7 +12,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
 from nlosctl.solvers.triplets.target_status import curved_covariance, judge_targets, mark_ambiguous, path_estimates
 
@@ -60,7 +60,15 @@ def _solve_snapshots(
         covariance = curved_covariance(rows, single)
     status = mark_ambiguous(fits, judged, options.ambiguous_within)
     position = (fits.x + center_x, fits.y + center_y)
-    estimates = Estimates.of(status, position, covariance, fits.cost, batch.measurements)
+    estimates = Estimates.of(
+        status,
+        position,
+        covariance,
+        fits.cost,
+        batch.measurements,
+        chi_square=2.0 * fits.cost,
+        degrees_of_freedom=SCALARS * batch.measurements - len(position),
+    )
     answered = np.broadcast_to(has_position(status)[:, None], rows.shape)
     return _solution(estimates, answered, problem.residuals(fits.x, fits.y) if batch.want_flags else ())
 

@@ -156,6 +156,13 @@ class SightLines(RowBlock):
         Rows of infinite std add nothing; NaN where another row has no path to the point. With ``extra_m2`` (B,) the
         squared ranges are that much larger, except for rows on a circle.
         """
+        slope_x, slope_y = self.slopes(x, y, paths, extra_m2=extra_m2)
+        return SymmetricMatrix.gram(slope_x, slope_y)
+
+    def slopes(
+        self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None, *, extra_m2: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives (B, K) of the residuals over their stds by x and by y; arguments of `information`."""
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         with ignoring_division():
             squared_range = dx * dx + dy * dy
@@ -171,7 +178,7 @@ class SightLines(RowBlock):
             informative = inverse_std > 0.0
             self.circles.place_in(dx, np.where(informative, -slope_y * inverse_std, 0.0))
             self.circles.place_in(dy, np.where(informative, slope_x * inverse_std, 0.0))
-        return SymmetricMatrix(sum_measurements(dy * dy), -sum_measurements(dx * dy), sum_measurements(dx * dx))
+        return dy, -dx
 
     def all_under_horizon(self) -> BoolArray:
         """Return in which snapshots (B,) every bearing is below its horizon, where no wave can come from."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from nlosctl.arrays import IntArray
-from nlosctl.contract.results import FORM, Flags, Solution
+from nlosctl.contract.results import FORM, MISFIT_FORM, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.testing.bench import Bench
 from nlosctl.testing.compare import close_solutions, estimates_of, same_bits
@@ -136,7 +136,8 @@ def _permute_single_estimates(solution: Solution, order: IntArray) -> Solution:
         return solution
     where = np.argsort(order)[estimates.measurement]
     order = np.lexsort((estimates.alternative, where, estimates.row))
-    permuted = {name: getattr(estimates, name)[order] for name in FORM}
+    names = FORM if estimates.chi_square is None else (*FORM, *MISFIT_FORM)
+    permuted = {name: getattr(estimates, name)[order] for name in names}
     permuted |= {"target": where[order], "measurement": where[order]}
     return dataclasses.replace(solution, estimates=dataclasses.replace(estimates, **permuted))
 

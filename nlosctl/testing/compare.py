@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.results import FORM, Estimates, Flags, Solution, has_position
+from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Solution, has_position
 
 __all__ = ["close_solutions", "estimates_of", "same_bits"]
 
@@ -27,6 +27,8 @@ def estimates_of(solution: Solution, snapshots: IntArray) -> dict[str, Any]:
     indices = [np.flatnonzero(estimates.row == snapshot) for snapshot in snapshots]
     chosen = np.concatenate([np.empty(0, dtype=np.int64), *indices])
     arrays = {name: getattr(estimates, name)[chosen] for name in FORM}
+    if estimates.chi_square is not None:
+        arrays |= {name: getattr(estimates, name)[chosen] for name in MISFIT_FORM}
     arrays["row"] = np.repeat(np.arange(len(indices)), [len(part) for part in indices])
     if solution.flags is not None:
         arrays["flags.used"] = solution.flags.used[snapshots]
@@ -73,6 +75,11 @@ def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterato
     worst = _worst(np.abs(one.cost - other.cost) / (1e-5 * (1.0 + np.abs(one.cost))))
     if worst is not None:
         yield f"the cost of estimate {worst} is {other.cost[worst]}, not {one.cost[worst]}"
+    if one.chi_square is None or other.chi_square is None:
+        return
+    worst = _worst(np.abs(one.chi_square - other.chi_square) / (1e-5 * (1.0 + np.abs(one.chi_square))))
+    if worst is not None:
+        yield f"the chi-square of estimate {worst} is {other.chi_square[worst]}, not {one.chi_square[worst]}"
 
 
 def _close_flags(one: Flags, other: Flags) -> Iterator[str]:

@@ -36,6 +36,7 @@ def backwards(batch: BearingBatch, options: Any) -> Solution:
     """The last snapshot first."""
     solution = SOUND.solve(batch, options)
     names = ("row", "target", "alternative", "position_m", "covariance_m2", "cost", "n_used", "status")
+    names += ("chi_square", "degrees_of_freedom")
     return _changed(solution, **{name: getattr(solution.estimates, name)[::-1] for name in names})
 
 

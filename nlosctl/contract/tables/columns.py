@@ -37,6 +37,7 @@ class Column:
     earlier step: checked for their type and copied, never passed to a method. ``of_circles`` marks
     flags that are only set in a scene with circles. ``earth_place`` names the location (see `EARTH_PLACES`) whose
     latitude and longitude can replace it. ``add`` is the name by which the setting ``add`` requests a result column.
+    ``every_run`` marks a result column that every run writes, but a file need not have.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Column:
     of_circles: bool = False
     earth_place: str = ""
     add: str = ""
+    every_run: bool = False
     spellings: tuple[Spelling, ...] = ()
 
     @property

@@ -85,11 +85,25 @@ ESTIMATES = Table(
         Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
         Column(name="n_used", type="integer", required=True, meaning="rows that the estimate uses"),
         Column(
+            name="used_share",
+            type="number",
+            every_run=True,
+            meaning="share of the snapshot's rows that the estimate uses: n_used / n_measurements",
+        ),
+        Column(
             name="cost",
             type="number",
             required=True,
             nullable=True,
             meaning="the method's cost: half the chi-square, or the negative log-likelihood in nats (see methods show)",
+        ),
+        Column(
+            name="fit_p_value",
+            type="number",
+            nullable=True,
+            every_run=True,
+            meaning="p-value of the fit: probability that errors of the stated stds leave residuals with a chi-square "
+            "at least this large (robust methods: of the inliers); null without spare scalars or a covariance",
         ),
         Column(name="status", type="text", required=True, meaning="outcome, one of the status words"),
         Column(

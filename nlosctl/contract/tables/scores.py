@@ -32,6 +32,8 @@ _COUNTS = (
 )
 _NUMBERS = (
     ("fix_rate", "", "fraction of rows with a fix"),
+    ("mean_used_share", "", "mean share of a snapshot's rows that a fix uses"),
+    ("share_p_below_0001", "", "fraction of fixes with fit_p_value below 0.001, of those that have one"),
     ("rmse_m", "m", "root mean square error of the rows with a fix"),
     ("rmse_std_error_m", "m", "standard error of the RMSE for independent rows"),
     ("bias_x_m", "m", "mean error along x"),

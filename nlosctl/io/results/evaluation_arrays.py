@@ -25,6 +25,7 @@ __all__ = [
     "TruthTable",
     "boolean_codes",
     "estimate_arrays",
+    "fit_arrays",
     "group_codes",
     "numbers",
     "whole_snapshots",
@@ -36,13 +37,18 @@ _STATUSES = pa.array([status.word for status in Status])
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateArrays:
-    """N estimates: position and truth (N, 2), covariance (N, 3) as xx, xy, yy, status and alternative (N,)."""
+    """N estimates: position and truth (N, 2), covariance (N, 3) as xx, xy, yy, and columns (N,).
+
+    ``used_share`` and ``fit_p_value`` are None where the table does not have them.
+    """
 
     position_m: FloatArray
     covariance_m2: FloatArray
     status: npt.NDArray[np.uint8]
     truth_m: FloatArray
     alternative: IntArray
+    used_share: FloatArray | None
+    fit_p_value: FloatArray | None
 
 
 class TruthTable:
@@ -83,7 +89,14 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         status=np.asarray(status).astype(np.uint8),
         truth_m=_stack(table, TRUTH_NAMES, name) if truth is None else truth.look_up(table.column("snapshot")),
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
+        **fit_arrays(table),
     )
+
+
+def fit_arrays(table: Any) -> dict[str, FloatArray | None]:
+    """Return the columns ``used_share`` and ``fit_p_value`` (N,) of estimates, None where the table has none."""
+    names = ("used_share", "fit_p_value")
+    return {name: numbers(table.column(name)) if name in table.column_names else None for name in names}
 
 
 def boolean_codes(column: Any) -> npt.NDArray[np.int8]:

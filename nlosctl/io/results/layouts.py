@@ -59,6 +59,7 @@ class ChunkEstimates:
     n_measurements: IntArray
     n_used: IntArray
     cost: FloatArray
+    fit_p_value: FloatArray
     status: npt.NDArray[np.uint8]
     covariance_kind: npt.NDArray[np.object_]
     on_edge: BoolArray
@@ -123,7 +124,7 @@ class EstimatesLayout:
         """The Arrow schema."""
         fields = [snapshot_field(self.input_schema)]
         for column in ESTIMATES.columns[1:]:
-            if column.required or column.name in self.optional:
+            if column.required or column.every_run or column.name in self.optional:
                 fields.append(pa.field(column.name, ARROW_TYPES[column.type]))
         if self.measurement_name:
             fields.append(self.input_schema.field(self.measurement_name))
@@ -139,7 +140,9 @@ class EstimatesLayout:
         values: dict[str, Any] = {
             "snapshot": chunk.snapshot.take(pa.array(estimates.snapshot)),
             "method": pa.array(self.methods).take(pa.array(estimates.method)),
+            "used_share": pa.array(estimates.n_used / estimates.n_measurements),
             "cost": nullable(estimates.cost),
+            "fit_p_value": nullable(estimates.fit_p_value),
             "status": _STATUS_WORDS.take(pa.array(estimates.status)),
         }
         for index, name in enumerate(("x_m", "y_m")):

@@ -74,6 +74,8 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
                 covariance_m2=arrays.covariance_m2,
                 status=arrays.status,
                 truth_m=arrays.truth_m,
+                used_share=arrays.used_share,
+                fit_p_value=arrays.fit_p_value,
             )
             group, keys = group_codes(table, grouping)
             if best_alternative:

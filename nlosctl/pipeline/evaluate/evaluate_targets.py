@@ -14,7 +14,7 @@ from nlosctl.contract.tables import ESTIMATES, FLAGS
 from nlosctl.errors import DataError
 from nlosctl.evaluation.targets import EchoRows, TargetScores
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.evaluation_arrays import boolean_codes, group_codes, numbers, whole_snapshots
+from nlosctl.io.results.evaluation_arrays import boolean_codes, fit_arrays, group_codes, numbers, whole_snapshots
 from nlosctl.io.results.reader import PlainReader
 from nlosctl.pipeline.evaluate.evaluate import Evaluation, grouping_columns, present
 
@@ -27,7 +27,10 @@ _NO_TARGET = -1
 
 @dataclass(frozen=True)
 class _TargetEstimates:
-    """The estimated target positions (T, 2) of each snapshot, by its id and the grouping values as text."""
+    """The estimated targets (T, 4) of each snapshot, by its id and the grouping values as text.
+
+    Their columns are x, y, the share of rows used and the p-value of the fit, NaN if unknown.
+    """
 
     by_snapshot: Mapping[tuple[str, ...], FloatArray]
     grouping: tuple[str, ...]
@@ -53,8 +56,8 @@ def evaluate_targets(flags: Input, estimates: Input | None, *, order: float, cut
         order_of_rows = np.argsort(by_snapshot, kind="stable")
         ends = np.cumsum(np.bincount(by_snapshot, minlength=len(snapshots)))
         for number, index in enumerate(np.split(order_of_rows, ends[:-1])):
-            positions = None if targets is None else _look_up(targets, snapshots[number], grouping, flags.name)
-            scores.add(_take(rows, index), positions, keys[by_group[index[0]]])
+            estimated = None if targets is None else _look_up(targets, snapshots[number], grouping, flags.name)
+            scores.add(_take(rows, index), estimated, keys[by_group[index[0]]])
     return present("targets", scores, [(flags, reader)], grouping)
 
 
@@ -89,14 +92,15 @@ def _read_estimates(source: Input, grouping: list[str]) -> _TargetEstimates:
     if "method" not in shared and len(table.column("method").unique()) > 1:
         raise DataError(f"{source.name}: estimates of several methods, but the flags have no column 'method'")
     by_snapshot, snapshots = group_codes(table, ["snapshot", *shared])
-    position = np.stack([numbers(table.column(name)) for name in ("x_m", "y_m")], axis=1)
+    fit = [np.full(table.num_rows, np.nan) if values is None else values for values in fit_arrays(table).values()]
+    targets = np.stack([*(numbers(table.column(name)) for name in ("x_m", "y_m")), *fit], axis=1)
     statuses = np.array(table.column("status").to_pylist(), dtype=object)
     counted = (numbers(table.column("alternative")) == 0.0) & ~np.isin(statuses, _WITHOUT_TARGET)
     rows = np.flatnonzero(counted)
     rows = rows[np.argsort(by_snapshot[rows], kind="stable")]
     ends = np.cumsum(np.bincount(by_snapshot[rows], minlength=len(snapshots)))
     keys = [tuple(str(value) for value in key) for key in snapshots]
-    return _TargetEstimates(dict(zip(keys, np.split(position[rows], ends[:-1]), strict=True)), shared)
+    return _TargetEstimates(dict(zip(keys, np.split(targets[rows], ends[:-1]), strict=True)), shared)
 
 
 _WITHOUT_TARGET = [

@@ -9,22 +9,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaincc
+from scipy.special import erfc, gammaincc
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field
-from nlosctl.contract.results import is_fix
+from nlosctl.contract.results import Estimates, has_covariance, is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import KINDS
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.method_runs import MethodRun
 
-__all__ = ["MethodTally", "RunReport", "heights_remark", "method_remarks"]
+__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "heights_remark", "method_remarks"]
 
 _BAD_FIT_P_VALUE = 1e-3
 _BAD_FIT_SHARE = 0.05
-_UNKNOWNS = 2
+_NEARLY_ALL = 0.9995
+_CLOSED_FORM_DEGREES = 40
+_CERTAIN = 800.0
+"""Half a chi-square at which every p-value of few degrees of freedom is below the smallest number."""
+
 _VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
 _STATUS_WORDS = tuple(status.word for status in Status)
 _ANSWERED = {status.word for status in Status if status.is_fix}
@@ -37,8 +41,12 @@ class MethodTally:
     statuses: Counter[str] = field(default_factory=Counter)
     tested: int = 0
     badly_fitted: int = 0
+    rows_used: int = 0
+    rows_of_fixes: int = 0
     on_edge: int = 0
     verdicts: Counter[str] = field(default_factory=Counter)
+
+    _COUNTED: ClassVar[tuple[str, ...]] = ("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge")
 
     def add_verdicts(self, columns: Mapping[str, Any]) -> None:
         """Count the flag columns (N,) of a detector."""
@@ -48,39 +56,34 @@ class MethodTally:
                 true = int(np.count_nonzero(flags))
                 self.verdicts.update({false_word: flags.size - true, true_word: true})
 
-    def add_estimates(self, estimates: ChunkEstimates, method: int, *, fit: bool) -> None:
-        """Count the best alternatives of the method with this index; ``fit``: its cost is half a chi-square."""
+    def add_estimates(self, estimates: ChunkEstimates, method: int) -> None:
+        """Count the best alternatives of the method with this index."""
         mine = (estimates.alternative == 0) & (estimates.method == method)
-        cost = estimates.cost if fit else np.full(estimates.cost.shape, np.nan)
-        self.add(estimates.status[mine], cost[mine], estimates.n_used[mine])
-        self.on_edge += int(np.count_nonzero(estimates.on_edge[mine] & is_fix(estimates.status[mine])))
+        self.add(estimates.status[mine], estimates.fit_p_value[mine])
+        fixed = mine & is_fix(estimates.status)
+        self.rows_used += int(estimates.n_used[fixed].sum())
+        snapshot = estimates.snapshot[fixed]
+        self.rows_of_fixes += int(estimates.n_measurements[fixed][np.diff(snapshot, prepend=-1) > 0].sum())
+        self.on_edge += int(np.count_nonzero(estimates.on_edge[fixed]))
 
-    def add(self, status: npt.NDArray[np.uint8], cost: FloatArray, n_used: IntArray) -> None:
-        """Count estimates (E,), best alternatives only; ``cost`` is half a chi-square, or NaN where it is not."""
+    def add(self, status: npt.NDArray[np.uint8], p_value: FloatArray) -> None:
+        """Count estimates (E,), best alternatives only; ``p_value`` is that of their fit, NaN without one."""
         numbers = np.bincount(status, minlength=len(_STATUS_WORDS))
         self.statuses.update({_STATUS_WORDS[code]: int(count) for code, count in enumerate(numbers) if count})
-        testable = np.isfinite(cost) & (n_used > _UNKNOWNS)
-        degrees = 0.5 * (n_used[testable] - _UNKNOWNS)
-        self.tested += int(testable.sum())
-        self.badly_fitted += int((gammaincc(degrees, cost[testable]) < _BAD_FIT_P_VALUE).sum())
+        self.tested += int(np.count_nonzero(~np.isnan(p_value)))
+        self.badly_fitted += int(np.count_nonzero(p_value < _BAD_FIT_P_VALUE))
 
     def counts(self) -> dict[str, Any]:
         """Return all counts as plain values, for `take`."""
-        return {
-            "statuses": dict(self.statuses),
-            "tested": self.tested,
-            "badly_fitted": self.badly_fitted,
-            "on_edge": self.on_edge,
-            "verdicts": dict(self.verdicts),
-        }
+        counted = {name: getattr(self, name) for name in self._COUNTED}
+        return {**counted, "statuses": dict(self.statuses), "verdicts": dict(self.verdicts)}
 
     def take(self, counts: Mapping[str, Any]) -> None:
         """Add the counts of another part of the run."""
         self.statuses.update(counts["statuses"])
         self.verdicts.update(counts["verdicts"])
-        self.tested += counts["tested"]
-        self.badly_fitted += counts["badly_fitted"]
-        self.on_edge += counts["on_edge"]
+        for name in self._COUNTED:
+            setattr(self, name, getattr(self, name) + counts[name])
 
     @property
     def total(self) -> int:
@@ -91,6 +94,11 @@ class MethodTally:
     def answered(self) -> int:
         """The number of snapshots and targets with a fix."""
         return sum(count for word, count in self.statuses.items() if word in _ANSWERED)
+
+    @property
+    def used_share(self) -> float | None:
+        """The share of rows used, of the snapshots with a fix; None without one."""
+        return self.rows_used / self.rows_of_fixes if self.rows_of_fixes else None
 
     @property
     def fits_badly(self) -> bool:
@@ -157,7 +165,9 @@ class RunReport:
         for name, tally in self.methods.items():
             statuses = sorted(tally.statuses.items(), key=lambda item: _STATUS_WORDS.index(item[0]))
             counts = ", ".join(f"{count} {word}" for word, count in [*tally.verdicts.items(), *statuses])
-            lines.append(f"{name}: {counts or 'nothing to solve'}")
+            share = tally.used_share
+            used = f"; {100.0 * share:.3g} % of the rows used" if share is not None and share < _NEARLY_ALL else ""
+            lines.append(f"{name}: {counts or 'nothing to solve'}{used}")
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
     def as_dict(self) -> dict[str, Any]:
@@ -165,22 +175,62 @@ class RunReport:
         return {
             "kind": self.kind,
             "inputs": self.inputs,
-            "rows": self.rows,
-            "rows_left_out": self.rows_left_out,
-            "bad_rows": self.bad_rows,
-            "snapshots": self.snapshots,
-            "snapshots_lost": self.snapshots_lost,
+            **{name: getattr(self, name) for name in self._COUNTED},
             "methods": {
                 name: {
                     "statuses": dict(tally.statuses),
                     "answered": tally.answered,
                     "fits_badly": tally.fits_badly,
+                    "tested": tally.tested,
+                    "badly_fitted": tally.badly_fitted,
+                    "used_share": tally.used_share,
                     "verdicts": dict(tally.verdicts),
                 }
                 for name, tally in self.methods.items()
             },
             "notes": self.notes,
         }
+
+
+def fit_p_values(estimates: Estimates) -> FloatArray:
+    """Return the p-value (E,) of each fit by its chi-square; NaN without spare scalars or without a covariance.
+
+    A fix on the boundary has none: it is not the optimum that the degrees of freedom are those of. An infeasible one
+    is the free optimum, whose residuals do not depend on where it is.
+    """
+    if estimates.chi_square is None or estimates.degrees_of_freedom is None:
+        return np.full(estimates.status.shape, np.nan)
+    p_value = chi_square_p_value(estimates.chi_square, estimates.degrees_of_freedom)
+    return np.where(has_covariance(estimates.status), p_value, np.nan)
+
+
+def chi_square_p_value(chi_square: FloatArray, degrees: IntArray) -> FloatArray:
+    """Return the probability (E,) that a chi-square with ``degrees`` is at least so large; NaN for less than one.
+
+    In closed form up to 40 degrees of freedom: exp(-z) times a sum of powers of z, half the chi-square, and
+    erfc(sqrt(z)) for odd degrees (Abramowitz, Stegun, 26.4.4 and 26.4.5): ten times as fast as the incomplete gamma
+    function.
+    """
+    p_value = np.full(chi_square.shape, np.nan)
+    for count in np.flatnonzero(np.bincount(np.clip(degrees, 0, _CLOSED_FORM_DEGREES + 1))):
+        mine = degrees == count if count <= _CLOSED_FORM_DEGREES else degrees > _CLOSED_FORM_DEGREES
+        half = 0.5 * chi_square[mine]
+        if count > _CLOSED_FORM_DEGREES:
+            p_value[mine] = gammaincc(0.5 * degrees[mine], half)
+        elif count > 0:
+            p_value[mine] = _closed_form(int(count), np.minimum(half, _CERTAIN))
+    return p_value
+
+
+def _closed_form(degrees: int, half: FloatArray) -> FloatArray:
+    root = np.sqrt(half)
+    tail = erfc(root) if degrees % 2 else 0.0
+    power = 2.0 * root / np.sqrt(np.pi) if degrees % 2 else np.ones(half.shape)
+    total = np.zeros(half.shape)
+    for term in range(degrees // 2):
+        total += power
+        power = power * (half / (term + (1.5 if degrees % 2 else 1.0)))
+    return np.asarray(np.minimum(tail + np.exp(-half) * total, 1.0))
 
 
 def heights_remark(names: Sequence[str], target_z_m: float | None) -> list[str]:
@@ -228,11 +278,15 @@ def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     return [f"no snapshot got a fix; check units and sense of the angles (there are also {', '.join(names)})"]
 
 
+def _fits(report: RunReport) -> str:
+    return "fits" if report.kind == "triplets" else "snapshots"
+
+
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     bad = [(name, tally) for name, tally in report.methods.items() if tally.fits_badly]
     advice = "; try `method` mixture-ml" if bad and _offers_mixture(runs, report.kind) else ""
     return [
-        f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} snapshots the residuals are larger than "
+        f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} {_fits(report)} the residuals are larger than "
         f"their standard deviations explain{advice}"
         for name, tally in bad
     ]

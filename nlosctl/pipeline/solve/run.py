@@ -221,7 +221,7 @@ class MeasurementRun:
         for number, run in enumerate(self._runs):
             tally = report.methods[run.label]
             if solution.estimates is not None:
-                tally.add_estimates(solution.estimates, number, fit=run.spec.cost_tells_fit)
+                tally.add_estimates(solution.estimates, number)
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
         if frame is not None and solution.estimates is not None:

@@ -23,6 +23,7 @@ from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
 from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.report import fit_p_values
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory", "with_sensor_heights"]
 
@@ -132,6 +133,7 @@ class ChunkSolver:
             n_measurements=np.diff(chunk.offsets)[snapshot[estimates.row]],
             n_used=estimates.n_used,
             cost=estimates.cost,
+            fit_p_value=fit_p_values(estimates),
             status=estimates.status,
             covariance_kind=kinds,
             on_edge=self._on_edge(chunk, row[estimates.row], estimates.position_m)

@@ -111,11 +111,12 @@ def judge_fixes(
 
 @dataclass(frozen=True)
 class Verdict:
-    """Status, covariance and cost (half the chi-square) of fixes (B,)."""
+    """Status, covariance and cost (half the chi-square) of fixes (B,), and the chi-square of the optimum near them."""
 
     status: StatusArray
     covariance: SymmetricMatrix
     cost: FloatArray
+    least_chi_square: FloatArray
 
 
 def finish_bearings_fix(
@@ -130,17 +131,29 @@ def finish_bearings_fix(
     min_range_m: float,
     converged: BoolArray | None = None,
     constrained_status: StatusArray | None = None,
+    at_optimum: bool = False,
 ) -> Solution:
     """Return the solution of fixes x, y (B,) about the local origin that use every row.
 
     ``covariance`` (B,) is the inverse Fisher information by default; with another one, ``inflated`` computes it for
     fixes near a sensor. ``normal`` (B,) is the unweighted normal matrix of the lines, which shows whether they cross
     at all. Iterative methods pass ``converged`` (B,); constrained methods pass ``constrained_status`` (B,), which
-    replaces ok and infeasible. The cost is half the chi-square.
+    replaces ok and infeasible. The cost is half the chi-square. Methods whose fixes do not minimize it, other than to
+    second order in the errors, leave ``at_optimum`` false: the test of the fit is then that after a Gauss-Newton step.
     """
-    verdict = judge_optima(lines, x, y, covariance, normal, min_range_m, converged, constrained_status, inflated)
+    verdict = judge_optima(
+        lines, x, y, covariance, normal, min_range_m, converged, constrained_status, inflated, at_optimum=at_optimum
+    )
     position = (x + lines.center_x, y + lines.center_y)
-    estimates = Estimates.of(verdict.status, position, verdict.covariance, verdict.cost, batch.measurements)
+    estimates = Estimates.of(
+        verdict.status,
+        position,
+        verdict.covariance,
+        verdict.cost,
+        batch.measurements,
+        chi_square=verdict.least_chi_square,
+        degrees_of_freedom=batch.measurements - len(position),
+    )
     flags = bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
 
@@ -155,8 +168,10 @@ def judge_optima(
     converged: BoolArray | None = None,
     constrained_status: StatusArray | None = None,
     inflated: InflatedCovariance | None = None,
+    *,
+    at_optimum: bool = True,
 ) -> Verdict:
-    """Return status, covariance and cost of fixes; arguments as in `finish_bearings_fix`."""
+    """Return status, covariance, cost and chi-square of fixes; arguments as in `finish_bearings_fix`."""
     paths = lines.paths_from(x, y)
     rays = lines.ray_residuals(x, y, paths)
     searched = covariance is None or inflated is None
@@ -177,7 +192,19 @@ def judge_optima(
         mark_crossings_behind(status, lines, rays.chi_square)
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
-    return Verdict(status, covariance, 0.5 * rays.chi_square)
+    gain = 0.0 if at_optimum else _gauss_newton_gain(lines, x, y, paths)
+    return Verdict(status, covariance, 0.5 * rays.chi_square, rays.chi_square - gain)
+
+
+def _gauss_newton_gain(lines: SightLines, x: FloatArray, y: FloatArray, paths: ReflectedPath | None) -> FloatArray:
+    """Return by how much a Gauss-Newton step from points (B,) lowers the chi-square of the linearized residuals."""
+    slopes = lines.slopes(x, y, paths)
+    with ignoring_overflow():
+        scaled = lines.residual_rad(x, y, paths) / lines.std_rad
+        gradient = tuple(sum_measurements(slope * scaled) for slope in slopes)
+        step = SymmetricMatrix.gram(*slopes).solve(*gradient)
+        gain = sum(part * slope for part, slope in zip(step, gradient, strict=True))
+    return np.asarray(gain)
 
 
 def mark_crossings_behind(

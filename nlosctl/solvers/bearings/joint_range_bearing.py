@@ -91,7 +91,16 @@ def fit_ranged_bearings(
     mark_crossings_behind(status, lines, rays.chi_square)
     position = (x + lines.center_x, y + lines.center_y)
     cost = np.where(best, second.cost, first.cost)
-    estimates = Estimates.of(status, position, covariance, cost, batch.measurements)
+    scalars = batch.measurements + np.count_nonzero(np.isfinite(ranges[0]), axis=1)
+    estimates = Estimates.of(
+        status,
+        position,
+        covariance,
+        cost,
+        batch.measurements,
+        chi_square=2.0 * cost,
+        degrees_of_freedom=scalars - len(position),
+    )
     if not batch.want_flags:
         return Solution(estimates=estimates)
     return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y))

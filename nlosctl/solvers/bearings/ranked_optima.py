@@ -41,7 +41,15 @@ def finish_alternatives(
     x, y, lines = optima.x[rows], optima.y[rows], optima.lines.take(rows)
     position = (x + lines.center_x, y + lines.center_y)
     estimates = Estimates.of(
-        status, position, covariance.take(rows), cost, batch.measurements, row=snapshot, alternative=alternative
+        status,
+        position,
+        covariance.take(rows),
+        cost,
+        batch.measurements,
+        row=snapshot,
+        alternative=alternative,
+        chi_square=2.0 * cost,
+        degrees_of_freedom=batch.measurements - len(position),
     )
     flags = None
     if batch.want_flags:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.lines import side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -67,6 +67,11 @@ class DirectBearings(RowBlock):
             precision,
             lognormal,
         )
+
+    def scalars(self) -> IntArray:
+        """Return the number of scalars (B, K) of each row: two where it has a range."""
+        ranged = 0 if self.precision is None else self.precision > 0.0
+        return np.ones(self.weight.shape, dtype=np.int64) + ranged
 
     def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P); infinite where it can't be direct.

@@ -11,7 +11,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.options import option
-from nlosctl.contract.results import FORM, Estimates, Flags, Solution
+from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -175,6 +175,7 @@ def _nothing(snapshot: int, status: Status) -> Estimates:
 def _join(parts: list[Estimates]) -> Estimates:
     """Return all estimates in order of snapshot, target and alternative."""
     parts = [_nothing(0, Status.NO_TARGET), *parts]  # the first row is dropped: there may be no other part
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])[1:] for name in FORM}
+    names = (*FORM, *MISFIT_FORM)
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])[1:] for name in names}
     order = np.lexsort((joined["alternative"], joined["target"], joined["row"]))
     return Estimates(**{name: values[order] for name, values in joined.items()})

@@ -34,6 +34,10 @@ class MixtureRows(Protocol):
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""
         ...
 
+    def scalars(self) -> IntArray:
+        """Return the number of scalars (B, K) that each row measures."""
+        ...
+
     def take(self, rows: IntArray) -> MixtureRows:
         """Return the rows of some snapshots; a snapshot may be named several times."""
         ...

@@ -33,6 +33,10 @@ class DirectRanges(RowBlock):
 
     circles: RangeCircles
 
+    def scalars(self) -> IntArray:
+        """Return the number of scalars (B, K) of each row: one."""
+        return np.ones(self.circles.range_m.shape, dtype=np.int64)
+
     def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P)."""
         half_chi_square, across = x - self.circles.sensor_x[:, k, None], y - self.circles.sensor_y[:, k, None]

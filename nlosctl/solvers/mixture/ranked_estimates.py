@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +13,15 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignorin
 from nlosctl.contract.results import Estimates, Flags, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.likelihood import Mixture, MixtureRows
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
+from nlosctl.solvers.optimization.problem import least_chi_square
 
-__all__ = ["RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
+__all__ = ["Misfit", "RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
+
+_UNKNOWNS = 2
 
 _CHANCE = 2
 """This many rows always agree on some point."""
@@ -35,21 +39,41 @@ class RankedFixes:
     cost: FloatArray
     covariance: SymmetricMatrix
     n_used: IntArray
+    misfit: Misfit
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The chi-square (B, T) of the rows that each fix uses, and its degrees of freedom."""
+
+    chi_square: FloatArray
+    degrees_of_freedom: IntArray
+
+    @classmethod
+    def unknown(cls, shape: tuple[int, int]) -> Misfit:
+        """Return as many that are not yet known."""
+        return cls(np.full(shape, np.nan), np.zeros(shape, dtype=np.int64))
+
+    def put(self, index: Any, rows: MixtureRows, x: FloatArray, y: FloatArray, used: BoolArray) -> None:
+        """Fill in the fixes x, y (N,) with an ``index``, which use the rows marked by ``used`` (N, K)."""
+        chi_square, scalars = least_chi_square(rows, x, y, used)
+        self.chi_square[index], self.degrees_of_freedom[index] = chi_square, scalars - _UNKNOWNS
 
 
 def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:
     """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
     snapshot, index = np.nonzero(np.isfinite(modes.cost))
-    probability, information = mixture.take(snapshot).responsibilities(
-        modes.x[snapshot, index], modes.y[snapshot, index]
-    )
+    taken, x, y = mixture.take(snapshot), modes.x[snapshot, index], modes.y[snapshot, index]
+    probability, information = taken.responsibilities(x, y)
+    misfit = Misfit.unknown(modes.cost.shape)
+    misfit.put((snapshot, index), taken.rows, x, y, probability > 0.5)
     covariance = SymmetricMatrix.full(modes.cost.shape, np.nan)
     covariance.put((snapshot, index), information.inverse())
     n_used = np.zeros(modes.cost.shape, dtype=np.int64)
     n_used[snapshot, index] = np.count_nonzero(probability > 0.5, axis=1)
     best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
     best[snapshot[index == 0]] = probability[index == 0]
-    return RankedFixes(modes.x, modes.y, modes.cost, covariance, n_used), best
+    return RankedFixes(modes.x, modes.y, modes.cost, covariance, n_used, misfit), best
 
 
 def ranked_status(
@@ -110,6 +134,8 @@ def ranked_estimates(
         row=row.astype(np.int64),
         alternative=before[at].astype(np.int64),
         covariance_kind=covariance_kind,
+        chi_square=fixes.misfit.chi_square[at],
+        degrees_of_freedom=fixes.misfit.degrees_of_freedom[at],
     )
 
 

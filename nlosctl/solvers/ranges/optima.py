@@ -66,17 +66,23 @@ def finish_range_fix(
     *,
     min_range_m: float,
     ambiguous_within: float,
+    at_optimum: bool = True,
 ) -> Solution:
     """Return the solution of snapshots that have two optima each, which may coincide.
 
     The better is the answer; the other is its alternative where it is another point with an answer's status. It
     makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors at a
-    single point are too few. The cost is half the chi-square of the range residuals.
+    single point are too few. The cost is half the chi-square of the range residuals. If the optima do not minimize it,
+    ``at_optimum`` is false: the test of the fit is then that after a Gauss-Newton step.
     """
     best, rest = _order(one, other)
     status, other_status = (_judge(circles, optimum, min_range_m) for optimum in (best, rest))
     residual, other_residual = (circles.residual_m(optimum.x, optimum.y) for optimum in (best, rest))
     cost, other_cost = (_half_chi_square(circles, values) for values in (residual, other_residual))
+    chi_squares = (2.0 * cost, 2.0 * other_cost)
+    if not at_optimum:
+        gains = (_gauss_newton_gain(circles, best), _gauss_newton_gain(circles, rest))
+        chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
     too_few = _single_place(circles)
     status[too_few] = other_status[too_few] = Status.TOO_FEW
     second = (status == Status.OK) & (other_status == Status.OK) & _apart(best, rest)
@@ -84,7 +90,7 @@ def finish_range_fix(
         ambiguous = second & (other_cost - cost <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
     estimates = _estimates(
-        circles, np.flatnonzero(second), (best, rest), (cost, other_cost), (status, other_status), batch.measurements
+        circles, np.flatnonzero(second), (best, rest), (cost, other_cost), (status, other_status), chi_squares
     )
     flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
@@ -134,6 +140,13 @@ def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArra
     return 0.5 * sum_measurements(scaled * scaled)
 
 
+def _gauss_newton_gain(circles: RangeCircles, optimum: RangeOptimum) -> FloatArray:
+    """Return by how much a Gauss-Newton step lowers the chi-square (B,) of the linearized residuals."""
+    gradient = RangeProblem.of_circles(circles).evaluate(optimum.x, optimum.y).gradient
+    with ignoring_invalid():
+        return circles.information(optimum.x, optimum.y).inverse().quadratic_form(*gradient)
+
+
 def _apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
     with ignoring_invalid():
         apart: BoolArray = np.hypot(best.x - rest.x, best.y - rest.y) > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(
@@ -148,7 +161,7 @@ def _estimates(
     optima: tuple[RangeOptimum, RangeOptimum],
     costs: tuple[FloatArray, FloatArray],
     statuses: tuple[StatusArray, StatusArray],
-    measurements: int,
+    chi_squares: tuple[FloatArray, FloatArray],
 ) -> Estimates:
     """Return a row per snapshot, and one more for each of the ``second`` snapshots."""
     snapshots = np.arange(circles.center_x.shape[0], dtype=np.int64)
@@ -165,4 +178,15 @@ def _estimates(
     position = (join(best.x, rest.x) + circles.center_x[row], join(best.y, rest.y) + circles.center_y[row])
     pairs = zip(best.covariance, rest.covariance, strict=True)
     covariance = SymmetricMatrix(*(join(first, other) for first, other in pairs))
-    return Estimates.of(status, position, covariance, join(*costs), measurements, row=row, alternative=alternative)
+    measurements = circles.range_m.shape[1]
+    return Estimates.of(
+        status,
+        position,
+        covariance,
+        join(*costs),
+        measurements,
+        row=row,
+        alternative=alternative,
+        chi_square=join(*chi_squares),
+        degrees_of_freedom=measurements - len(position),
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
-from nlosctl.solvers.mixture.ranked_estimates import RankedFixes
+from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.sequential.hypotheses import Hypotheses, grow_hypotheses
 from nlosctl.solvers.sequential.starting_pairs import shuffled_pairs
 
@@ -42,6 +42,7 @@ class SuppressedFixes:
             np.full(shape, np.inf),
             SymmetricMatrix.full(shape, np.nan),
             np.zeros(shape, np.int64),
+            Misfit.unknown(shape),
         )
         return cls(fixes, np.zeros((size, count), dtype=bool, order="F"), np.zeros(size, dtype=bool))
 
@@ -51,6 +52,8 @@ class SuppressedFixes:
         target.x[rows], target.y[rows], target.cost[rows] = source.x, source.y, source.cost
         target.covariance.put(rows, source.covariance)
         target.n_used[rows] = source.n_used
+        target.misfit.chi_square[rows] = source.misfit.chi_square
+        target.misfit.degrees_of_freedom[rows] = source.misfit.degrees_of_freedom
         self.used[rows] = part.used
         self.candidates[rows] = part.candidates
 
@@ -128,6 +131,8 @@ def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
         fixes.cost[rows, t] = _exact_cost(model, rows, fixes.x[rows, t], fixes.y[rows, t])
         used = np.stack([part[rows, index] for part in grown.used], axis=1)
         fixes.n_used[rows, t] = np.count_nonzero(used, axis=1)
+        part = model.mixture.rows.take(rows)
+        fixes.misfit.put((rows, t), part, fixes.x[rows, t], fixes.y[rows, t], used)
         if t == 0:
             result.used[rows] = used
         cost[_near(state.x, state.y, fixes, t) | ~np.isfinite(cost)] = np.inf

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_overflow
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import RowBlock, sum_measurements
@@ -14,7 +14,11 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["PathSums", "TripletProblem"]
+__all__ = ["SCALARS", "PathSums", "TripletProblem"]
+
+
+SCALARS = 3
+"""The scalars of a triplet: directions of departure and arrival, and path length."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,13 @@ class TripletProblem(RowBlock):
         inverse_std = (self.inverse_dod_std, self.inverse_doa_std, self.inverse_length_std)
         scaled = [part * scale for part, scale in zip(self.residuals(x, y), inverse_std, strict=True)]
         return 0.5 * sum_measurements(scaled[0] ** 2 + scaled[1] ** 2 + scaled[2] ** 2)
+
+    def chi_square(self, x: FloatArray, y: FloatArray, paths: BoolArray) -> FloatArray:
+        """Return the chi-square (B,) of the residuals of some ``paths`` (B, K) at targets (B,)."""
+        inverse_stds = (self.inverse_dod_std, self.inverse_doa_std, self.inverse_length_std)
+        with ignoring_overflow():
+            scaled = [part * inverse for part, inverse in zip(self.residuals(x, y), inverse_stds, strict=True)]
+            return sum_measurements(np.where(paths, sum(part * part for part in scaled), 0.0))
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and the exact second derivatives, or Gauss-Newton's where those are not positive."""

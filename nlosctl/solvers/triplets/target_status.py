@@ -11,7 +11,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.triplets.elliptic_coordinates import path_covariance
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits
 
 __all__ = ["curved_covariance", "judge_targets", "mark_ambiguous", "path_estimates"]
@@ -79,4 +79,6 @@ def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) ->
         row=np.repeat(np.arange(size), count),
         target=measurement,
         measurement=measurement,
+        chi_square=2.0 * by_snapshot(fits.cost),
+        degrees_of_freedom=SCALARS - covariance.dimension,
     )
