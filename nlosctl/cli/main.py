@@ -36,7 +36,7 @@ __all__ = ["app", "run"]
 
 _EXIT_CODES = """\
 Exit codes: 0 done (a summary counts the statuses); 1 bad data, or a file that is missing, exists already or cannot be
-written; 2 usage error; 3 with --strict, if a snapshot has no estimate; 4 a condition of evaluate --fail-if is met; 130
+written; 2 usage error; 3 with --strict, if a snapshot has no estimate; 4 a condition of --fail-if is met; 130
 interrupted.
 """
 

@@ -22,7 +22,7 @@ from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
 from nlosctl.pipeline.solve.method_runs import method_runs, require_estimates
 from nlosctl.pipeline.solve.run import MeasurementRun
 
-__all__ = ["Execution", "solve"]
+__all__ = ["Execution", "check_conditions", "met_conditions", "solve"]
 
 
 def solve(
@@ -55,6 +55,26 @@ def solve(
             destination.console.detail(line)
         Execution(job, run, start, opened, options, write, destination).complete()
     return run
+
+
+def check_conditions(fail_if: Sequence[str], job: Job, methods: Sequence[str]) -> None:
+    """Raise UsageError for a condition of ``fail_if`` on a metric or method that the run does not have."""
+    if fail_if:
+        from nlosctl.pipeline.evaluate.fail_conditions import parse_condition
+        from nlosctl.pipeline.solve.run_metrics import METRICS
+
+        for text in fail_if:
+            parse_condition(text).check([{"method": method} for method in methods], METRICS[job])
+
+
+def met_conditions(fail_if: Sequence[str], job: Job, run: MeasurementRun) -> list[str]:
+    """Return a line for each method that meets a condition of ``fail_if`` after the run."""
+    if not fail_if:
+        return []
+    from nlosctl.pipeline.evaluate.fail_conditions import parse_condition
+
+    groups = run.metrics(job)
+    return [reason for text in fail_if for reason in parse_condition(text).reasons(groups)]
 
 
 @dataclass(frozen=True)

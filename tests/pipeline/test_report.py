@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlosctl.contract.statuses import Status
-from nlosctl.pipeline.solve.report import MethodTally, RunReport
+from nlosctl.pipeline.solve.method_runs import MethodTally
+from nlosctl.pipeline.solve.report import RunReport
 
 ANSWERED = {"ok", "ambiguous", "infeasible", "boundary", "not_proven"}
 POSITION_ONLY = {"no_consensus", "outside_field"}

@@ -8,7 +8,7 @@ import typer
 
 from nlosctl.cli.options.settings import take_config
 
-__all__ = ["CONFIG_HELP", "ConfigFile", "Debug", "Inputs", "Json", "Quiet", "Strict", "Verbose"]
+__all__ = ["CONFIG_HELP", "ConfigFile", "Debug", "FailIf", "Inputs", "Json", "Quiet", "Strict", "Verbose"]
 
 CONFIG_HELP = "Config file (TOML); flags and NLOSCTL_<COMMAND>_<OPTION> take precedence."
 
@@ -21,6 +21,15 @@ Inputs = Annotated[
     ),
 ]
 Strict = Annotated[bool, typer.Option("--strict", rich_help_panel="Run", help="Exit 3 if a snapshot has no estimate.")]
+FailIf = Annotated[
+    list[str],
+    typer.Option(
+        "--fail-if",
+        metavar="CONDITION",
+        rich_help_panel="Run",
+        help="Exit 4 if a metric meets it: 'fix_rate<0.95', 'ml:fix_rate<0.95'. Repeatable.",
+    ),
+]
 ConfigFile = Annotated[
     str | None,
     typer.Option(

@@ -46,15 +46,23 @@ class Condition:
         for group in self._matching(groups):
             metrics = {**group, **_status_counts(group)}
             known = [key for key, value in metrics.items() if _is_metric(key, value)]
-            if self.name not in known:
-                near, there = did_you_mean(self.name, known), ", ".join(known)
-                raise UsageError(f"`fail_if` {self.text}: no metric {self.name!r}{near}; there are: {there}")
+            self._require(known)
             value = metrics[self.name]
             if math.isnan(value) or _OPERATORS[self.sign](value, self.limit):
                 whose = f" of {group_title(group)}" if group_title(group) else ""
                 shown = "unknown" if math.isnan(value) else f"{value:.6g}"
                 reasons.append(f"{self.name}{whose} is {shown}, which meets {self.text!r}")
         return reasons
+
+    def check(self, groups: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> None:
+        """Raise UsageError if no group is of the method, or the metric is not one of ``metrics``."""
+        self._matching(groups)
+        self._require(metrics)
+
+    def _require(self, known: Sequence[str]) -> None:
+        if self.name not in known:
+            near, there = did_you_mean(self.name, known), ", ".join(known)
+            raise UsageError(f"`fail_if` {self.text}: no metric {self.name!r}{near}; there are: {there}")
 
     def _matching(self, groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
         if self.method is None:

@@ -1,20 +1,34 @@
-"""The methods of a run with their parameters, from text or Python values; a run for each point of a sweep."""
+"""The methods of a run: their parameters, from text or Python values, a run for each point of a sweep; their counts."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
 
 from nlosctl import registry
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.methods import Job, MethodSpec
 from nlosctl.contract.options import parse_options
+from nlosctl.contract.results import is_fix
+from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
 
-__all__ = ["MethodRun", "method_runs", "require_estimates"]
+__all__ = ["STATUS_WORDS", "MethodRun", "MethodTally", "method_runs", "require_estimates"]
+
+STATUS_WORDS = tuple(status.word for status in Status)
+_BAD_FIT_P_VALUE = 1e-3
+_BAD_FIT_SHARE = 0.05
+_VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
+_ANSWERED = {status.word for status in Status if status.is_fix}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +44,89 @@ class MethodRun:
         """The name of the method, with the swept values."""
         values = ", ".join(f"{key}={value}" for key, value in self.sweep.items())
         return f"{self.spec.name} ({values})" if values else self.spec.name
+
+
+@dataclass
+class MethodTally:
+    """Counts of one method: statuses, verdicts of its flags, and residuals larger than their stds explain.
+
+    ``located`` snapshots have a fix; they have ``rows_of_fixes`` rows, of them ``rows_used``. ``tested`` fits have a
+    p-value. ``judged`` rows have a flag with a p-value.
+    """
+
+    statuses: Counter[str] = field(default_factory=Counter)
+    tested: int = 0
+    badly_fitted: int = 0
+    rows_used: int = 0
+    rows_of_fixes: int = 0
+    on_edge: int = 0
+    located: int = 0
+    judged: int = 0
+    verdicts: Counter[str] = field(default_factory=Counter)
+
+    _COUNTED: ClassVar[tuple[str, ...]] = (
+        *("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge", "located", "judged"),
+    )
+
+    def add_verdicts(self, columns: Mapping[str, Any]) -> None:
+        """Count the flag columns (N,) of a detector."""
+        for name, (false_word, true_word) in _VERDICTS.items():
+            if name in columns:
+                flags = np.ma.MaskedArray(columns[name]).compressed().astype(bool)
+                true = int(np.count_nonzero(flags))
+                self.verdicts.update({false_word: flags.size - true, true_word: true})
+        if "p_value" in columns:
+            self.judged += int(np.count_nonzero(~np.isnan(columns["p_value"])))
+
+    def add_estimates(self, estimates: ChunkEstimates, method: int) -> None:
+        """Count the best alternatives of the method with this index."""
+        mine = (estimates.alternative == 0) & (estimates.method == method)
+        self.add(estimates.status[mine], estimates.fit_p_value[mine])
+        fixed = mine & is_fix(estimates.status)
+        self.rows_used += int(estimates.n_used[fixed].sum())
+        first = np.diff(estimates.snapshot[fixed], prepend=-1) > 0
+        self.located += int(np.count_nonzero(first))
+        self.rows_of_fixes += int(estimates.n_measurements[fixed][first].sum())
+        self.on_edge += int(np.count_nonzero(estimates.on_edge[fixed]))
+
+    def add(self, status: npt.NDArray[np.uint8], p_value: FloatArray) -> None:
+        """Count estimates (E,), best alternatives only; ``p_value`` is that of their fit, NaN without one."""
+        numbers = np.bincount(status, minlength=len(STATUS_WORDS))
+        self.statuses.update({STATUS_WORDS[code]: int(count) for code, count in enumerate(numbers) if count})
+        self.tested += int(np.count_nonzero(~np.isnan(p_value)))
+        self.badly_fitted += int(np.count_nonzero(p_value < _BAD_FIT_P_VALUE))
+
+    def counts(self) -> dict[str, Any]:
+        """Return all counts as plain values, for `take`."""
+        counted = {name: getattr(self, name) for name in self._COUNTED}
+        return {**counted, "statuses": dict(self.statuses), "verdicts": dict(self.verdicts)}
+
+    def take(self, counts: Mapping[str, Any]) -> None:
+        """Add the counts of another part of the run."""
+        self.statuses.update(counts["statuses"])
+        self.verdicts.update(counts["verdicts"])
+        for name in self._COUNTED:
+            setattr(self, name, getattr(self, name) + counts[name])
+
+    @property
+    def total(self) -> int:
+        """The number of snapshots and targets."""
+        return sum(self.statuses.values())
+
+    @property
+    def answered(self) -> int:
+        """The number of snapshots and targets with a fix."""
+        return sum(count for word, count in self.statuses.items() if word in _ANSWERED)
+
+    @property
+    def used_share(self) -> float | None:
+        """The share of rows used, of the snapshots with a fix; None without one."""
+        return self.rows_used / self.rows_of_fixes if self.rows_of_fixes else None
+
+    @property
+    def fits_badly(self) -> bool:
+        """Whether more than one in twenty estimates has a chi-square p-value below 0.001."""
+        return self.badly_fitted > _BAD_FIT_SHARE * self.tested
 
 
 def method_runs(

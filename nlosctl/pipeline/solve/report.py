@@ -2,108 +2,27 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import erfc, gammaincc
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field
-from nlosctl.contract.results import Estimates, has_covariance, is_fix
+from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import KINDS
-from nlosctl.io.results.layouts import ChunkEstimates
-from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, MethodRun, MethodTally
 
 __all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "heights_remark", "method_remarks"]
 
-_BAD_FIT_P_VALUE = 1e-3
-_BAD_FIT_SHARE = 0.05
 _NEARLY_ALL = 0.9995
 _CLOSED_FORM_DEGREES = 40
 _CERTAIN = 800.0
 """Half a chi-square at which every p-value of few degrees of freedom is below the smallest number."""
-
-_VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
-_STATUS_WORDS = tuple(status.word for status in Status)
-_ANSWERED = {status.word for status in Status if status.is_fix}
-
-
-@dataclass
-class MethodTally:
-    """Counts of one method: statuses, verdicts of its flags, and residuals larger than their stds explain."""
-
-    statuses: Counter[str] = field(default_factory=Counter)
-    tested: int = 0
-    badly_fitted: int = 0
-    rows_used: int = 0
-    rows_of_fixes: int = 0
-    on_edge: int = 0
-    verdicts: Counter[str] = field(default_factory=Counter)
-
-    _COUNTED: ClassVar[tuple[str, ...]] = ("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge")
-
-    def add_verdicts(self, columns: Mapping[str, Any]) -> None:
-        """Count the flag columns (N,) of a detector."""
-        for name, (false_word, true_word) in _VERDICTS.items():
-            if name in columns:
-                flags = np.ma.MaskedArray(columns[name]).compressed().astype(bool)
-                true = int(np.count_nonzero(flags))
-                self.verdicts.update({false_word: flags.size - true, true_word: true})
-
-    def add_estimates(self, estimates: ChunkEstimates, method: int) -> None:
-        """Count the best alternatives of the method with this index."""
-        mine = (estimates.alternative == 0) & (estimates.method == method)
-        self.add(estimates.status[mine], estimates.fit_p_value[mine])
-        fixed = mine & is_fix(estimates.status)
-        self.rows_used += int(estimates.n_used[fixed].sum())
-        snapshot = estimates.snapshot[fixed]
-        self.rows_of_fixes += int(estimates.n_measurements[fixed][np.diff(snapshot, prepend=-1) > 0].sum())
-        self.on_edge += int(np.count_nonzero(estimates.on_edge[fixed]))
-
-    def add(self, status: npt.NDArray[np.uint8], p_value: FloatArray) -> None:
-        """Count estimates (E,), best alternatives only; ``p_value`` is that of their fit, NaN without one."""
-        numbers = np.bincount(status, minlength=len(_STATUS_WORDS))
-        self.statuses.update({_STATUS_WORDS[code]: int(count) for code, count in enumerate(numbers) if count})
-        self.tested += int(np.count_nonzero(~np.isnan(p_value)))
-        self.badly_fitted += int(np.count_nonzero(p_value < _BAD_FIT_P_VALUE))
-
-    def counts(self) -> dict[str, Any]:
-        """Return all counts as plain values, for `take`."""
-        counted = {name: getattr(self, name) for name in self._COUNTED}
-        return {**counted, "statuses": dict(self.statuses), "verdicts": dict(self.verdicts)}
-
-    def take(self, counts: Mapping[str, Any]) -> None:
-        """Add the counts of another part of the run."""
-        self.statuses.update(counts["statuses"])
-        self.verdicts.update(counts["verdicts"])
-        for name in self._COUNTED:
-            setattr(self, name, getattr(self, name) + counts[name])
-
-    @property
-    def total(self) -> int:
-        """The number of snapshots and targets."""
-        return sum(self.statuses.values())
-
-    @property
-    def answered(self) -> int:
-        """The number of snapshots and targets with a fix."""
-        return sum(count for word, count in self.statuses.items() if word in _ANSWERED)
-
-    @property
-    def used_share(self) -> float | None:
-        """The share of rows used, of the snapshots with a fix; None without one."""
-        return self.rows_used / self.rows_of_fixes if self.rows_of_fixes else None
-
-    @property
-    def fits_badly(self) -> bool:
-        """Whether more than one in twenty estimates has a chi-square p-value below 0.001."""
-        return self.badly_fitted > _BAD_FIT_SHARE * self.tested
 
 
 @dataclass
@@ -163,7 +82,7 @@ class RunReport:
         snapshots = "1 snapshot" if self.snapshots == 1 else f"{self.snapshots} snapshots"
         lines = [f"{names}{more}: {snapshots} of {self.kind}, {rows}"]
         for name, tally in self.methods.items():
-            statuses = sorted(tally.statuses.items(), key=lambda item: _STATUS_WORDS.index(item[0]))
+            statuses = sorted(tally.statuses.items(), key=lambda item: STATUS_WORDS.index(item[0]))
             counts = ", ".join(f"{count} {word}" for word, count in [*tally.verdicts.items(), *statuses])
             share = tally.used_share
             used = f"; {100.0 * share:.3g} % of the rows used" if share is not None and share < _NEARLY_ALL else ""

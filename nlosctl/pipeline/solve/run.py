@@ -22,8 +22,8 @@ from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
-from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.report import MethodTally, RunReport, heights_remark, method_remarks
+from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
+from nlosctl.pipeline.solve.report import RunReport, heights_remark, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 
@@ -104,6 +104,12 @@ class MeasurementRun:
             "ellipse": write.ellipse,
             "add": list(write.add),
         }
+
+    def metrics(self, job: str) -> list[dict[str, Any]]:
+        """Return the metrics of each method after the run, those of `METRICS`, for conditions on them."""
+        from nlosctl.pipeline.solve.run_metrics import run_metrics
+
+        return run_metrics(job, self._runs, self.report)
 
     def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
         """Yield the results of each chunk in input order, by ``jobs`` processes."""
