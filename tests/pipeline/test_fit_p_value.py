@@ -229,6 +229,7 @@ def test_triplets_are_tested() -> None:
     np.testing.assert_allclose(2.0 * column(result.estimates, "cost"), [2509.86, 6266.36], rtol=1e-3)
     assert (column(result.estimates, "fit_p_value") < 1e-300).all()
     assert any("ml fits badly: in 2 of 2 fits" in note for note in result.report.notes)
+    assert any("2 of 2 paths fit (0 as given) if all arrivals are turned" in note for note in result.report.notes)
 
 
 def test_no_p_value_without_spare_scalars_or_covariance() -> None:
@@ -250,3 +251,36 @@ def test_the_summary_states_the_share_of_rows_used() -> None:
     assert share == pytest.approx(0.7, abs=0.06)
     assert f"; {100.0 * share:.3g} % of the rows used" in report.lines()[1]
     assert "rows used" not in nlosctl.localize(ring(5, 4, **BEARINGS)).report.lines()[1]
+
+
+def changed_triplets(change: str) -> pa.Table:
+    """Return triplets with arrivals in the direction of travel, or with the names of the directions exchanged."""
+    table = triplets(30, 3)
+    if change == "turned":
+        index = table.column_names.index("doa_rad")
+        return table.set_column(index, "doa_rad", pa.array(column(table, "doa_rad") + np.pi))
+    swap = {"dod": "doa", "doa": "dod"}
+    return table.rename_columns([swap.get(name[:3], name[:3]) + name[3:] for name in table.column_names])
+
+
+@pytest.mark.parametrize(("change", "text"), [("turned", "turned by 180 degrees"), ("exchanged", "are exchanged")])
+def test_the_likely_cause_of_bad_triplets_is_stated(change: str, text: str) -> None:
+    """Where one change of all paths makes most of them fit, the summary states it, whichever method ran."""
+    given = changed_triplets(change)
+    reports = [
+        nlosctl.localize(given).report,
+        nlosctl.localize(given, joint=True).report,
+        nlosctl.detect_ip(given, method="chi2").report,
+        nlosctl.detect_ip(given, method="joint").report,
+        nlosctl.detect_ip(given, method="tdaj").report,
+    ]
+    for report in reports:
+        (note,) = [note for note in report.notes if "paths fit" in note]
+        assert text in note
+
+
+def test_no_cause_is_made_up() -> None:
+    """Direct paths, and a room full of indirect ones, have no such note."""
+    for given in (triplets(30, 3), nlosctl.simulate("room", trials=20, seed=1)):
+        for method in ("chi2", "joint"):
+            assert not any("paths fit" in note for note in nlosctl.detect_ip(given, method=method).report.notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -29,7 +30,8 @@ _CERTAIN = 800.0
 class RunReport:
     """Counts of a run over measurements. Snapshots of bad rows only are in ``snapshots_lost``, not in ``snapshots``.
 
-    ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`.
+    ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`; ``refits``
+    counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`.
     """
 
     kind: str
@@ -41,6 +43,7 @@ class RunReport:
     snapshots_lost: int = 0
     methods: dict[str, MethodTally] = field(default_factory=dict)
     flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    refits: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
 
     _COUNTED: ClassVar[tuple[str, ...]] = ("rows", "rows_left_out", "bad_rows", "snapshots", "snapshots_lost")
@@ -49,7 +52,8 @@ class RunReport:
         """Return all counts as plain values, for `take`."""
         methods = {name: tally.counts() for name, tally in self.methods.items()}
         counted = {name: getattr(self, name) for name in self._COUNTED}
-        return {**counted, "methods": methods, "inputs": self.inputs, "flat_plane": self.flat_plane}
+        further = {"inputs": self.inputs, "flat_plane": self.flat_plane, "refits": dict(self.refits)}
+        return {**counted, "methods": methods, **further}
 
     def take(self, counts: Mapping[str, Any]) -> None:
         """Add the counts of the next part of the run."""
@@ -59,6 +63,7 @@ class RunReport:
             tally.take(counts["methods"][name])
         for unit, worst in counts["flat_plane"].items():
             self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
+        self.refits.update(counts["refits"])
         for entry in counts["inputs"]:
             if self.inputs and self.inputs[-1]["name"] == entry["name"]:
                 self.inputs[-1] = {**entry, "rows": self.inputs[-1]["rows"] + entry["rows"]}

@@ -127,7 +127,13 @@ class MeasurementRun:
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, self.reader.schema.names, self._options.field),
+            *(self._causes() if self.report.refits else ()),
         ]
+
+    def _causes(self) -> list[str]:
+        from nlosctl.pipeline.solve.likely_causes import cause_remarks
+
+        return cause_remarks(self.report.refits)
 
     def _optional_columns(self) -> frozenset[str]:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
@@ -230,9 +236,16 @@ class MeasurementRun:
                 tally.add_estimates(solution.estimates, number)
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
+        if self.reader.kind == "triplets":
+            report.refits.update(self._refits(chunk, report))
         if frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
+
+    def _refits(self, chunk: Chunk, report: RunReport) -> dict[str, int]:
+        from nlosctl.pipeline.solve.likely_causes import fit_after_changes, most_are_bad
+
+        return fit_after_changes(chunk) if any(map(most_are_bad, report.methods.values())) else {}
 
     def _finish(self) -> None:
         read = self.reader.report
