@@ -14,7 +14,7 @@ from nlosctl.models.bearings import SightLines
 from nlosctl.models.mirror_rows import Focusing, MirrorRows
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["DirectBearings"]
+__all__ = ["DirectBearings", "squared_tube_ratio", "tube_width_m"]
 
 
 _LEAST_WIDTH = 0.05
@@ -99,7 +99,7 @@ class DirectBearings(RowBlock):
         half_chi_square *= series
         half_chi_square *= self.weight[:, k, None]
         if self.lines.focusing is not None:
-            half_chi_square *= _defocusing(self.lines.focusing, k, np.sqrt(squared_range))
+            half_chi_square *= squared_tube_ratio(self.lines.focusing, k, np.sqrt(squared_range))
         if self.precision is not None and self.measured_m is not None:
             scaled = self._scaled_range_residual(
                 np.sqrt(squared_range), self.measured_m[:, k, None], self.precision[:, k, None]
@@ -132,7 +132,7 @@ class DirectBearings(RowBlock):
         inverse = 1.0 / np.maximum(squared_range, self.squared_minimum)
         weight = 2.0 * self.weight[:, k]
         if lines.focusing is not None:
-            weight = weight * _defocusing(lines.focusing, k, np.sqrt(squared_range))
+            weight = weight * squared_tube_ratio(lines.focusing, k, np.sqrt(squared_range))
         across_x, across_y = dx * inverse, dy * inverse
         scaled = weight * residual
         xy = across_x * across_y
@@ -186,7 +186,7 @@ def _beyond(mirrors: MirrorRows, k: int, x: FloatArray, y: FloatArray) -> BoolAr
     return beyond
 
 
-def _defocusing(focusing: Focusing, k: int, range_m: FloatArray) -> FloatArray:
+def squared_tube_ratio(focusing: Focusing, k: int, range_m: FloatArray) -> FloatArray:
     """Return the squared ratio of range to width of the ray tube per radian: what a circle does to a row's weight.
 
     The width has a lower limit, a fraction of the range, as at a focus.
@@ -194,6 +194,10 @@ def _defocusing(focusing: Focusing, k: int, range_m: FloatArray) -> FloatArray:
     first_leg, strength = focusing.first_leg_m[:, k], focusing.strength[:, k]
     if range_m.ndim > 1:
         first_leg, strength = first_leg[:, None], strength[:, None]
-    width = np.abs(range_m - strength * (range_m - first_leg))
-    ratio = range_m / np.maximum(width, _LEAST_WIDTH * range_m)
+    ratio = range_m / tube_width_m(range_m, first_leg, strength)
     return ratio * ratio
+
+
+def tube_width_m(range_m: FloatArray, first_leg_m: FloatArray, strength: FloatArray) -> FloatArray:
+    """Return the width of a ray tube per radian of bearing at a range, not below its limit."""
+    return np.maximum(np.abs(range_m - strength * (range_m - first_leg_m)), _LEAST_WIDTH * range_m)

@@ -1,6 +1,7 @@
 """Sequential estimation: a position and its covariance, started by a pair of rays and updated row by row.
 
-Ananthasubramaniam and Madhow, Section III. Equation numbers are theirs; where the print is in error the corrected
+Ananthasubramaniam and Madhow, Section III. A bearing seen on a circle has the variance of its ray tube's width at
+the state, over the range. Equation numbers are theirs; where the print is in error the corrected
 form is used: sigma squared in (8)-(10), the transposed gain of (7), (13) pointing from the receiver to the source.
 """
 
@@ -13,6 +14,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.bearings.row_terms import tube_width_m
 
 __all__ = [
     "SelectedRays",
@@ -48,7 +50,7 @@ class SourceState:
 class SelectedRays:
     """One row for each of the states (B, M): its ray, and its range with the standard deviation (NaN without).
 
-    The last two are None if no row of the batch has a range.
+    Those two are None if no row of the batch has a range, the focusing of rays seen on a circle if no row is.
     """
 
     origin_x: FloatArray
@@ -58,6 +60,14 @@ class SelectedRays:
     std_rad: FloatArray
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
+    focusing: tuple[FloatArray, FloatArray] | None = None
+
+    def variance(self, range_m: FloatArray) -> FloatArray:
+        """Return the variance of the bearing of points at a range: smaller where a circle focuses the ray tube."""
+        std = self.std_rad
+        if self.focusing is not None:
+            std = std * tube_width_m(range_m, *self.focusing) / range_m
+        return std * std
 
 
 def select_rays(
@@ -76,6 +86,7 @@ def select_rays(
         pick(lines.std_rad),
         None if measured_m is None else pick(measured_m),
         None if range_std_m is None else pick(range_std_m),
+        None if lines.focusing is None else (pick(lines.focusing.first_leg_m), pick(lines.focusing.strength)),
     )
 
 
@@ -90,7 +101,7 @@ def bootstrap_state(first: SelectedRays, second: SelectedRays) -> SourceState:
     with ignoring_overflow():
         range_1 = (dy * second.cosine - dx * second.sine) / sine  # (15)
         range_2 = (dy * first.cosine - dx * first.sine) / sine
-        variance_1, variance_2 = first.std_rad * first.std_rad, second.std_rad * second.std_rad
+        variance_1, variance_2 = first.variance(range_1), second.variance(range_2)
         by_1, by_2 = -range_1 * cosine / sine, range_2 / sine  # (16), first line
         polar = SymmetricMatrix(by_1 * by_1 * variance_1 + by_2 * by_2 * variance_2, by_1 * variance_1, variance_1)
         covariance = _to_cartesian(polar, range_1, first.cosine, first.sine)
@@ -108,7 +119,7 @@ def ranged_state(rows: SelectedRays) -> SourceState | None:
     if rows.measured_m is None or rows.range_std_m is None:
         return None
     range_m, std = rows.measured_m, rows.range_std_m
-    polar = SymmetricMatrix(std * std, np.zeros_like(std), rows.std_rad * rows.std_rad)
+    polar = SymmetricMatrix(std * std, np.zeros_like(std), rows.variance(range_m))
     return SourceState(
         rows.origin_x + range_m * rows.cosine,
         rows.origin_y + range_m * rows.sine,
@@ -124,7 +135,7 @@ def update_bearings(state: SourceState, rows: SelectedRays) -> SourceState:
         innovation = np.arctan2(
             rows.sine * cosine - rows.cosine * sine, rows.cosine * cosine + rows.sine * sine
         )  # wrapped to (-pi, pi]
-        variance = rows.std_rad * rows.std_rad
+        variance = rows.variance(range_m)
         total = polar.yy + variance
         left = variance / total
         updated = SymmetricMatrix(polar.xx - polar.xy * polar.xy / total, polar.xy * left, polar.yy * left)  # (10)
