@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from nlosctl.arrays import IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
+from nlosctl.solvers.mixture.path_groups import PathGroups
 from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags, ranked_status
-from nlosctl.solvers.sequential.starting_pairs import count_bootstraps
+from nlosctl.solvers.sequential.starting_pairs import count_bootstraps, count_path_bootstraps
 from nlosctl.solvers.sequential.suppression import suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
@@ -28,7 +33,7 @@ class SuppressOptions(BearingOutlierOptions):
         minimum=0.0,
         maximum=1.0,
         exclusive=True,
-        meaning="largest probability, by (27), that every initial pair contains an outlier",
+        meaning="largest probability, by (27), that no initial pair consists of two direct paths",
     )
     bootstraps: int | None = option(
         None, minimum=1, meaning="initial pairs; default: as many as failure_probability needs"
@@ -38,24 +43,38 @@ class SuppressOptions(BearingOutlierOptions):
         meaning="a row joins a set if all residuals stay below their thresholds (as published), or if the likelihood"
         " does not get worse (repairs masking)",
     )
+    rivals: int = option(
+        10,
+        minimum=0,
+        meaning="likeliest crossings, apart from each other, to start from besides; 0: none, as published",
+    )
+    exclude_behind_walls: bool = option(
+        False, meaning="leave out points that walls of the scene hide from every sensor"
+    )
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to choose from; a random subset if there are more")
 
 
 def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     """Solve a batch by steps 0 to 5 of Section IV-B of Ananthasubramaniam and Madhow.
 
-    The initial pairs are random and all different. Estimates outside the search region are pruned; if none is left,
-    further random pairs are tried until one is inside. The estimate is the one with the greatest likelihood (23), the
-    cost its negative logarithm in nats, the covariance the sequential one of the rows in the set.
+    The initial pairs are random and all different, as many as (27) needs; with several paths per sensor a pair is
+    right only if both *paths* are direct. Beyond the paper, sets also grow from the ``rivals`` likeliest crossings by
+    (23), so that no better crossing is missed before a fix is ok. Estimates outside the search region are pruned; if
+    none is left, further random pairs are tried until one is inside. The estimate is the one with the greatest
+    likelihood (23), the cost its negative logarithm in nats. The covariance is the inverse of the information, (18),
+    of the rows in the set, at the estimate.
     """
     grouped, groups = grouped_batch(batch)
     model = outlier_model(grouped, groups, options)
     lines = model.lines
-    bootstraps = options.bootstraps or count_bootstraps(batch.measurements, options.alpha, options.failure_probability)
+    candidates = BearingCandidates.of(
+        grouped, model, max_pairs=options.max_pairs, exclude_behind_walls=options.exclude_behind_walls
+    )
     found = suppress_outliers(
-        model,
+        candidates,
         grouped.seed,
-        bootstraps=bootstraps,
+        bootstraps=_bootstraps(batch, groups, options),
+        rivals=options.rivals,
         alpha=options.alpha,
         field_of_view_deg=options.field_of_view_deg,
         by_likelihood=options.acceptance == "likelihood",
@@ -78,6 +97,21 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
     numbers = {"los_probability": model.mixture.responsibilities(x, y)[0], **lines.residuals(grouped, x, y)}
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, found.used, numbers))
+
+
+def _bootstraps(batch: BearingBatch, groups: PathGroups, options: SuppressOptions) -> IntArray:
+    """Return the number of initial pairs (B,): that of the options, or what (27) needs for the snapshot's paths."""
+    if options.bootstraps is not None:
+        return np.full(batch.size, options.bootstraps)
+    needed = np.full(
+        batch.size, count_bootstraps(batch.measurements, options.alpha, options.failure_probability), dtype=np.int64
+    )
+    sensors, pairs = groups.direct_pairs(options.path_prior)
+    several = (groups.size > 1).any(axis=1)
+    for kind in sorted({*zip(sensors[several].tolist(), pairs[several].tolist(), strict=True)}):
+        same = several & (sensors == kind[0]) & (pairs == kind[1])
+        needed[same] = count_path_bootstraps(*kind, options.alpha, options.failure_probability)
+    return needed
 
 
 METHOD = MethodSpec(

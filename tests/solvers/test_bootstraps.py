@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pytest
 
 from nlosctl.solvers.sequential.hypotheses import bearing_threshold_rad, range_threshold_m
-from nlosctl.solvers.sequential.starting_pairs import bootstrap_failure, count_bootstraps, shuffled_pairs
+from nlosctl.solvers.sequential.starting_pairs import (
+    bootstrap_failure,
+    count_bootstraps,
+    count_path_bootstraps,
+    few_direct_sensors,
+    path_bootstrap_failure,
+    shuffled_pairs,
+)
 
 
 @pytest.mark.parametrize(("outliers", "bootstraps"), [(1, 2), (2, 1), (2, 3), (3, 2)])
@@ -38,6 +45,35 @@ def test_erratum_bootstraps_for_a_failure_probability_of_1e_3() -> None:
     assert [count_bootstraps(8, k / 8, 1e-3) for k in (1, 2, 3, 4)] == [5, 8, 12, 18]
     printed = [bootstrap_failure(8, k / 8, m) for k, m in zip((1, 2, 3, 4), (4, 7, 11, 15), strict=True)]
     np.testing.assert_allclose(printed, [1.7e-3, 1.4e-3, 1.5e-3, 4.5e-3], rtol=0.05)
+
+
+@pytest.mark.parametrize("bootstraps", [1, 2, 3])
+def test_failure_probability_of_several_paths_counts_pairs_of_direct_paths(bootstraps: int) -> None:
+    """3 sensors with 2 paths: the share of sets of pairs without two direct paths, over all blockings of sensors."""
+    alpha, paths = 0.3, [(sensor, path) for sensor in range(3) for path in range(2)]
+    pairs = [pair for pair in combinations(paths, 2) if pair[0][0] != pair[1][0]]
+    chosen = list(combinations(pairs, bootstraps))
+    failed = possible = 0.0
+    for seen in product([False, True], repeat=3):  # the direct path of a sensor that is not blocked is path 0
+        weight = math.prod(1.0 - alpha if direct else alpha for direct in seen)
+        if sum(seen) < 2:
+            continue
+        good = {pair for pair in pairs if all(seen[sensor] and path == 0 for sensor, path in pair)}
+        possible += weight
+        failed += weight * sum(good.isdisjoint(choice) for choice in chosen) / len(chosen)
+    assert few_direct_sensors(3, alpha) == pytest.approx(1.0 - possible)
+    assert path_bootstrap_failure(3, len(pairs), alpha, bootstraps) == pytest.approx(failed / possible)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "paths", "alpha", "least"), [(4, 2, 0.1, 24), (6, 3, 0.1, 91), (10, 4, 0.25, 349), (2, 1, 0.25, 1)]
+)
+def test_bootstraps_with_several_paths(sensors: int, paths: int, alpha: float, least: int) -> None:
+    """The count is the least with a failure probability of at most 1e-3: 4 sensors with 2 paths need all pairs."""
+    pairs = math.comb(sensors, 2) * paths**2
+    assert count_path_bootstraps(sensors, pairs, alpha, 1e-3) == least
+    assert path_bootstrap_failure(sensors, pairs, alpha, least) <= 1e-3
+    assert least == 1 or path_bootstrap_failure(sensors, pairs, alpha, least - 1) > 1e-3
 
 
 def test_all_pairs_are_different_and_differ_by_seed() -> None:

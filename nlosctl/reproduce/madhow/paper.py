@@ -11,13 +11,15 @@ from nlosctl.reproduce.panels import curve
 from nlosctl.reproduce.samples import Results, median_of, rms_of
 from nlosctl.reproduce.simulated import Fixes, Simulated, fixes, simulated
 
-__all__ = ["BOOTSTRAPS", "FIELD", "PAPER", "RECEIVERS", "panels_by_blocked", "ring", "solve"]
+__all__ = ["AS_PUBLISHED", "BOOTSTRAPS", "FIELD", "PAPER", "RECEIVERS", "panels_by_blocked", "ring", "solve"]
 
 FIELD = "circle:0,0,1"
 """The paper's field: the unit disc of receivers; lengths are in radii."""
 RECEIVERS = 8
 BOOTSTRAPS = {1: 4, 2: 7, 3: 11, 4: 15}
 """M of Section V-B by number of blocked receivers."""
+AS_PUBLISHED: dict[str, Any] = {"rivals": 0}
+"""Parameters of ``suppress`` without what goes beyond Section IV-B."""
 
 
 def ring(chunk: Chunk, **parameters: Any) -> Simulated:
@@ -26,7 +28,9 @@ def ring(chunk: Chunk, **parameters: Any) -> Simulated:
 
 
 def solve(trials: Simulated, chunk: Chunk, method: str, **parameters: Any) -> Fixes:
-    """Solve each trial within the paper's field."""
+    """Solve each trial within the paper's field; ``suppress`` as published."""
+    if method == "suppress":
+        parameters = AS_PUBLISHED | parameters
     return fixes(trials, chunk, method, field=FIELD, **parameters)
 
 

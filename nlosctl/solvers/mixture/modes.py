@@ -16,7 +16,7 @@ from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["Modes", "find_modes"]
+__all__ = ["Modes", "find_modes", "score_candidates"]
 
 Allowed = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 
@@ -74,15 +74,15 @@ def find_modes(
         section = max(1, _SECTION // points)
         for first in range(0, size, section):
             rows = np.arange(first, min(first + section, size))
-            search.run(_score(mixture, candidates, allowed, rows, points), rows, gap)
+            search.run(score_candidates(mixture, candidates, allowed, rows, points), rows, gap)
         search.repeat_within_region()
     return _rank(search.descents)
 
 
-def _score(
+def score_candidates(
     mixture: Mixture, candidates: Callable[[IntArray], Candidates], allowed: Allowed, rows: IntArray, points: int
 ) -> Scores:
-    """Return the candidates of some snapshots with their cost, infinite for invalid ones."""
+    """Return the candidates of some snapshots with their cost, infinite for invalid ones; as for `find_modes`."""
     scored = []
     block = max(1, _POINTS // points)
     for first in range(0, rows.shape[0], block):

@@ -41,6 +41,7 @@ class OutlierModel(RowBlock):
     """
 
     lines: SightLines
+    direct: DirectBearings
     mixture: Mixture
     leader: IntArray
     share: FloatArray
@@ -50,6 +51,10 @@ class OutlierModel(RowBlock):
     sensor_extent_m: FloatArray
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
+
+    def take_rows(self, rows: IntArray) -> OutlierModel:
+        """Return the model of some snapshots, in rising order, each named once: all of them are this itself."""
+        return self if rows.shape[0] == self.extent_m.shape[0] else self.take(rows)
 
     def uninformative(self) -> BoolArray:
         """Return which snapshots (B,) can't determine a position for any values of their rows.
@@ -112,7 +117,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     mixture = Mixture.of(rows, log_direct, np.full(extent.shape, options.alpha), groups.last, log_nlos)
     leader = sort_rows(groups.leader, groups)
     return OutlierModel(
-        lines, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
+        lines, rows, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
     )
 
 

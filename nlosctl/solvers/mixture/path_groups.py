@@ -35,6 +35,14 @@ class PathGroups:
             return None
         return np.asarray((self.size > 1).any(axis=1))
 
+    def direct_pairs(self, prior: str) -> tuple[IntArray, IntArray]:
+        """Return the number (B,) of groups, and that of pairs of rows that may both be direct: of different groups."""
+        possible = np.where(self.rank == 0, 1, 0 if prior == "first" else 1)
+        leading, size = self.rank == 0, np.where(prior == "first", 1, self.size)
+        rows = np.count_nonzero(possible, axis=1)
+        within = np.sum(np.where(leading, size * size, 0), axis=1)
+        return np.count_nonzero(leading, axis=1), (rows * rows - within) // 2
+
 
 def group_paths(keys: Sequence[npt.NDArray[Any]], path: IntArray) -> PathGroups:
     """Return the groups of rows (B, K) whose ``keys`` are all equal; ``path`` (B, K) numbers the rows of a group.

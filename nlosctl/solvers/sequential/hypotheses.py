@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import erf
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.solvers.bearings.row_terms import squared_tube_ratio
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.sequential.polar_updates import (
@@ -20,6 +21,10 @@ from nlosctl.solvers.sequential.polar_updates import (
 )
 
 __all__ = ["Hypotheses", "bearing_threshold_rad", "grow_hypotheses", "range_threshold_m"]
+
+
+_VALUES = 1 << 16
+"""Number of hypotheses times rows at once: temporaries stay in cache."""
 
 
 @dataclass(frozen=True)
@@ -72,15 +77,28 @@ def grow_hypotheses(
     the set then stay below their thresholds; or, ``by_likelihood``, if (23) does not get worse. Rows of one group
     (paths of one sensor) are never together in a set; a pair from one group is discarded.
     """
-    growth = _Growth.start(model, first, second, lognormal)
-    range_m = None
-    if model.range_std_m is not None:
-        range_m = range_threshold_m(model.range_std_m, alpha, model.extent_m[:, None])
-    limits = Thresholds(bearing_threshold_rad(model.lines.std_rad, alpha, field_of_view_deg), range_m)
-    for _ in range(model.mixture.count - 2):
-        if not growth.step(limits, by_likelihood):
-            break
-    return Hypotheses(growth.state, growth.used)
+    state = _start(model, first, second, lognormal)
+    snapshot, index = np.nonzero(state.alive)
+    used = [np.zeros(first.shape, dtype=bool, order="F") for _ in range(model.mixture.count)]
+    block = max(1, _VALUES // model.mixture.count)
+    for start in range(0, snapshot.shape[0], block):
+        at = snapshot[start : start + block], index[start : start + block]
+        growth = _Growth.start(model.take(at[0]), first[at][:, None], second[at][:, None], lognormal)
+        growth.run(alpha, field_of_view_deg, by_likelihood)
+        growth.put(at, state, used)
+    return Hypotheses(state, used)
+
+
+def _start(model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> SourceState:
+    """Return the crossings of pairs of rows (B, M) that may both be direct, combined with their ranges."""
+    rows = [select_rays(model.lines, index, model.measured_m, model.range_std_m) for index in (first, second)]
+    state = bootstrap_state(rows[0], rows[1])
+    for row in rows:
+        state = update_ranges(state, row, lognormal=lognormal)
+    leaders = [np.take_along_axis(model.leader, index, axis=1) for index in (first, second)]
+    share = [np.take_along_axis(model.share, index, axis=1) for index in (first, second)]
+    alive = state.alive & (leaders[0] != leaders[1]) & (share[0] > 0.0) & (share[1] > 0.0)
+    return SourceState(state.x, state.y, state.covariance, alive)
 
 
 @dataclass
@@ -98,14 +116,8 @@ class _Growth:
 
     @classmethod
     def start(cls, model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> _Growth:
-        rows = [select_rays(model.lines, index, model.measured_m, model.range_std_m) for index in (first, second)]
-        state = bootstrap_state(rows[0], rows[1])
-        for row in rows:
-            state = update_ranges(state, row, lognormal=lognormal)
         leaders = [np.take_along_axis(model.leader, index, axis=1) for index in (first, second)]
-        share = [np.take_along_axis(model.share, index, axis=1) for index in (first, second)]
-        alive = state.alive & (leaders[0] != leaders[1]) & (share[0] > 0.0) & (share[1] > 0.0)
-        state = SourceState(state.x, state.y, state.covariance, alive)
+        state = _start(model, first, second, lognormal)
         count = model.mixture.count
         used = [(first == k) | (second == k) for k in range(count)]
         left = []
@@ -116,8 +128,29 @@ class _Growth:
         growth.bearing, growth.range = growth.residuals(state)
         return growth
 
+    def run(self, alpha: float, field_of_view_deg: float, by_likelihood: bool) -> None:
+        """Take steps until no set has a row left."""
+        model, range_m = self.model, None
+        if model.range_std_m is not None:
+            range_m = range_threshold_m(model.range_std_m, alpha, model.extent_m[:, None])
+        limits = Thresholds(bearing_threshold_rad(model.lines.std_rad, alpha, field_of_view_deg), range_m)
+        for _ in range(model.mixture.count - 2):
+            if not self.step(limits, by_likelihood):
+                break
+
+    def put(self, at: tuple[IntArray, IntArray], state: SourceState, used: list[BoolArray]) -> None:
+        """Write these sets (N, 1) into those of a block (B, M)."""
+        state.x[at], state.y[at] = self.state.x[:, 0], self.state.y[:, 0]
+        state.covariance.put(at, self.state.covariance.at(slice(None), 0))
+        state.alive[at] = self.state.alive[:, 0]
+        for mine, all_used in zip(self.used, used, strict=True):
+            all_used[at] = mine[:, 0]
+
     def residuals(self, state: SourceState) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Return the sizes of all rows' residuals: bearing (radians) and, where rows have ranges, range (metres)."""
+        """Return the sizes of all rows' residuals: bearing (radians) and, where rows have ranges, range (metres).
+
+        Bearings seen on a circle are scaled as if their ray tubes were not focused.
+        """
         lines, measured = self.model.lines, self.model.measured_m
         bearing, ranges = [], []
         with ignoring_overflow():
@@ -125,6 +158,8 @@ class _Growth:
                 cosine, sine = lines.cosine[:, k, None], lines.sine[:, k, None]
                 dx, dy = state.x - lines.origin_x[:, k, None], state.y - lines.origin_y[:, k, None]
                 bearing.append(np.abs(np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)))
+                if lines.focusing is not None:
+                    bearing[k] *= np.sqrt(squared_tube_ratio(lines.focusing, k, np.sqrt(dx * dx + dy * dy)))
                 if measured is not None:
                     ranges.append(np.abs(measured[:, k, None] - np.sqrt(dx * dx + dy * dy)))
         return bearing, ranges

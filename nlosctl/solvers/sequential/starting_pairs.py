@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 
 import numpy as np
 
@@ -11,7 +12,15 @@ from nlosctl.contract.random_streams import random_order
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.ray_crossings import choose_pairs, cross_rays
 
-__all__ = ["bootstrap_failure", "conditioned_pairs", "count_bootstraps", "shuffled_pairs"]
+__all__ = [
+    "bootstrap_failure",
+    "conditioned_pairs",
+    "count_bootstraps",
+    "count_path_bootstraps",
+    "few_direct_sensors",
+    "path_bootstrap_failure",
+    "shuffled_pairs",
+]
 
 
 _WELL_CONDITIONED = 0.5
@@ -38,6 +47,33 @@ def count_bootstraps(paths: int, alpha: float, failure_probability: float) -> in
         if bootstrap_failure(paths, alpha, bootstraps) <= failure_probability:
             return bootstraps
     return max(pairs, 1)
+
+
+def few_direct_sensors(sensors: int, alpha: float) -> float:
+    """Return the probability that fewer than two of the sensors have a direct path: no pair can then be right."""
+    return alpha**sensors + sensors * (1.0 - alpha) * alpha ** (sensors - 1)
+
+
+def path_bootstrap_failure(sensors: int, pairs: int, alpha: float, bootstraps: int) -> float:
+    """Return the probability that none of ``bootstraps`` different pairs has two direct paths, if any of them has.
+
+    Equation (27) for several paths per sensor: ``pairs`` of paths of different sensors, the direct ones C(d, 2) if d
+    sensors have a direct path. The number d is binomial with probability 1 - alpha, given that it is at least two.
+    """
+    total = 0.0
+    for direct in range(2, sensors + 1):
+        weight = math.comb(sensors, direct) * (1.0 - alpha) ** direct * alpha ** (sensors - direct)
+        good = math.comb(direct, 2)
+        if bootstraps <= pairs - good:
+            total += weight * math.prod((pairs - bootstraps - index) / (pairs - index) for index in range(good))
+    return total / (1.0 - few_direct_sensors(sensors, alpha))
+
+
+def count_path_bootstraps(sensors: int, pairs: int, alpha: float, failure_probability: float) -> int:
+    """Return the least number of bootstraps for which `path_bootstrap_failure` is small enough; at most all pairs."""
+    counts = range(1, pairs + 1)
+    index = bisect_left(counts, -failure_probability, key=lambda m: -path_bootstrap_failure(sensors, pairs, alpha, m))
+    return counts[index] if counts else 1
 
 
 def shuffled_pairs(seed: SeedArray, count: int, most: int) -> tuple[IntArray, IntArray]:

@@ -1,16 +1,21 @@
-"""Outlier suppression: rounds of random pairs until an estimate is in the search region; the estimates are ranked."""
+"""Outlier suppression: sets grown from random pairs and from the likeliest crossings; the estimates are ranked."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
+from nlosctl.solvers.mixture.initial_estimates import Scores
+from nlosctl.solvers.mixture.modes import score_candidates
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.sequential.hypotheses import Hypotheses, grow_hypotheses
+from nlosctl.solvers.sequential.inlier_covariance import inlier_covariance
 from nlosctl.solvers.sequential.starting_pairs import shuffled_pairs
 
 __all__ = ["SuppressedFixes", "suppress_outliers"]
@@ -18,6 +23,9 @@ __all__ = ["SuppressedFixes", "suppress_outliers"]
 
 _STATES = 8192
 """Number of hypotheses per block: temporaries stay in cache."""
+
+_POINTS = 1 << 18
+"""Number of crossings scored at once."""
 
 _KEPT = 10
 _APART = 3.0
@@ -59,41 +67,59 @@ class SuppressedFixes:
 
 
 def suppress_outliers(
-    model: OutlierModel,
-    seed: SeedArray,
-    *,
-    bootstraps: int,
-    alpha: float,
-    field_of_view_deg: float,
-    by_likelihood: bool,
-    lognormal: bool,
-    max_pairs: int,
+    candidates: BearingCandidates, seed: SeedArray, *, bootstraps: IntArray, rivals: int, max_pairs: int, **growth: Any
 ) -> SuppressedFixes:
-    """Return the ranked estimates of a block; the number of pairs doubles until one is in the search region."""
-    count = model.mixture.count
+    """Return the ranked estimates of a block, grown from ``bootstraps`` (B,) random pairs and the likeliest crossings.
+
+    ``rivals`` is the number of crossings, the likeliest by (23) of those apart from each other, that sets are grown
+    from besides the random pairs. The number of pairs doubles until an estimate is in the search region. ``growth``
+    are the keywords of `grow_hypotheses`.
+    """
+    count = candidates.model.mixture.count
     result = SuppressedFixes.empty(seed.shape[0], count)
     pairs = min(count * (count - 1) // 2, max_pairs)
-    unsolved = np.arange(seed.shape[0])
-    window = slice(0, bootstraps)
-    while unsolved.size and window.start < pairs:
-        block = max(1, _STATES // (window.stop - window.start))
-        for start in range(0, unsolved.shape[0], block):
-            rows = unsolved[start : start + block]
-            part = model if rows.shape[0] == seed.shape[0] else model.take(rows)
-            first, second = _possible_first(part, *shuffled_pairs(seed[rows], count, max_pairs))
-            grown = grow_hypotheses(
-                part,
-                np.asfortranarray(first[:, window]),
-                np.asfortranarray(second[:, window]),
-                alpha=alpha,
-                field_of_view_deg=field_of_view_deg,
-                by_likelihood=by_likelihood,
-                lognormal=lognormal,
-            )
-            result.put(rows, _rank(part, grown))
-        unsolved = unsolved[~result.candidates[unsolved]]
-        window = slice(window.stop, 2 * window.stop)
+    for wanted in np.unique(bootstraps).tolist():
+        unsolved = np.flatnonzero(bootstraps == wanted)
+        window = slice(0, wanted)
+        while unsolved.size and window.start < pairs:
+            extra = rivals if window.start == 0 else 0
+            block = max(1, min(_STATES // (window.stop - window.start + extra), _POINTS // pairs))
+            for start in range(0, unsolved.shape[0], block):
+                rows = unsolved[start : start + block]
+                model = candidates.model.take_rows(rows)
+                first, second = _possible_first(model, *shuffled_pairs(seed[rows], count, max_pairs))
+                first, second = first[:, window], second[:, window]
+                if extra:
+                    more = _likeliest_pairs(candidates, rows, extra)
+                    first, second = (np.concatenate([a.T, b.T]).T for a, b in zip((first, second), more, strict=True))
+                grown = grow_hypotheses(model, first, second, **growth)
+                result.put(rows, _rank(candidates, model, rows, grown))
+            unsolved = unsolved[~result.candidates[unsolved]]
+            window = slice(window.stop, 2 * window.stop)
     return result
+
+
+def _likeliest_pairs(candidates: BearingCandidates, rows: IntArray, most: int) -> tuple[IntArray, IntArray]:
+    """Return the pairs (b, ``most``) of the likeliest crossings that are apart; (0, 0) if there are fewer."""
+    mixture = candidates.model.mixture
+    scored = score_candidates(mixture, candidates.points, candidates.allowed, rows, candidates.count)
+    pairs = candidates.first.shape[-1]  # the ends of rays at their ranges, which follow, are not pairs
+    scores = Scores(*(part[:, :pairs] for part in (scored.x, scored.y, scored.cost)))
+    part = mixture.take_rows(rows)
+    chosen = [np.zeros((rows.shape[0], most), dtype=np.int64, order="F") for _ in range(2)]
+    for number in range(most):
+        index, lowest = scores.lowest()
+        some = np.flatnonzero(np.isfinite(lowest))
+        if not some.size:
+            break
+        for pair, ends in zip(chosen, (candidates.first, candidates.second), strict=True):
+            pair[some, number] = ends[index[some]] if ends.ndim == 1 else ends[rows[some], index[some]]
+        x, y = scores.at(index)
+        with ignoring_overflow():
+            near = scores.squared_distance(x, y, part.responsibilities(x, y)[1]) < _APART * _APART
+        np.copyto(scores.cost, np.inf, where=near)
+        scores.leave_out(index)
+    return chosen[0], chosen[1]
 
 
 def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
@@ -109,10 +135,10 @@ def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> t
     return np.take_along_axis(first, order, axis=1), np.take_along_axis(second, order, axis=1)
 
 
-def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
+def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, grown: Hypotheses) -> SuppressedFixes:
     """Rank the estimates inside the search region by their likelihood (23); drop those near a better one."""
     state = grown.state
-    inside = state.alive & model.region.contains(state.x, state.y)
+    inside = state.alive & candidates.allowed(rows, state.x, state.y)
     with ignoring_overflow():
         cost = np.where(inside, model.mixture.score(state.x, state.y), np.inf)
     size = cost.shape[0]
@@ -125,18 +151,18 @@ def _rank(model: OutlierModel, grown: Hypotheses) -> SuppressedFixes:
         valid = np.isfinite(cost[snapshot, index])
         if not valid.any():
             break
-        rows, index = snapshot[valid], index[valid]
-        fixes.x[rows, t], fixes.y[rows, t] = state.x[rows, index], state.y[rows, index]
-        fixes.covariance.put((rows, t), state.covariance.at(rows, index))
-        fixes.cost[rows, t] = _exact_cost(model, rows, fixes.x[rows, t], fixes.y[rows, t])
-        used = np.stack([part[rows, index] for part in grown.used], axis=1)
-        fixes.n_used[rows, t] = np.count_nonzero(used, axis=1)
-        part = model.mixture.rows.take(rows)
-        fixes.misfit.put((rows, t), part, fixes.x[rows, t], fixes.y[rows, t], used)
+        at, index = snapshot[valid], index[valid]
+        fixes.x[at, t], fixes.y[at, t] = state.x[at, index], state.y[at, index]
+        fixes.cost[at, t] = _exact_cost(model, at, fixes.x[at, t], fixes.y[at, t])
+        used = np.asfortranarray(np.stack([part[at, index] for part in grown.used], axis=1))
+        part = model.direct.take(at)
+        fixes.covariance.put((at, t), inlier_covariance(part, used, fixes.x[at, t], fixes.y[at, t]))
+        fixes.misfit.put((at, t), part, fixes.x[at, t], fixes.y[at, t], used)
+        fixes.n_used[at, t] = np.count_nonzero(used, axis=1)
         if t == 0:
-            result.used[rows] = used
+            result.used[at] = used
         cost[_near(state.x, state.y, fixes, t) | ~np.isfinite(cost)] = np.inf
-        cost[rows, index] = np.inf
+        cost[at, index] = np.inf
     return result
 
 
