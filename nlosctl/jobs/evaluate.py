@@ -45,6 +45,8 @@ def evaluate(
         [write.output, None if write.report == "-" else write.report], overwrite=write.overwrite, inputs=paths
     )
     if estimates is not None:
+        if truth is not None:
+            raise UsageError("`truth` is for estimates; flags with their `estimates` have the truth in their rows")
         if len(given) > 1:
             raise UsageError("`estimates` goes with one file of flags; evaluate several one by one")
         if not ospa_cutoff_m > 0.0:
@@ -64,5 +66,9 @@ def evaluate(
 
 
 def evaluation_report(evaluation: Evaluation, failed: Sequence[str]) -> dict[str, Any]:
-    """Return the figures and the conditions met as plain values."""
-    return {"of": evaluation.of, "groups": evaluation.groups, "overall": evaluation.overall, "failed": list(failed)}
+    """Return the figures and the conditions met as plain values; overall and notes where there are any."""
+    report: dict[str, Any] = {"of": evaluation.of, "groups": evaluation.groups}
+    if evaluation.overall is not None:
+        report["overall"] = evaluation.overall
+    report["failed"] = list(failed)
+    return {**report, "notes": list(evaluation.notes)} if evaluation.notes else report

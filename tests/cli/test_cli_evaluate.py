@@ -131,16 +131,16 @@ def test_an_infinite_percentile_is_shown_as_infinite(cli: Cli, tmp_path: Path) -
     assert shown["p95_m"] == "inf"
 
 
-def test_metrics_per_method_and_overall(cli: Cli, tmp_path: Path) -> None:
-    """Each method has its metrics, in order of appearance, and all rows together too."""
+def test_metrics_per_method(cli: Cli, tmp_path: Path) -> None:
+    """Each method has its metrics, in order of appearance; those of several methods together are left out."""
     write(tmp_path, method=["ml", "ls"] * 4)
     output = cli("evaluate", "e.csv", "--json").json
     assert [group["method"] for group in output["groups"]] == ["ml", "ls"]
     assert_metrics_agree(output["groups"][0], by_hand([0, 2, 4, 6]))
     assert_metrics_agree(output["groups"][1], by_hand([1, 3, 5, 7]))
-    assert_metrics_agree(output["overall"], by_hand(list(range(8))))
+    assert "overall" not in output
     shown = cli("evaluate", "e.csv", "--format", "text").text.splitlines()[0].split()
-    assert shown == ["figure", "ml", "ls", "overall"]
+    assert shown == ["figure", "ml", "ls"]
 
 
 def test_metrics_per_swept_value(cli: Cli, tmp_path: Path) -> None:
@@ -149,6 +149,9 @@ def test_metrics_per_swept_value(cli: Cli, tmp_path: Path) -> None:
     output = cli("evaluate", "e.csv", "--json").json
     assert [group["sweep_sigma_deg"] for group in output["groups"]] == [1.0, 2.0]
     assert_metrics_agree(output["groups"][1], by_hand([1, 3, 5, 7]))
+    assert_metrics_agree(output["overall"], by_hand(list(range(8))))
+    shown = cli("evaluate", "e.csv", "--format", "text").text.splitlines()[0].split()
+    assert shown == ["figure", "ml", "sigma_deg=1.0", "ml", "sigma_deg=2.0", "overall"]
 
 
 def test_metrics_per_file(cli: Cli, tmp_path: Path) -> None:
@@ -172,6 +175,59 @@ def test_the_truth_can_come_from_a_file(cli: Cli, tmp_path: Path) -> None:
         output = cli("evaluate", name, "--truth", "t.csv", "--json").json["overall"]
         assert_metrics_agree(output, by_hand([0, 1, 2, 3, 4, 6, 7]))
         assert output["without_truth"] == 1
+
+
+def truth_file(tmp_path: Path, snapshots: list[int], x: list[float | None]) -> None:
+    """Write t.csv with a true x of each row."""
+    (tmp_path / "t.csv").write_text(table_csv({"snapshot": snapshots, "truth_x_m": x, "truth_y_m": [0.0] * len(x)}))
+
+
+def test_contradicting_truths_are_an_error(cli: Cli, tmp_path: Path) -> None:
+    """A snapshot with two true positions exits 1 with both rows; equal and empty rows are allowed."""
+    write(tmp_path, truth_x_m=None, truth_y_m=None)
+    truth_file(tmp_path, [0, 1, 0], [1.0, 2.0, 3.0])
+    outcome = cli("evaluate", "e.csv", "--truth", "t.csv")
+    assert (outcome.code, outcome.out) == (1, b"")
+    assert "t.csv, row 3: got truth_x_m, truth_y_m 3, 0 for snapshot '0', which has 1, 0 in row 1" in outcome.err
+    truth_file(tmp_path, [0, 1, 0, 1], [None, 2.0, 1.0, 2.0])
+    outcome = cli("evaluate", "e.csv", "--truth", "t.csv", "--json")
+    assert outcome.json["overall"]["without_truth"] == 6
+    assert outcome.json["overall"]["rows"] == 2
+
+
+def test_snapshots_without_truth_are_reported(cli: Cli, tmp_path: Path) -> None:
+    """The summary and the JSON state how many snapshots the truth has; none at all is an error."""
+    write(tmp_path, truth_x_m=None, truth_y_m=None)
+    truth_file(tmp_path, [3, 900], [1.0, 2.0])
+    outcome = cli("evaluate", "e.csv", "--truth", "t.csv", "--json")
+    note = "t.csv has the truth of 1 of 8 snapshots; the others are not scored"
+    assert outcome.json["notes"] == [note]
+    assert f"note: {note}" in outcome.err
+    truth_file(tmp_path, list(range(8)), [1.0] * 8)
+    assert "notes" not in cli("evaluate", "e.csv", "--truth", "t.csv", "--json").json
+    truth_file(tmp_path, [100, 101], [1.0, 2.0])
+    outcome = cli("evaluate", "e.csv", "--truth", "t.csv")
+    assert (outcome.code, outcome.out) == (1, b"")
+    assert "t.csv: none of its snapshots (the first is '100') is one of the 8 snapshots" in outcome.err
+
+
+def test_the_truth_is_for_estimates(cli: Cli, tmp_path: Path) -> None:
+    """Flags, with or without their estimates, with ``--truth`` are a usage error."""
+    drawn = cli("simulate", "echo-field", "-n", 2, "-q")
+    cli("identify-los", "-", "-o", "f.csv", "--estimates-out", "e.csv", stdin=drawn.out)
+    truth_file(tmp_path, [0], [1.0])
+    for words in ((), ("--estimates", "e.csv")):
+        outcome = cli("evaluate", "f.csv", "--truth", "t.csv", *words)
+        assert outcome.code == 2
+        assert "--truth is for estimates" in outcome.err
+
+
+def test_a_source_of_whole_numbers_is_a_label(cli: Cli, tmp_path: Path) -> None:
+    """A column ``source`` of integers groups like text, in a table of scores too."""
+    write(tmp_path, source=[5, 7] * 4)
+    outcome = cli("evaluate", "e.csv", "-o", "scores.csv")
+    assert outcome.code == 0
+    assert [row.split(",")[1] for row in (tmp_path / "scores.csv").read_text().splitlines()[1:]] == ["5", "7"]
 
 
 def test_missing_truth_is_an_error(cli: Cli, tmp_path: Path) -> None:

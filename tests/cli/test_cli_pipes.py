@@ -44,7 +44,7 @@ def test_simulate_localize_evaluate(cli: Cli, tmp_path: Path, extra: str) -> Non
     figures: dict[str, Any] = json.loads(out)
     assert len(figures.pop("failed")) == 2
     assert [group["method"] for group in figures["groups"]] == ["ml", "ls"]
-    assert figures["overall"]["rows"] == 600
+    assert sum(group["rows"] for group in figures["groups"]) == 600
     assert cli("simulate", "ring", "-n", 300, "--seed", 2, "-o", "m.parquet").code == 0
     assert cli("localize", "m.parquet", "-m", "ml", "-m", "ls", "-o", "e.parquet").code == 0
     assert cli("evaluate", "e.parquet", "--json").json == {**figures, "failed": []}

@@ -102,7 +102,7 @@ def evaluate(
         print_json(report)
     elif as_text:
         _render(evaluation)
-    Terminal(quiet).show_report([], report, write)
+    Terminal(quiet).show_report([f"note: {note}" for note in evaluation.notes], report, write)
     for reason in reasons:
         print_message(f"nlosctl: {reason}")
     return _CONDITION_MET if reasons else 0
@@ -111,10 +111,10 @@ def evaluate(
 def _render(evaluation: Evaluation) -> None:
     """Print a column per group, a row per figure: readable however many figures there are."""
     groups = list(evaluation.groups)
-    if len(groups) > 1:
+    if len(groups) > 1 and evaluation.overall is not None:
         groups.append({"method": "overall", **evaluation.overall})
     titles = [_title(group, number) for number, group in enumerate(groups)]
-    names = [name for name, value in evaluation.overall.items() if isinstance(value, int | float)]
+    names = [name for name, value in groups[-1].items() if _is_metric(name, value)]
     rows: list[dict[str, Any]] = [
         {"figure": name, **{title: _figure(group[name]) for title, group in zip(titles, groups, strict=True)}}
         for name in names
@@ -124,6 +124,12 @@ def _render(evaluation: Evaluation) -> None:
         counts = {title: str(group["statuses"].get(word, 0)) for title, group in zip(titles, groups, strict=True)}
         rows.append({"figure": f"status {word}", **counts})
     print_table(rows, ["figure", *titles])
+
+
+def _is_metric(name: str, value: object) -> bool:
+    from nlosctl.pipeline.evaluate.evaluate import is_label
+
+    return isinstance(value, int | float) and not is_label(name)
 
 
 def _title(group: dict[str, Any], number: int) -> str:

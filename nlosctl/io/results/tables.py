@@ -19,6 +19,9 @@ from nlosctl.io.results.layouts import snapshot_field
 __all__ = ["bound_schema", "bound_table", "measurement_table", "score_table"]
 
 
+_LABELS = {column.name for column in SCORES.columns if column.type == "text"}
+
+
 def measurement_table(
     kind: str, columns: Mapping[str, npt.NDArray[Any]], sweeps: SweepColumns | None = None, point: int = 0
 ) -> Any:
@@ -98,4 +101,6 @@ def _score_row(of: str, group: Mapping[str, Any], words: Iterable[str]) -> dict[
             row |= {f"status_{word}": value.get(word, 0) for word in words}
         elif not isinstance(value, Mapping):
             row[name] = None if isinstance(value, float) and not math.isfinite(value) else value
+            if name in _LABELS and value is not None:
+                row[name] = str(value)
     return row

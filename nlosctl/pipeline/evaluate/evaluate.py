@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl.contract.tables import ESTIMATES, FLAGS, SWEEP_PREFIX
-from nlosctl.errors import DataError
+from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
 from nlosctl.evaluation.flags import FlagScores
@@ -38,12 +38,14 @@ Readers = Sequence[tuple[Input, PlainReader]]
 class Evaluation:
     """The metrics of each group of what was evaluated (``estimates``, ``flags`` or ``targets``), and of all rows.
 
-    NaN: undefined; infinite: the percentile falls on rows without an estimate.
+    ``overall`` is None if there are several methods, whose pooled metrics mean nothing. NaN: undefined; infinite: the
+    percentile falls on rows without an estimate. ``notes`` are remarks on the input.
     """
 
     of: str
     groups: list[dict[str, Any]]
-    overall: dict[str, Any]
+    overall: dict[str, Any] | None
+    notes: tuple[str, ...] = ()
 
 
 def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
@@ -57,6 +59,8 @@ def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_a
         tables = {reader.table.name for _, reader in readers}
         if len(tables) > 1:
             raise DataError("the inputs are estimates and flags; evaluate them one by one")
+        if tables == {FLAGS.name} and truth is not None:
+            raise UsageError("`truth` is for estimates; the input is flags, whose rows have their truth")
         if tables == {FLAGS.name}:
             return _evaluate_flags(readers)
         return _evaluate_estimates(readers, truth, best_alternative)
@@ -84,7 +88,8 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
             else:
                 counted = np.flatnonzero(arrays.alternative == 0)
             scores.add(rows.take(counted), group[counted], [_named(readers, source, key) for key in keys])
-    return present("estimates", scores, readers, grouping)
+    evaluation = present("estimates", scores, readers, grouping)
+    return evaluation if truth is None else dataclasses.replace(evaluation, notes=tuple(truth.remark()))
 
 
 def _evaluate_flags(readers: Readers) -> Evaluation:
@@ -163,4 +168,5 @@ def present(
         groups.append({**dict(zip(names, key, strict=True)), **dataclasses.asdict(summary)})
     if not groups:
         raise DataError(f"{', '.join(source.name for source, _ in readers)}: no rows to evaluate")
-    return Evaluation(of=of, groups=groups, overall=dataclasses.asdict(scores.overall()))
+    several = len({group.get("method") for group in groups}) > 1
+    return Evaluation(of=of, groups=groups, overall=None if several else dataclasses.asdict(scores.overall()))

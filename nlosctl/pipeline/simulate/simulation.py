@@ -35,6 +35,8 @@ class Simulation:
     ) -> None:
         self._spec = find_scenario(scenario)
         parse = partial(parse_options, self._spec.options, owner=f"scenario {scenario!r}")
+        if trials < 1:
+            raise UsageError(f"`trials` must be an int of at least 1. Got {trials!r} instead.")
         points = list(swept_options(sweep or {}, parameters, parse))
         self._options = [options for _, options in points]
         self._sweep = dict(sweep or {})
