@@ -87,6 +87,8 @@ class Estimates:
     every measurement is solved by itself, for a target of its own: its index in the snapshot. ``chi_square`` (E,) is
     that of the residuals of the rows that the estimate uses, NaN if unknown, with ``degrees_of_freedom`` (E,): the
     scalars among those rows (a bearing with a range has two) minus the unknowns. None: the method has no chi-square.
+    ``search_failure`` (E,) is the probability that a random search had no right initial estimate, NaN where it is as
+    small as asked for.
     """
 
     row: IntArray
@@ -101,6 +103,7 @@ class Estimates:
     measurement: IntArray | None = None
     chi_square: FloatArray | None = None
     degrees_of_freedom: IntArray | None = None
+    search_failure: FloatArray | None = None
 
     @classmethod
     def of(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from nlosctl.arrays import IntArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
@@ -18,7 +18,12 @@ from nlosctl.solvers.mixture.outlier_model import grouped_batch, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.mixture.path_groups import PathGroups
 from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags, ranked_status
-from nlosctl.solvers.sequential.starting_pairs import count_bootstraps, count_path_bootstraps
+from nlosctl.solvers.sequential.starting_pairs import (
+    count_bootstraps,
+    count_path_bootstraps,
+    few_direct_sensors,
+    path_bootstrap_failure,
+)
 from nlosctl.solvers.sequential.suppression import suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
@@ -70,10 +75,11 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     candidates = BearingCandidates.of(
         grouped, model, max_pairs=options.max_pairs, exclude_behind_walls=options.exclude_behind_walls
     )
+    bootstraps, failure = _initial_pairs(groups, options)
     found = suppress_outliers(
         candidates,
         grouped.seed,
-        bootstraps=_bootstraps(batch, groups, options),
+        bootstraps=bootstraps,
         rivals=options.rivals,
         alpha=options.alpha,
         field_of_view_deg=options.field_of_view_deg,
@@ -92,6 +98,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     if batch.measurements < 2:
         status[:] = Status.TOO_FEW
     estimates = ranked_estimates(found.fixes, status, lines.center_x, lines.center_y, "inliers")
+    estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
         return Solution(estimates=estimates)
     x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
@@ -99,19 +106,26 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, found.used, numbers))
 
 
-def _bootstraps(batch: BearingBatch, groups: PathGroups, options: SuppressOptions) -> IntArray:
-    """Return the number of initial pairs (B,): that of the options, or what (27) needs for the snapshot's paths."""
-    if options.bootstraps is not None:
-        return np.full(batch.size, options.bootstraps)
-    needed = np.full(
-        batch.size, count_bootstraps(batch.measurements, options.alpha, options.failure_probability), dtype=np.int64
-    )
-    sensors, pairs = groups.direct_pairs(options.path_prior)
+def _initial_pairs(groups: PathGroups, options: SuppressOptions) -> tuple[IntArray, FloatArray]:
+    """Return the number of initial pairs (B,), as many as (27) needs, and the probability (B,) that none is right.
+
+    It is known where sensors have several paths, and NaN where it is at most that of the options; it includes that
+    fewer than two sensors have a direct path.
+    """
+    size, count = groups.size.shape
+    alpha, wanted = options.alpha, options.failure_probability
+    bootstraps = np.full(size, options.bootstraps or count_bootstraps(count, alpha, wanted), dtype=np.int64)
+    failure = np.full(size, np.nan)
     several = (groups.size > 1).any(axis=1)
+    sensors, pairs = groups.direct_pairs(options.path_prior)
     for kind in sorted({*zip(sensors[several].tolist(), pairs[several].tolist(), strict=True)}):
         same = several & (sensors == kind[0]) & (pairs == kind[1])
-        needed[same] = count_path_bootstraps(*kind, options.alpha, options.failure_probability)
-    return needed
+        number = options.bootstraps or count_path_bootstraps(*kind, alpha, wanted)
+        tried = min(number, options.max_pairs, kind[1])
+        few = few_direct_sensors(kind[0], alpha)
+        reached = few + (1.0 - few) * path_bootstrap_failure(*kind, alpha, tried)
+        bootstraps[same], failure[same] = number, reached if reached > wanted else np.nan
+    return bootstraps, failure
 
 
 METHOD = MethodSpec(

@@ -138,3 +138,28 @@ def test_covariance_is_wider_near_a_sensor() -> None:
     assert nees.size > 1200
     assert np.mean(nees > 100.0) < 0.003
     assert np.mean(nees < 5.991) > 0.87
+
+
+@pytest.mark.parametrize(
+    ("parameters", "probability"),
+    [({"alpha": 0.1}, "0.0037"), ({"alpha": 0.01, "bootstraps": 12}, "0.011"), ({"alpha": 0.01}, None)],
+)
+def test_the_summary_states_the_probability_of_no_right_pair(
+    parameters: dict[str, float], probability: str | None
+) -> None:
+    """4 sensors: under two have a direct path with .1^4 + 4 x .9 x .1^3; 12 of 24 pairs may miss every right one."""
+    table = nlosctl.simulate("madhow-ring", trials=3, seed=1, sensors=4, paths=2)
+    notes = nlosctl.localize(table, method="suppress", field="circle:0,0,1", **parameters).report.notes  # type: ignore[arg-type]
+    stated = [note for note in notes if "two direct paths" in note]
+    assert len(stated) == (probability is not None)
+    if probability is not None:
+        assert "in 3 of 3 snapshots the probability" in stated[0]
+        assert f"is {probability} on average" in stated[0]
+
+
+def test_one_sensor_with_several_paths_has_no_pair() -> None:
+    """Paths of a single sensor are never two direct ones: no candidate, not an error."""
+    _, batch = paths_batch(3, 1, 4, 0.1, 1.0)
+    estimates = bearings_suppress.solve(batch, SuppressOptions()).estimates
+    assert (estimates.status >= Status.DEGENERATE).all()
+    assert np.isnan(estimates.position_m).all()

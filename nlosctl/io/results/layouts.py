@@ -60,6 +60,7 @@ class ChunkEstimates:
     n_used: IntArray
     cost: FloatArray
     fit_p_value: FloatArray
+    search_failure: FloatArray
     status: npt.NDArray[np.uint8]
     covariance_kind: npt.NDArray[np.object_]
     on_edge: BoolArray

@@ -51,7 +51,8 @@ class MethodTally:
     """Counts of one method: statuses, verdicts of its flags, and residuals larger than their stds explain.
 
     ``located`` snapshots have a fix; they have ``rows_of_fixes`` rows, of them ``rows_used``. ``tested`` fits have a
-    p-value. ``judged`` rows have a flag with a p-value.
+    p-value. ``judged`` rows have a flag with a p-value. In ``missed`` snapshots a random search may have had no right
+    initial estimate, with probabilities whose sum is ``miss_probability``.
     """
 
     statuses: Counter[str] = field(default_factory=Counter)
@@ -62,10 +63,13 @@ class MethodTally:
     on_edge: int = 0
     located: int = 0
     judged: int = 0
+    missed: int = 0
+    miss_probability: float = 0.0
     verdicts: Counter[str] = field(default_factory=Counter)
 
     _COUNTED: ClassVar[tuple[str, ...]] = (
         *("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge", "located", "judged"),
+        *("missed", "miss_probability"),
     )
 
     def add_verdicts(self, columns: Mapping[str, Any]) -> None:
@@ -88,6 +92,9 @@ class MethodTally:
         self.located += int(np.count_nonzero(first))
         self.rows_of_fixes += int(estimates.n_measurements[fixed][first].sum())
         self.on_edge += int(np.count_nonzero(estimates.on_edge[fixed]))
+        failure = estimates.search_failure[mine]
+        self.missed += int(np.count_nonzero(~np.isnan(failure)))
+        self.miss_probability += float(np.nansum(failure))
 
     def add(self, status: npt.NDArray[np.uint8], p_value: FloatArray) -> None:
         """Count estimates (E,), best alternatives only; ``p_value`` is that of their fit, NaN without one."""

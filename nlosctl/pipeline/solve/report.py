@@ -169,6 +169,7 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
     return [
         *_unused_ranges(runs, report, columns),
         *_edge_remarks(runs, report, field),
+        *_misses(report),
         *_no_positions(runs, report),
         *_bad_fits(runs, report),
     ]
@@ -192,6 +193,15 @@ def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) ->
                 "than any inside; enlarge it by `field`"
             )
     return notes
+
+
+def _misses(report: RunReport) -> list[str]:
+    return [
+        f"{name}: in {tally.missed} of {tally.total} snapshots the probability that no pair of two direct paths was "
+        f"tried, or exists, is {tally.miss_probability / tally.missed:.2g} on average, more than `failure_probability`"
+        for name, tally in report.methods.items()
+        if tally.missed
+    ]
 
 
 def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:

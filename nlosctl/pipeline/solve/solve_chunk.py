@@ -14,10 +14,11 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
 from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
-from nlosctl.contract.results import Flags, Solution, Trace, Words, contract_violation, single_estimates
+from nlosctl.contract.results import Estimates, Flags, Solution, Trace, Words, contract_violation
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, UsageError, in_one_line
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
@@ -134,6 +135,7 @@ class ChunkSolver:
             n_used=estimates.n_used,
             cost=estimates.cost,
             fit_p_value=fit_p_values(estimates),
+            search_failure=np.full(size, np.nan) if estimates.search_failure is None else estimates.search_failure,
             status=estimates.status,
             covariance_kind=kinds,
             on_edge=self._on_edge(chunk, row[estimates.row], estimates.position_m)
@@ -257,16 +259,8 @@ def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any
 
 
 def _too_few(size: int) -> Solution:
-    nothing = np.full((size, 3), np.nan)
-    return Solution(
-        estimates=single_estimates(
-            position_m=nothing[:, :2],
-            covariance_m2=nothing,
-            cost=nothing[:, 0],
-            n_used=np.zeros(size, dtype=np.int64),
-            status=np.full(size, Status.TOO_FEW, dtype=np.uint8),
-        )
-    )
+    status, nothing = np.full(size, Status.TOO_FEW, dtype=np.uint8), np.full(size, np.nan)
+    return Solution(estimates=Estimates.of(status, (nothing, nothing), SymmetricMatrix(*[nothing] * 3), nothing, 0))
 
 
 def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:

@@ -60,6 +60,8 @@ def path_bootstrap_failure(sensors: int, pairs: int, alpha: float, bootstraps: i
     Equation (27) for several paths per sensor: ``pairs`` of paths of different sensors, the direct ones C(d, 2) if d
     sensors have a direct path. The number d is binomial with probability 1 - alpha, given that it is at least two.
     """
+    if sensors < 2:
+        return 1.0
     total = 0.0
     for direct in range(2, sensors + 1):
         weight = math.comb(sensors, direct) * (1.0 - alpha) ** direct * alpha ** (sensors - direct)
