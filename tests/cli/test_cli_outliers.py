@@ -98,11 +98,20 @@ def test_the_kind_of_covariance(ring: Path) -> None:
 
 def test_a_field_without_crossings_gives_no_candidate(ring: Path) -> None:
     """Every status is no_candidate, and --strict exits 3; an invalid region is a usage error."""
-    done = run(
-        ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "10,11,10,11", "--strict", "-p", "use_ranges=false"
-    )
+    words = ("--field", "10,11,10,11", "--strict", "-p", "use_ranges=false")
+    done = run(ring, "localize", "-m", "mixture-ml", "ring.csv", *words, "-p", "search_outside=false")
     assert done.returncode == 3
     assert {row["status"] for row in rows(done.stdout)} == {"no_candidate"}
+    done = run(ring, "localize", "-m", "mixture-ml", "ring.csv", *words)
+    found = [row["status"] for row in rows(done.stdout)]
+    assert done.returncode == 3
+    assert set(found) <= {"no_candidate", "outside_field"}
+    count = found.count("outside_field")
+    assert count > 0.5 * len(found)
+    assert (
+        f"note: mixture-ml: in {count} of {len(found)} snapshots a point outside the search region is more likely than "
+        "any inside; enlarge it by --field\n" in done.stderr
+    )
     refused = run(ring, "localize", "-m", "mixture-ml", "ring.csv", "--field", "disc")
     assert refused.returncode == 2
     assert "circle:x,y,r" in refused.stderr

@@ -62,7 +62,7 @@ def test_the_first_command_flags_the_roof(folder: Path) -> None:
     lines = (folder / "flags.csv").read_text(encoding="utf-8").splitlines()
     column = lines[0].split(",").index("los")
     flags = {line.split(",")[1]: line.split(",")[column] for line in lines[1:]}
-    assert flags == {"hill": "true", "tower": "true", "van": "true", "roof": "false"}
+    assert flags == {"hill": "true", "tower": "true", "van": "true", "roof": "false", "church": "true"}
 
 
 def test_the_picture_is_drawn(folder: Path) -> None:

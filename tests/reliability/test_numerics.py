@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from typing import Any
 
@@ -27,10 +28,10 @@ OFFSETS = st.one_of(st.just(-np.inf), st.floats(0.0, 8.0))
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def solved(entry: registry.MethodEntry, batch: Any, *, factor: float = 1.0) -> Any:
+def solved(entry: registry.MethodEntry, batch: Any, *, factor: float = 1.0, **changes: Any) -> Any:
     """Run a method on a batch; any warning is a failure."""
     spec = registry.load(entry)
-    options = scaled_options(options_of(entry), factor)
+    options = dataclasses.replace(scaled_options(options_of(entry), factor), **changes)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return spec.solve(copy_batch(batch, writeable=False), options)
@@ -206,7 +207,7 @@ def test_degenerate_bearings_have_no_fix(method: str, fault: str, words: set[str
         assert found <= words
 
 
-def on_a_sensor(method: str, size_m: float, measurements: int = 6) -> Any:
+def on_a_sensor(method: str, size_m: float, measurements: int = 6, **options: Any) -> Any:
     """Yield estimates of sources exactly on their first sensor, and those positions (B, 2)."""
     entry = next(entry for entry in BUILT_IN if entry.full_name == f"bearings.{method}")
     spec = registry.load(entry)
@@ -221,7 +222,7 @@ def on_a_sensor(method: str, size_m: float, measurements: int = 6) -> Any:
             offset_m=1e3 * size_m,
         )
         batch = moved(spec, trial.batch, motion)
-        yield solved(entry, batch).estimates, batch.sensor_xy_m[:, 0]
+        yield solved(entry, batch, **options).estimates, batch.sensor_xy_m[:, 0]
 
 
 NO_ANSWER = {"degenerate", "not_converged", "behind"}
@@ -254,9 +255,10 @@ def test_ml_is_degenerate_on_a_sensor(measurements: int, size_m: float) -> None:
 @pytest.mark.parametrize("size_m", [1e-3, 1.0, 1e7])
 @pytest.mark.parametrize(("method", "share"), [("mixture-ml", 0.9), ("suppress", 0.1)])
 def test_robust_methods_reject_the_row_at_the_source(method: str, share: float, size_m: float) -> None:
-    """If the row of the sensor at the source is rejected, the others give an exact fix."""
+    """If the row of the sensor at the source is rejected, the others give an exact fix, of however few rows."""
     answered = 0
-    for estimates, source_xy in on_a_sensor(method, size_m):
+    options = {"least_evidence": -1000.0} if method == "mixture-ml" else {}
+    for estimates, source_xy in on_a_sensor(method, size_m, **options):
         ok = estimates.status == Status.OK
         answered += int(ok.sum())
         assert (np.hypot(*(estimates.position_m - source_xy)[ok].T) <= 1e-9 * 1e3 * size_m).all()

@@ -10,7 +10,7 @@ import numpy as np
 from nlosctl.contract.scene import SegmentReflector
 from nlosctl.plotting.panels import Panel, PointsPanel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
-from nlosctl.reproduce.madhow.paper import AS_PUBLISHED, PAPER
+from nlosctl.reproduce.madhow.paper import AS_PUBLISHED, EVERY_MAXIMUM, PAPER
 from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, median_of, rms, rms_of, share_of
 from nlosctl.reproduce.simulated import fixes, simulated
 from nlosctl.reproduce.verdicts import about, at_least
@@ -26,7 +26,7 @@ _SHOWN = 120
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
     trials = simulated("madhow-walls", chunk, figure="10", **condition)
     suppress = fixes(trials, chunk, "suppress", field=_FIELD, alpha=0.25, bootstraps=7, **AS_PUBLISHED)
-    mixture = fixes(trials, chunk, "mixture-ml", field=_FIELD, alpha=0.25)
+    mixture = fixes(trials, chunk, "mixture-ml", field=_FIELD, alpha=0.25, **EVERY_MAXIMUM)
     return {
         "suppress": suppress.error_m,
         "mixture": mixture.error_m,

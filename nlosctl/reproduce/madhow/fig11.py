@@ -11,7 +11,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.plotting.panels import Panel, PointsPanel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.madhow.fig10 import outlines
-from nlosctl.reproduce.madhow.paper import AS_PUBLISHED, PAPER
+from nlosctl.reproduce.madhow.paper import AS_PUBLISHED, EVERY_MAXIMUM, PAPER
 from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, median, median_of, rms_of, share
 from nlosctl.reproduce.simulated import Simulated, fixes, simulated
 from nlosctl.reproduce.verdicts import at_least, between
@@ -29,7 +29,7 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     image = trials.truth_m * np.array([1.0, -1.0])  # the wall is the x axis
     suppress = {"field": _FIELD, "alpha": 0.5, "bootstraps": 15, **AS_PUBLISHED}
     best = fixes(trials, chunk, "suppress", **suppress).position_m
-    ours = fixes(trials, chunk, "mixture-ml", field=_FIELD, alpha=0.5, exclude_behind_walls=True)
+    ours = fixes(trials, chunk, "mixture-ml", field=_FIELD, alpha=0.5, exclude_behind_walls=True, **EVERY_MAXIMUM)
     every = _alternatives(trials, chunk, suppress)
     return {
         "suppress": _distance(best, trials.truth_m),

@@ -74,8 +74,14 @@ class BearingCandidates:
 
     def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return which points (b, P) of some snapshots are in the search region, and not hidden if that matters."""
-        allowed = self.model.region.take(rows).contains(x, y)
+        return self._unhidden(rows, x, y, self.model.region.take(rows).contains(x, y))
+
+    def beyond(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return which points (b, P) of some snapshots are outside the region, and not hidden if that matters."""
+        return self._unhidden(rows, x, y, ~self.model.region.take(rows).contains(x, y))
+
+    def _unhidden(self, rows: IntArray, x: FloatArray, y: FloatArray, among: BoolArray) -> BoolArray:
         if self.scene is not None:
             center_x, center_y = self.model.lines.center_x[rows], self.model.lines.center_y[rows]
-            allowed &= ~hidden_by_walls(self.scene, self.sensor_x[rows], self.sensor_y[rows], x, y, center_x, center_y)
-        return allowed
+            among &= ~hidden_by_walls(self.scene, self.sensor_x[rows], self.sensor_y[rows], x, y, center_x, center_y)
+        return among

@@ -13,6 +13,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, Starts, choose_starts, leave_out_slope
 from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 
@@ -41,14 +42,16 @@ class Modes:
     """Up to T modes (B, T) of each snapshot, the most likely first.
 
     x, y in metres about the local origin; ``cost`` in nats, infinite where there is no such mode. ``hessian`` are the
-    second derivatives of the cost. ``candidates`` (B,) marks snapshots with any candidate, ``at_boundary`` (B,) those
-    whose every descent left the search region, so that the points are the constrained ones on its edge.
+    second derivatives of the cost. ``settled`` (B,) marks snapshots whose best mode is a smooth optimum,
+    ``candidates`` (B,) those with any candidate, ``at_boundary`` (B,) those whose every descent left the search region,
+    so that the points are the constrained ones on its edge.
     """
 
     x: FloatArray
     y: FloatArray
     cost: FloatArray
     hessian: SymmetricMatrix
+    settled: BoolArray
     candidates: BoolArray
     at_boundary: BoolArray
 
@@ -61,26 +64,34 @@ def find_modes(
     *,
     most: int,
     gap: float,
+    outside: OutsideSearch | None = None,
 ) -> Modes:
     """Return the modes of B mixtures, at most ``most`` each.
 
     ``candidates(rows)`` gives the candidates of some snapshots, about ``points`` each; ``allowed(rows, x, y)`` returns
     which points (b, P) are in the search region. Candidates costlier than the best by more than ``gap`` nats are not
-    followed, nor those in the basin of a known mode.
+    followed, nor those in the basin of a known mode. ``outside`` notes the candidates outside the search region.
     """
     size = mixture.obstructed.shape[0]
-    search = _Search(mixture, allowed, _Descents.empty(size, most))
+    search = _Search(mixture, allowed, _Descents.empty(size, most), outside)
     if points > 0:
         section = max(1, _SECTION // points)
         for first in range(0, size, section):
             rows = np.arange(first, min(first + section, size))
-            search.run(score_candidates(mixture, candidates, allowed, rows, points), rows, gap)
+            search.run(score_candidates(mixture, candidates, allowed, rows, points, outside), rows, gap)
+        if outside is not None:
+            outside.follow(mixture, search.descents.cost.min(axis=1))
         search.repeat_within_region()
     return _rank(search.descents)
 
 
 def score_candidates(
-    mixture: Mixture, candidates: Callable[[IntArray], Candidates], allowed: Allowed, rows: IntArray, points: int
+    mixture: Mixture,
+    candidates: Callable[[IntArray], Candidates],
+    allowed: Allowed,
+    rows: IntArray,
+    points: int,
+    outside: OutsideSearch | None = None,
 ) -> Scores:
     """Return the candidates of some snapshots with their cost, infinite for invalid ones; as for `find_modes`."""
     scored = []
@@ -90,6 +101,8 @@ def score_candidates(
         scored_points = candidates(part)
         with ignoring_overflow():
             cost = mixture.take(part).score(scored_points.x, scored_points.y)
+            if outside is not None:
+                outside.note_candidates(part, scored_points, cost)
             cost[~(scored_points.valid & allowed(part, scored_points.x, scored_points.y))] = np.inf
         scored.append((scored_points.x, scored_points.y, cost))
     return Scores(*(np.concatenate([part[number].T for part in scored], axis=1).T for number in range(3)))
@@ -149,11 +162,12 @@ class _Descents:
 
 @dataclass(frozen=True)
 class _Search:
-    """The mixtures of a block, the search region, and the descents so far."""
+    """The mixtures of a block, the search region inside and outside, and the descents so far."""
 
     mixture: Mixture
     allowed: Allowed
     descents: _Descents
+    outside: OutsideSearch | None
 
     def run(self, scores: Scores, rows: IntArray, gap: float) -> None:
         """Follow the best candidate of each of the snapshots ``rows``, then others that don't lead to its mode."""
@@ -199,7 +213,10 @@ class _Search:
 
     def _finish(self, end: Minimum, snapshot: IntArray, index: IntArray) -> None:
         inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
-        self.descents.finish(end, self.mixture.least_cost[snapshot], snapshot, index, inside)
+        least_cost = self.mixture.least_cost[snapshot]
+        self.descents.finish(end, least_cost, snapshot, index, inside)
+        if self.outside is not None:
+            self.outside.note_ends(end, least_cost, snapshot, inside)
 
 
 @dataclass(frozen=True)
@@ -227,7 +244,9 @@ def _rank(descents: _Descents) -> Modes:
         repeated[:, t + 1 :] |= hessian.at(slice(None), t, None).quadratic_form(dx, dy) < _SAME * _SAME
     cost[repeated] = np.inf
     x, y, hessian, cost = _sort(x, y, hessian, cost)
-    return Modes(x, y, cost, hessian, np.asarray(descents.usable.any(axis=1)), descents.at_boundary)
+    best = (descents.x == x[:, :1]) & (descents.y == y[:, :1])
+    settled: BoolArray = (best & descents.settled).any(axis=1)
+    return Modes(x, y, cost, hessian, settled, np.asarray(descents.usable.any(axis=1)), descents.at_boundary)
 
 
 def _sort(

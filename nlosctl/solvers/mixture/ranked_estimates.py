@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid, ignoring_overflow
-from nlosctl.contract.results import Estimates, Flags, has_position
+from nlosctl.contract.results import Estimates, Flags, has_covariance, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture, MixtureRows
@@ -85,6 +85,7 @@ def ranked_status(
     *,
     unordered: BoolArray | None = None,
     ambiguous_rows: int = 0,
+    further: Mapping[Status, BoolArray] | None = None,
 ) -> StatusArray:
     """Return the status (B,).
 
@@ -94,8 +95,10 @@ def ranked_status(
 
     ``candidates`` (B,) marks snapshots with any candidate in the search region; a fix without a direct row (all are
     outliers) does not count either. ``degenerate`` (B,) marks snapshots that can't determine a position for any values
-    of their rows, ``at_boundary`` (B,) fixes constrained to the edge of the search region.
+    of their rows, ``at_boundary`` (B,) fixes constrained to the edge of the search region. ``further`` marks the
+    snapshots (B,) of other statuses; of several the first in the order of docs/conventions.md holds.
     """
+    further = further or {}
     status = np.full(candidates.shape, Status.OK, dtype=np.uint8)
     covariance = fixes.covariance
     with ignoring_invalid():
@@ -105,12 +108,18 @@ def ranked_status(
                 others = np.where(np.isfinite(fixes.cost), fixes.n_used, 0)[:, 1:].max(axis=1)
                 rivalled = (others > _CHANCE) & (others >= fixes.n_used[:, 0] - ambiguous_rows)
                 status[unordered & rivalled] = Status.AMBIGUOUS
-    status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
     if at_boundary is not None:
         status[at_boundary] = Status.BOUNDARY
-    status[~np.isfinite(fixes.cost[:, 0])] = Status.NOT_CONVERGED
-    status[np.isfinite(fixes.cost[:, 0]) & (fixes.n_used[:, 0] == 0)] = Status.NO_CANDIDATE
+    for word in (Status.INFEASIBLE, Status.DEGENERATE):
+        status[further.get(word, [])] = word
+    status[~_sound(covariance)[:, 0]] = Status.DEGENERATE
+    status[further.get(Status.NO_CONSENSUS, [])] = Status.NO_CONSENSUS
+    missing = ~np.isfinite(fixes.cost[:, 0])
+    status[missing] = Status.NOT_CONVERGED
+    status[~missing & (fixes.n_used[:, 0] == 0)] = Status.NO_CANDIDATE
     status[~candidates] = Status.NO_CANDIDATE
+    for word in (Status.OUTSIDE_FIELD, Status.BEHIND):
+        status[further.get(word, [])] = word
     status[degenerate] = Status.DEGENERATE
     return status
 
@@ -118,9 +127,12 @@ def ranked_status(
 def ranked_estimates(
     fixes: RankedFixes, status: StatusArray, center_x: FloatArray, center_y: FloatArray, covariance_kind: str
 ) -> Estimates:
-    """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status."""
+    """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status.
+
+    A position without a covariance is alone.
+    """
     written = np.isfinite(fixes.cost) & has_position(status)[:, None] & _sound(fixes.covariance)
-    written &= (status != Status.BOUNDARY)[:, None]
+    written &= has_covariance(status)[:, None]
     written[:, 0] = True
     row, alternative = np.nonzero(written)
     at = row, alternative
@@ -151,7 +163,7 @@ def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, number
     """Return the flags of the best fix: ``los`` (B, K), which is also ``used``, and columns of numbers (B, K).
 
     The input is in the order of the groups, the result in that of the file. A snapshot without a position uses no row
-    and has no values.
+    and has no values; without a consensus there is no source that a row may be direct from.
     """
     los = restore_rows(los, groups)
     answered = has_position(status)[:, None]
@@ -159,4 +171,8 @@ def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, number
     np.copyto(flag_values, los, where=np.broadcast_to(answered, los.shape))
     columns: dict[str, npt.NDArray[np.generic]] = {"los": flag_values}
     columns.update({name: np.where(answered, restore_rows(values, groups), np.nan) for name, values in numbers.items()})
+    apart = status == Status.NO_CONSENSUS
+    flag_values[apart] = None
+    if "los_probability" in numbers:
+        columns["los_probability"][apart] = np.nan
     return Flags(used=los & answered, columns=columns)

@@ -1,0 +1,117 @@
+"""Do the rows agree better than outliers would? The evidence of a mode against that of "no source"."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import log, pi, tau
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
+from nlosctl.geometry.regions import Region
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.mixture.initial_estimates import Mode
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.outlier_model import OutlierModel
+from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
+
+__all__ = ["Rival", "find_rival", "log_evidence", "outlier_gain"]
+
+_BEYOND_EDGE = 2.0
+"""A fix on the edge of the search region stays if the mode outside is at most this many nats more likely."""
+
+
+def outlier_gain(field_of_view_rad: float) -> float:
+    """Return by how much outliers are rarer if no source exists than in the mixture of a source.
+
+    The default field of view of 180 degrees, as published, is the half circle of directions that are in front of the
+    sensor. Without a source a bearing points anywhere, so that its density is that of the full circle. A narrower field
+    of view is that of the sensor itself: no bearing comes from outside it.
+    """
+    return tau / field_of_view_rad if field_of_view_rad >= pi else 1.0
+
+
+def log_evidence(
+    mixture: Mixture,
+    cost: FloatArray,
+    probability: FloatArray,
+    hessian: SymmetricMatrix,
+    area_m2: FloatArray,
+    gain: float = 1.0,
+) -> FloatArray:
+    """Return the logarithm of the evidence of modes (B,) over that of "no source" (every row is an outlier), in nats.
+
+    The evidence of a mode is its likelihood times its share of the search region: the volume of the Gaussian with the
+    second derivatives ``hessian`` (B,) of the cost, over ``area_m2`` (B,), at most 1. ``cost`` (B,) and ``probability``
+    (B, K) to be direct are those at the mode, with rows in the mixture's order. Outliers are rarer by ``gain`` in both
+    hypotheses than the mixture assumes. NaN where there is no mode.
+    """
+    evidence = -cost - mixture.log_nlos
+    group = np.zeros(cost.shape)
+    for k in range(mixture.count):
+        group += probability[:, k]
+        closes: BoolArray | bool = True if mixture.last is None else mixture.last[:, k]
+        evidence += np.where(closes, np.log1p((gain - 1.0) * group), 0.0)
+        group = np.where(closes, 0.0, group)
+    with ignoring_overflow(), ignoring_division():
+        share = log(tau) - 0.5 * np.log(hessian.determinant) - np.log(area_m2)
+    return evidence + np.where(share < 0.0, share, 0.0)
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Which snapshots (B,) have a better point outside the search region, and fixes and probabilities with it first."""
+
+    better: BoolArray
+    fixes: RankedFixes
+    probability: FloatArray
+
+
+def find_rival(
+    model: OutlierModel,
+    outside: Mode,
+    fixes: RankedFixes,
+    probability: FloatArray,
+    *,
+    at_boundary: BoolArray,
+    unordered: BoolArray | None,
+    ambiguous_rows: int,
+    least_evidence: float,
+    gain: float,
+) -> Rival:
+    """Return where the mode ``outside`` (B,) the search region beats the best fix inside: it is more likely.
+
+    It must also have the evidence that a fix needs, in a region so large that it is inside. In ``unordered`` (B,)
+    snapshots, where mirror images are as likely as the source, it needs more than ``ambiguous_rows`` more rows than the
+    best fix; a fix at the edge of the region stays if the mode outside is about as likely.
+    """
+    margin = np.where(at_boundary, _BEYOND_EDGE, 0.0)
+    rows = np.flatnonzero(outside.cost < fixes.cost[:, 0] - margin)
+    mixture, x, y, cost = model.mixture.take(rows), outside.x[rows], outside.y[rows], outside.cost[rows]
+    own, _ = mixture.responsibilities(x, y)
+    count = np.count_nonzero(own > 0.5, axis=1)
+    area = _area_with(model.region.take(rows), x, y)
+    evidence = log_evidence(mixture, cost, own, outside.hessian.take(rows), area, gain)
+    wins = (count > 0) & (evidence >= least_evidence)
+    if unordered is not None:
+        wins &= ~unordered[rows] | (count > fixes.n_used[rows, 0] + ambiguous_rows)
+    rows, own, count, x, y, cost = (part[wins] for part in (rows, own, count, x, y, cost))
+    better = np.zeros(at_boundary.shape, dtype=bool)
+    better[rows] = True
+    if not rows.size:
+        return Rival(better, fixes, probability)
+    columns = {name: getattr(fixes, name).copy() for name in ("x", "y", "cost", "n_used")}
+    for name, values in (("x", x), ("y", y), ("cost", cost), ("n_used", count)):
+        columns[name][rows, 0] = values
+    misfit = Misfit(fixes.misfit.chi_square.copy(), fixes.misfit.degrees_of_freedom.copy())
+    misfit.put((rows, np.zeros_like(rows)), model.mixture.take(rows).rows, x, y, own > 0.5)
+    probability = probability.copy(order="F")
+    probability[rows] = own
+    return Rival(better, replace(fixes, misfit=misfit, **columns), probability)
+
+
+def _area_with(region: Region, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the areas (B,) of squares about the middles of the regions that reach to points x, y (B,)."""
+    xmin, xmax, ymin, ymax = region.bounds_m
+    reach = np.maximum(np.abs(x - 0.5 * (xmin + xmax)), np.abs(y - 0.5 * (ymin + ymax)))
+    return np.maximum(region.area_m2, 4.0 * reach * reach)
