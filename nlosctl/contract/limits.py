@@ -63,6 +63,7 @@ LIMITS = {
     "expansion": Limit(default=250, meaning="ratio of the decompressed to the compressed size of a file"),
     "unchecked_expansion_mb": Limit(default=256, meaning="MiB that a file may decompress to at any ratio"),
     "grid_vertices": Limit(default=10_000_000, meaning="vertices of the grid of the method ml-grid"),
+    "candidates": Limit(default=20_000, meaning="candidate targets of a snapshot of echoes; the best are kept"),
     "memory_mb": Limit(default=0, meaning="MiB that the program may allocate; 0: as many as the system allows"),
 }
 """All limits by name."""

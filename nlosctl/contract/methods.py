@@ -47,11 +47,12 @@ class MethodSpec:
     ``kind`` is the kind of measurement, ``options`` a frozen dataclass whose fields (declared with
     `nlosctl.contract.options.option`) are the method's parameters, ``flags`` the columns that it adds to the flags
     besides ``used``, ``cost`` a description of its cost, ``minimum_measurements`` the smallest number of rows it can
-    solve. ``covariance_kinds`` states what its covariance may account for other than the noise, ``randomized``
-    whether it draws random numbers, ``traces`` whether it can return its steps, ``searches`` whether it stays within
-    the search region, ``reads`` the optional columns that it uses. ``details`` are further columns of the flags if
-    the batch wants details, ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns,
-    the input column without which they have no values.
+    solve. ``covariance_kinds`` states what its covariance may account for other than the noise, ``estimate_columns``
+    the optional columns of the estimates that it fills, ``randomized`` whether it draws random numbers, ``traces``
+    whether it can return its steps, ``searches`` whether it stays within the search region, ``reads`` the optional
+    columns that it uses. ``details`` are further columns of the flags if the batch wants details,
+    ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns, the input column without
+    which they have no values.
     ``estimates`` is false for a detector that estimates nothing. ``contract_version`` is the version of this contract
     that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
@@ -72,6 +73,7 @@ class MethodSpec:
     flags_with: Callable[[Any], tuple[str, ...]] | None = None
     estimates: bool = True
     covariance_kinds: tuple[str, ...] = ()
+    estimate_columns: tuple[str, ...] = ()
     randomized: bool = False
     traces: bool = False
     searches: bool = False

@@ -89,6 +89,7 @@ class Estimates:
     scalars among those rows (a bearing with a range has two) minus the unknowns. None: the method has no chi-square.
     ``search_failure`` (E,) is the probability that a random search had no right initial estimate, NaN where it is as
     small as asked for.
+    ``columns`` are further columns (E,) by name, NaN where there is no value.
     """
 
     row: IntArray
@@ -104,6 +105,7 @@ class Estimates:
     chi_square: FloatArray | None = None
     degrees_of_freedom: IntArray | None = None
     search_failure: FloatArray | None = None
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -124,7 +126,8 @@ class Estimates:
         """Return estimates (E,) without the numbers that their status denies: those become NaN, ``n_used`` 0.
 
         Positions are given as one array (E,) per coordinate. ``row`` counts the snapshots by default, ``target`` and
-        ``alternative`` are 0; ``kinds`` are `covariance_kind` and `measurement`.
+        ``alternative`` are 0; ``kinds`` are `covariance_kind`,
+        `measurement` and `columns`.
         """
         positioned, certain = has_position(status), has_covariance(status)
         zero = np.zeros(status.shape, dtype=np.int64)
@@ -252,6 +255,9 @@ def form_faults(estimates: Estimates, *, exact_types: bool = False) -> Iterator[
 def _value_faults(estimates: Estimates, size: int) -> Iterator[str]:
     """Yield snapshots without estimate, unknown snapshots and statuses, wrong nulls and improper covariances."""
     row, status = estimates.row, estimates.status
+    for name, column in estimates.columns.items():
+        if np.shape(column) != row.shape:
+            yield f"the column {name!r} has shape {np.shape(column)}, expected {row.shape}"
     if row.size and (row.min() < 0 or row.max() >= size):
         yield f"row {row.max()} is not one of its {size} snapshots"
     elif np.bincount(row, minlength=size).min(initial=1) == 0:

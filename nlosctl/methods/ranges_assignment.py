@@ -6,20 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.limits import limit
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.contract.statuses import Status
-from nlosctl.solvers.echoes.assignment import choose_disjoint
-from nlosctl.solvers.echoes.candidates import Candidates, Gates, clutter_density, find_candidates, target_weights
+from nlosctl.solvers.echoes.candidates import Candidates, Gates, find_candidates, usual_sensors
 from nlosctl.solvers.echoes.echoes import Echoes
-from nlosctl.solvers.echoes.targets import IDENTIFICATION_FLAGS, IdentificationOptions, IdentifiedEchoes, identify
+from nlosctl.solvers.echoes.evidence import Hypotheses, choose_targets, clutter_density, target_weights
+from nlosctl.solvers.echoes.targets import (
+    EXISTENCE,
+    IDENTIFICATION_FLAGS,
+    IdentificationOptions,
+    IdentifiedEchoes,
+    identify,
+)
 from nlosctl.solvers.echoes.type_sets import Gate, cross_all, find_seeds
 
 __all__ = ["METHOD", "AssignmentOptions", "solve"]
 
 _BANDWIDTH_SHARE = 0.1
+_EVIDENCE_MARGIN = 10.0
+"""Candidates with less evidence than minus this are dropped: the clutter is less dense once targets explain echoes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +36,9 @@ class AssignmentOptions(IdentificationOptions):
     """Parameters of ``assignment``."""
 
     min_sensors: int | None = option(
-        None, minimum=3, meaning="least number of sensors that see a target; default: all that have an echo"
+        None,
+        minimum=3,
+        meaning="least number of sensors that see a target; default: 99 % of targets are seen by so many",
     )
     gate_std: float = option(
         5.0, minimum=0.0, exclusive=True, meaning="largest distance of an echo from its target, in standard deviations"
@@ -54,41 +65,63 @@ class AssignmentOptions(IdentificationOptions):
         meaning="kernel width of the echo density; default: a tenth of the search region's size",
     )
     target_reward: float = option(
-        8.0, unit="nats", meaning="prior evidence for a target: larger values give more targets, and more false ones"
+        1.5, unit="nats", meaning="log of the number of targets to expect if there are any: larger values give more"
     )
-    max_nodes: int = option(100_000, minimum=1, meaning="nodes of the search after which it gives up")
+    least_evidence: float = option(
+        6.0, unit="nats", meaning="evidence that all targets together need against clutter alone, else no_target"
+    )
+    max_nodes: int = option(
+        100_000, minimum=1, meaning="nodes of the search after which the best set so far is kept: not_proven"
+    )
 
 
 def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
     """Find targets among unlabelled echoes: the choice of targets of largest likelihood that share no echo.
 
     Candidates are range least-squares fits to the echoes nearest to them that pass a chi-square gate. No target is
-    a possible answer; not_converged: ``max_nodes`` did not suffice for a proof.
+    a possible answer; not_proven: ``max_nodes`` or the limit on candidates did not suffice for a proof.
     """
 
     def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
-        candidates = _candidates(echoes, gate, options)
         area_m2 = float(gate.region.area_m2[0])
-        weights = target_weights(
-            echoes,
-            candidates,
-            density=clutter_density(echoes, options.clutter_bandwidth_m or _BANDWIDTH_SHARE * np.sqrt(area_m2)),
-            area_m2=area_m2,
+        hypotheses = Hypotheses(
             detection_probability=options.detection_probability,
             reward=options.target_reward,
+            least_evidence=options.least_evidence,
+            area_m2=area_m2,
+            bandwidth_m=options.clutter_bandwidth_m or _BANDWIDTH_SHARE * float(np.sqrt(area_m2)),
         )
-        chosen = choose_disjoint(candidates.echo, weights, options.max_nodes)
-        return Status.NOT_CONVERGED if chosen is None else candidates.echo[chosen]
+        candidates, complete = _candidates(echoes, gate, hypotheses, options)
+        targets = choose_targets(echoes, candidates, hypotheses, options.max_nodes)
+        return IdentifiedEchoes(
+            candidates.echo[targets.chosen], existence=targets.existence, proven=targets.proven and complete
+        )
 
     return identify(batch, options, find)
 
 
-def _candidates(echoes: Echoes, gate: Gate, options: AssignmentOptions) -> Candidates:
-    least = echoes.sensors if options.min_sensors is None else min(options.min_sensors, echoes.sensors)
+def _candidates(
+    echoes: Echoes, gate: Gate, hypotheses: Hypotheses, options: AssignmentOptions
+) -> tuple[Candidates, bool]:
+    if options.min_sensors is None:
+        least = usual_sensors(echoes.sensors, options.detection_probability)
+    else:
+        least = min(options.min_sensors, echoes.sensors)
     seeds = find_seeds(cross_all(echoes, options.gap_tolerance_m, gate))
-    gates = Gates(min_sensors=least, gate_std=options.gate_std, false_alarm=options.false_alarm)
-    candidates = find_candidates(echoes, seeds.x, seeds.y, gates)
-    return candidates.take(np.flatnonzero(gate.contains(candidates.x, candidates.y)))
+    gates = Gates(
+        min_sensors=least,
+        gate_std=options.gate_std,
+        false_alarm=options.false_alarm,
+        least_evidence=-_EVIDENCE_MARGIN,
+        most=limit("candidates"),
+    )
+    density = clutter_density(echoes, hypotheses.bandwidth_m)
+
+    def evidence(candidates: Candidates) -> FloatArray:
+        weights = target_weights(echoes, candidates, density, hypotheses)
+        return np.where(gate.contains(candidates.x, candidates.y), weights, -np.inf)
+
+    return find_candidates(echoes, seeds.x, seeds.y, gates, evidence)
 
 
 METHOD = MethodSpec(
@@ -102,4 +135,5 @@ METHOD = MethodSpec(
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=3,
     flags=IDENTIFICATION_FLAGS,
+    estimate_columns=(EXISTENCE,),
 )

@@ -33,7 +33,7 @@ def solve(batch: RangeBatch, options: ExtendedTypeClusteringOptions) -> Solution
 
     def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
         sets, kept = cluster_echoes(echoes, gate, options)
-        return echoes_of_sets(echoes, sets, cut_at_elbow(sets, kept, options.eta))
+        return IdentifiedEchoes(echoes_of_sets(echoes, sets, cut_at_elbow(sets, kept, options.eta)))
 
     return identify(batch, options, find)
 

@@ -32,7 +32,7 @@ def solve(batch: RangeBatch, options: TypeClusteringOptions) -> Solution:
 
     def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
         sets, kept = cluster_echoes(echoes, gate, options)
-        return echoes_of_sets(echoes, sets, list(islice(kept, options.targets)))
+        return IdentifiedEchoes(echoes_of_sets(echoes, sets, list(islice(kept, options.targets))))
 
     return identify(batch, options, find)
 

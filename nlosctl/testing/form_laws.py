@@ -59,6 +59,8 @@ def shapes(bench: Bench) -> Iterator[str]:
         yield from form_faults(estimates, exact_types=True)
         if (estimates.covariance_kind or "") not in (bench.spec.covariance_kinds or ("",)):
             yield f"covariance_kind is {estimates.covariance_kind!r}, declared are {bench.spec.covariance_kinds}"
+        if not set(estimates.columns) <= set(bench.spec.estimate_columns):
+            yield f"the columns are {sorted(estimates.columns)}, declared are {sorted(bench.spec.estimate_columns)}"
         strange = set(estimates.status.tolist()) - {int(status) for status in Status}
         if strange:
             yield f"a status is {strange.pop()}"

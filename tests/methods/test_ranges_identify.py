@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -19,11 +20,16 @@ from range_worlds import (
     solve,
     words,
 )
+from scipy.stats import binom
 
 from nlosctl.contract.batches import RangeBatch
-from nlosctl.contract.fields import BoxField
+from nlosctl.contract.fields import BoxField, Field
+from nlosctl.contract.statuses import Status
 from nlosctl.errors import DataError
 from nlosctl.methods import ranges_assignment, ranges_extended_tca, ranges_r_ls, ranges_tca
+from nlosctl.scenarios import echo_field, liang
+from nlosctl.scenarios.spec import Columns
+from nlosctl.solvers.echoes.candidates import usual_sensors
 
 SENSORS = np.array([(-150.0, -120.0), (140.0, -150.0), (160.0, 130.0), (-130.0, 150.0), (10.0, -170.0)])
 TARGETS = np.array([(40.0, 60.0), (-90.0, 20.0)])
@@ -41,6 +47,19 @@ def raised(trial: EchoWorld, height_m: float) -> RangeBatch:
         trial.batch,
         range_m=np.hypot(trial.batch.range_m, height_m),
         sensor_height_m=np.full_like(trial.batch.range_m, height_m),
+    )
+
+
+def simulated(columns: Columns, snapshots: int, field: Field = PAPER_FIELD) -> RangeBatch:
+    """Return the columns of simulated snapshots with the same number of rows as a batch."""
+    number = np.unique(columns["sensor"].astype(str), return_inverse=True)[1]
+    sensor_xy = np.stack([columns["sensor_x_m"], columns["sensor_y_m"]], axis=-1)
+    return range_batch(
+        sensor_xy.reshape(snapshots, -1, 2),
+        columns["range_m"].reshape(snapshots, -1),
+        columns["range_std_m"].reshape(snapshots, -1),
+        sensor=number.reshape(snapshots, -1),
+        field=field,
     )
 
 
@@ -118,10 +137,42 @@ def test_echoes_without_a_target_give_one_empty_row() -> None:
 
 @pytest.mark.parametrize("missed", [((2, 0),), ((2, 0), (4, 1))])
 def test_a_sensor_may_miss_a_target(missed: tuple[tuple[int, int], ...]) -> None:
-    """A target that a sensor misses is found if ``min_sensors`` allows it, and only then."""
+    """A target that a sensor misses is found by default, and not if ``min_sensors`` requires all."""
     trial = world(missed)
+    assert found_sets(solve(ranges_assignment.METHOD, trial.batch)) == trial.truth_sets()
     assert found_sets(solve(ranges_assignment.METHOD, trial.batch, min_sensors=4)) == trial.truth_sets()
-    assert len(found_sets(solve(ranges_assignment.METHOD, trial.batch))) < 2
+    assert len(found_sets(solve(ranges_assignment.METHOD, trial.batch, min_sensors=5))) < 2
+
+
+@pytest.mark.parametrize(("detection", "least"), [(0.95, {3: 3, 4: 3, 5: 3, 6: 4, 7: 5, 8: 6}), (0.985, {6: 5, 8: 7})])
+def test_the_usual_number_of_sensors(detection: float, least: dict[int, int]) -> None:
+    """By default so many sensors must see a target that 99 % of targets are seen by them, and at least three."""
+    for sensors, number in least.items():
+        assert usual_sensors(sensors, detection) == number
+        assert number == 3 or binom.sf(number - 1, sensors, detection) >= 0.99
+        assert binom.sf(number, sensors, detection) < 0.99
+
+
+def test_a_target_has_a_probability_of_existence() -> None:
+    """Every target has a probability above a half; a clear one's is near 1; no_target has none."""
+    solution = solve(ranges_assignment.METHOD, world().batch)
+    existence = solution.estimates.columns["existence_probability"]
+    assert existence.shape == solution.estimates.status.shape
+    assert (existence > 0.99).all()
+    assert (existence <= 1.0).all()
+
+
+def test_pure_clutter_has_no_target() -> None:
+    """Echoes with the ranges of real ones but without targets give at most .05 false targets a snapshot."""
+    field = BoxField(xmin_m=0.0, xmax_m=1000.0, ymin_m=0.0, ymax_m=600.0)
+    ghosts = 0
+    for sensors in (3, 4, 6):
+        options = echo_field.EchoFieldOptions(sensors=sensors, targets=0, false_echoes=10.0)
+        columns = echo_field.generate(options, np.random.default_rng(sensors), 40)
+        for number in range(40):
+            here = {name: values[columns["snapshot"] == number] for name, values in columns.items()}
+            ghosts += words(solve(ranges_assignment.METHOD, simulated(here, 1, field))).count("ok")
+    assert ghosts <= 0.05 * 120
 
 
 def test_sensors_without_echoes_are_ignored() -> None:
@@ -182,10 +233,32 @@ def test_the_largest_snapshots_are_solved_in_seconds() -> None:
     assert time.perf_counter() - start < 60.0
 
 
-def test_a_truncated_search_is_not_converged() -> None:
-    """If ``max_nodes`` is exceeded the snapshot is not_converged."""
-    trial = irregular_world(np.random.default_rng(0))
-    assert words(solve(ranges_assignment.METHOD, trial.batch, max_nodes=1)) == ["not_converged"]
+def test_candidates_beyond_the_limit_leave_the_best_and_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With fewer candidates than there are, the best remain: not_proven, with position and covariance."""
+    trial = world()
+    free = solve(ranges_assignment.METHOD, trial.batch)
+    monkeypatch.setenv("NLOSCTL_MAX_CANDIDATES", "2")
+    limited = solve(ranges_assignment.METHOD, trial.batch)
+    assert set(words(limited)) == {"not_proven"}
+    assert np.isfinite(limited.estimates.covariance_m2).all()
+    assert found_sets(limited) <= found_sets(free)
+    assert set(words(free)) == {"ok"}
+
+
+def test_a_truncated_search_is_not_proven() -> None:
+    """If ``max_nodes`` is exceeded the best targets found are not_proven, with position and covariance."""
+    options = liang.LiangOptions(sensors=5, targets=4, scatterers=4, nlos_range="half")
+    columns = liang.generate(options, np.random.default_rng(3), 12)
+    counts = Counter[str]()
+    for limit in (1, 100_000):
+        solution = solve(ranges_assignment.METHOD, simulated(columns, 12), max_nodes=limit)
+        counts.update(f"{limit} {word}" for word in words(solution))
+        unproven = solution.estimates.status == Status.NOT_PROVEN
+        assert np.isfinite(solution.estimates.position_m[unproven]).all()
+        assert np.isfinite(solution.estimates.covariance_m2[unproven]).all()
+    assert counts["1 not_proven"] > 0
+    assert counts["100000 not_proven"] == 0
+    assert counts["1 no_target"] == counts["100000 no_target"]
 
 
 def test_irregular_layouts_are_identified() -> None:

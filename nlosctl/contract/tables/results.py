@@ -112,6 +112,13 @@ ESTIMATES = Table(
             nullable=True,
             meaning="what the covariance accounts for, inliers or posterior (robust methods)",
         ),
+        Column(
+            name="existence_probability",
+            type="number",
+            nullable=True,
+            meaning="posterior probability that the target exists near x, y, given the method's model and the other "
+            "targets of the estimate",
+        ),
         Column(name="lat_deg", type="number", unit="deg", nullable=True, meaning="latitude of x, y (WGS 84)"),
         Column(name="lon_deg", type="number", unit="deg", nullable=True, meaning="longitude of x, y (WGS 84)"),
         Column(
@@ -240,26 +247,15 @@ TRACE = Table(
         Column(name="sensor", type="identifier", required=True, meaning="sensor of the measurement just used"),
         Column(name="x_m", type="number", unit="m", required=True, meaning="position after this step"),
         Column(name="y_m", type="number", unit="m", required=True, meaning="position after this step"),
-        Column(
-            name="cov_xx_m2",
-            type="number",
-            unit="m2",
-            required=True,
-            meaning="covariance of the position after this step",
-        ),
-        Column(
-            name="cov_xy_m2",
-            type="number",
-            unit="m2",
-            required=True,
-            meaning="covariance of the position after this step",
-        ),
-        Column(
-            name="cov_yy_m2",
-            type="number",
-            unit="m2",
-            required=True,
-            meaning="covariance of the position after this step",
+        *(
+            Column(
+                name=f"cov_{axes}_m2",
+                type="number",
+                unit="m2",
+                required=True,
+                meaning="covariance of the position after this step",
+            )
+            for axes in ("xx", "xy", "yy")
         ),
     ),
 )

@@ -66,6 +66,27 @@ class ChunkEstimates:
     on_edge: BoolArray
     columns: Mapping[str, FloatArray] = dataclasses.field(default_factory=dict)
 
+    @classmethod
+    def join(cls, parts: Sequence[ChunkEstimates]) -> ChunkEstimates:
+        """Return the estimates of all parts, NaN in a further column that a part doesn't have."""
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in cls._names()
+        }
+        columns = {
+            name: np.concatenate([part.columns.get(name, np.full(part.cost.shape, np.nan)) for part in parts])
+            for name in dict.fromkeys(name for part in parts for name in part.columns)
+        }
+        return cls(**arrays, columns=columns)
+
+    def take(self, rows: IntArray) -> ChunkEstimates:
+        """Return some of the estimates."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return ChunkEstimates(**{name: getattr(self, name)[rows] for name in self._names()}, columns=columns)
+
+    @classmethod
+    def _names(cls) -> list[str]:
+        return [field.name for field in dataclasses.fields(cls) if field.name != "columns"]
+
     def truth_m(self, chunk: Chunk) -> FloatArray:
         """Return the true position (E, 2) of estimates from the chunk's truth columns, NaN where they are null."""
         return truth_positions(chunk.table, self.first_rows(chunk))
@@ -152,6 +173,8 @@ class EstimatesLayout:
             values[name] = nullable(estimates.covariance_m2[:, index])
         for name in ("target", "alternative", "n_measurements", "n_used"):
             values[name] = pa.array(getattr(estimates, name))
+        missing = pa.nulls(estimates.snapshot.shape[0])
+        values |= dict.fromkeys(self.optional, missing)
         values |= {name: nullable(column) for name, column in estimates.columns.items()}
         if "covariance_kind" in self.optional:
             values["covariance_kind"] = pa.array(estimates.covariance_kind, pa.string())

@@ -171,6 +171,7 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
         *_edge_remarks(runs, report, field),
         *_misses(report),
         *_no_positions(runs, report),
+        *_half_ranges(runs),
         *_bad_fits(runs, report),
     ]
 
@@ -214,6 +215,16 @@ def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 def _fits(report: RunReport) -> str:
     return "fits" if report.kind == "triplets" else "snapshots"
+
+
+def _half_ranges(runs: Sequence[MethodRun]) -> list[str]:
+    """Return a note on the law of scattered ranges, on which the accuracy of ``identify-los`` depends."""
+    if not any(run.spec.job == "identify-los" for run in runs):
+        return []
+    return [
+        "the documented accuracy is that of scattered ranges that are the sum of all legs; ranges that are delays "
+        "times c / 2 are harder: fewer snapshots are identified exactly"
+    ]
 
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:

@@ -146,6 +146,8 @@ class MeasurementRun:
             names |= set(_ON_EARTH)
         if any(run.spec.covariance_kinds for run in self._runs):
             names.add("covariance_kind")
+        for run in self._runs:
+            names.update(run.spec.estimate_columns)
         return frozenset(names)
 
     def _wanted_layouts(self) -> dict[str, Any]:
@@ -210,7 +212,7 @@ class MeasurementRun:
             estimates = solution.estimates
             if self._optional - {"covariance_kind"}:
                 columns = further_columns(self._solver, chunk, solution, write.ellipse, write.add)
-                estimates = dataclasses.replace(estimates, columns=columns)
+                estimates = dataclasses.replace(estimates, columns={**estimates.columns, **columns})
             named["estimates"] = self._layouts["estimates"].table(estimates, chunk)
         if "flags" in self._layouts:
             named["flags"] = self._layouts["flags"].table(solution.flags, chunk)

@@ -141,6 +141,7 @@ class ChunkSolver:
             on_edge=self._on_edge(chunk, row[estimates.row], estimates.position_m)
             if searches
             else np.zeros(size, dtype=bool),
+            columns=estimates.columns,
         )
 
     def _on_edge(self, chunk: Chunk, row: IntArray, position_m: FloatArray) -> BoolArray:
@@ -264,16 +265,11 @@ def _too_few(size: int) -> Solution:
 
 
 def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:
-    names = [field.name for field in dataclasses.fields(ChunkEstimates) if field.name != "columns"]
-    whole = parts[0]
-    if len(parts) > 1:
-        arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        whole = ChunkEstimates(**arrays)
+    whole = parts[0] if len(parts) == 1 else ChunkEstimates.join(parts)
     if bool((whole.snapshot[1:] > whole.snapshot[:-1]).all()):
         return whole
     order = np.lexsort((whole.alternative, whole.target, whole.method, whole.snapshot))
-    order = order[whole.alternative[order] < alternatives]
-    return ChunkEstimates(**{name: getattr(whole, name)[order] for name in names})
+    return whole.take(order[whole.alternative[order] < alternatives])
 
 
 def _scatter(size: int, parts: Sequence[tuple[IntArray, npt.NDArray[Any] | Words]]) -> npt.NDArray[Any] | Words:

@@ -1,14 +1,34 @@
-"""The heaviest set of candidates without a shared echo, by exact branch and bound."""
+"""The heaviest set of candidates without a shared echo: components of conflicts, each searched exactly.
+
+A small component is searched by branch and bound, a large one is an integer programme (set packing): one variable per
+candidate, one constraint per echo. Memory grows with the number of candidates, not with its square.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import block_array, csr_array
+from scipy.sparse.csgraph import connected_components
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["choose_disjoint"]
+__all__ = ["Choice", "choose_disjoint"]
+
+_MOST_SEARCHED = 256
+"""Candidates of a component up to which branch and bound is faster than the integer programme."""
+
+_NODES_PER_PROGRAMME_NODE = 100
+"""Nodes of branch and bound that take about as long as one of the integer programme, which solves a linear one."""
+
+
+class Choice(NamedTuple):
+    """Indices of the chosen candidates, heaviest first, and whether no other choice is proven to be heavier."""
+
+    indices: IntArray
+    proven: bool
 
 
 @dataclass
@@ -16,20 +36,24 @@ class _Search:
     """Candidates by falling weight, as bits: bit 0 is the heaviest.
 
     ``rivals[i]`` are the bits of those that share an echo with i (and i), ``groups`` for each sensor the bits of
-    the candidates that take the same echo there, each in one group.
+    the candidates that take the same echo there, each in one group. The search starts from ``best``.
     """
 
     weight: list[float]
     rivals: list[int]
     groups: list[list[int]]
     nodes_left: int
-    best_weight: float = 0.0
-    best: int = 0
+    best_weight: float
+    best: int
+    complete: bool = True
 
     def run(self, open_bits: int, chosen: int, weight: float) -> None:
         """Search all choices of open candidates that extend ``chosen``."""
         while open_bits:
-            if self.nodes_left == 0 or weight + self.bound(open_bits) <= self.best_weight:
+            if weight + self.bound(open_bits) <= self.best_weight:
+                return
+            if self.nodes_left == 0:
+                self.complete = False
                 return
             self.nodes_left -= 1
             heaviest = (open_bits & -open_bits).bit_length() - 1
@@ -47,57 +71,97 @@ class _Search:
         )
 
 
-def choose_disjoint(echo: IntArray, weight: FloatArray, max_nodes: int) -> IntArray | None:
-    """Return the indices of the candidates (C,) of largest total weight that share no echo, heaviest first.
+def choose_disjoint(echo: IntArray, weight: FloatArray, max_nodes: int) -> Choice:
+    """Return the candidates (C,) of largest total weight that share no echo.
 
     ``echo`` (C, N) is the echo of each sensor that a candidate takes, -1 for none; candidates whose weight is not
-    positive are never chosen. None if the search is not complete after ``max_nodes`` nodes.
+    positive are never chosen. A component whose search exceeds ``max_nodes`` nodes has the best choice found so far,
+    at least the greedy one, and is not proven.
     """
     order = np.argsort(-weight, kind="stable")
     order = order[weight[order] > 0.0]
     if not order.size:
-        return order
+        return Choice(order, True)
     echo, weight = echo[order], weight[order]
+    chosen, proven = [], True
+    for members in _components(echo):
+        solve = _search if members.shape[0] <= _MOST_SEARCHED else _programme
+        choice = solve(echo[members], weight[members], max_nodes)
+        chosen.append(members[choice.indices])
+        proven &= choice.proven
+    return Choice(order[np.sort(np.concatenate(chosen))], proven)
+
+
+def _components(echo: IntArray) -> list[IntArray]:
+    """Return the candidates (C, N) linked through shared echoes, each component in rising order."""
+    taken = _incidence(echo)
+    _, label = connected_components(block_array([[None, taken], [taken.T, None]], format="csr"), directed=False)
+    label = label[: echo.shape[0]]
+    order = np.argsort(label, kind="stable")
+    parts: list[IntArray] = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return parts
+
+
+def _incidence(echo: IntArray) -> Any:
+    """Return which echoes (U,) of any sensor candidates (C,) take, as a sparse matrix."""
+    most = int(echo.max(initial=0)) + 1
+    candidate, sensor = np.nonzero(echo >= 0)
+    column = sensor * most + echo[candidate, sensor]
+    shape: Any = (echo.shape[0], echo.shape[1] * most)
+    entries: Any = (np.ones(candidate.shape[0]), (candidate, column))
+    return csr_array(entries, shape=shape)
+
+
+def _search(echo: IntArray, weight: FloatArray, max_nodes: int) -> Choice:
+    """Return the heaviest choice of a small component by branch and bound."""
     shared = ((echo[:, None, :] == echo[None, :, :]) & (echo[:, None, :] >= 0)).any(axis=2)
     np.fill_diagonal(shared, True)
     rivals = [_bits(row) for row in shared]
-    chosen = 0
-    left = (1 << order.shape[0]) - 1
-    nodes_left = max_nodes
-    while left:
-        cluster = _reach(left & -left, rivals)
-        search = _Search(weight.tolist(), rivals, _groups(echo, cluster), nodes_left)
-        search.run(cluster, 0, 0.0)
-        nodes_left = search.nodes_left
-        if nodes_left == 0:
-            return None
-        chosen |= search.best
-        left &= ~cluster
-    indices = [index for index in range(order.shape[0]) if chosen >> index & 1]
-    return order[indices]
+    greedy = _greedy(echo)
+    first = sum(1 << int(index) for index in greedy)
+    search = _Search(weight.tolist(), rivals, _groups(echo), max_nodes, sum(weight[greedy].tolist()), first)
+    search.run((1 << weight.shape[0]) - 1, 0, 0.0)
+    indices = [index for index in range(weight.shape[0]) if search.best >> index & 1]
+    return Choice(np.array(indices, dtype=np.int64), search.complete)
+
+
+def _programme(echo: IntArray, weight: FloatArray, max_nodes: int) -> Choice:
+    """Return the heaviest choice of a large component by an integer programme."""
+    from scipy.optimize import Bounds, LinearConstraint, milp
+
+    limits: Any = {"node_limit": max(1, max_nodes // _NODES_PER_PROGRAMME_NODE), "mip_rel_gap": 0.0}
+    once = LinearConstraint(_incidence(echo).T.tocsr(), ub=1.0)
+    whole = np.ones(weight.shape[0], dtype=np.int64)
+    result = milp(-weight, integrality=whole, bounds=Bounds(0.0, 1.0), constraints=once, options=limits)
+    greedy = _greedy(echo)
+    found = greedy if result.x is None else np.flatnonzero(result.x > 0.5)
+    better = found if weight[found].sum() >= weight[greedy].sum() else greedy
+    return Choice(better, result.status == 0)
+
+
+def _greedy(echo: IntArray) -> IntArray:
+    """Return the candidates (C, N), heaviest first, that share no echo with one taken before."""
+    free = np.ones((echo.shape[1], int(echo.max(initial=0)) + 1), dtype=bool)
+    sensors = np.arange(echo.shape[1])
+    taken = []
+    for index, row in enumerate(echo):
+        seen = row >= 0
+        if free[sensors[seen], row[seen]].all():
+            free[sensors[seen], row[seen]] = False
+            taken.append(index)
+    return np.array(taken, dtype=np.int64)
 
 
 def _bits(members: BoolArray) -> int:
     return sum(1 << int(index) for index in np.flatnonzero(members))
 
 
-def _reach(start: int, rivals: list[int]) -> int:
-    """Return all candidates linked with ``start`` through shared echoes: they are chosen apart from the rest."""
-    reached, fresh = start, start
-    while fresh:
-        index = (fresh & -fresh).bit_length() - 1
-        fresh = (fresh | (rivals[index] & ~reached)) & ~(1 << index)
-        reached |= rivals[index]
-    return reached
-
-
-def _groups(echo: IntArray, cluster: int) -> list[list[int]]:
-    members = [index for index in range(echo.shape[0]) if cluster >> index & 1]
+def _groups(echo: IntArray) -> list[list[int]]:
     groups = []
     for column in echo.T:
         by_echo: dict[int, int] = {}
-        for index in members:
-            key = int(column[index]) if column[index] >= 0 else -1 - index
+        for index, taken in enumerate(column.tolist()):
+            key = taken if taken >= 0 else -1 - index
             by_echo[key] = by_echo.get(key, 0) | (1 << index)
         groups.append(list(by_echo.values()))
     return groups

@@ -6,24 +6,31 @@ range least-squares fit of those, and again, until it takes the same echoes as b
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice, product
 
 import numpy as np
-from scipy.special import gammainccinv
+from scipy.special import bdtr, gammainccinv
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_invalid
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import RangeProblem
 
-__all__ = ["Candidates", "Gates", "clutter_density", "find_candidates", "target_weights"]
+__all__ = ["Candidates", "Gates", "find_candidates", "usual_sensors"]
 
 _ROUNDS = 10
 _STEPS_PER_ROUND = 2
 _MAX_COMBINATIONS = 256
+_DOUBTFUL_STD = 2.0
+"""An echo farther than this from its target, in standard deviations, may be clutter: the sensor may have missed it."""
+
+_UNSEEN_SHARE = 0.01
+_BLOCK = 1 << 14
+"""Points and fits at a time, so that memory does not grow with their number."""
 _NOTHING = -1
 
 
@@ -32,12 +39,15 @@ class Gates:
     """What a candidate must satisfy.
 
     ``min_sensors`` is the least number of sensors that see it, ``gate_std`` how far, in standard deviations, an
-    echo may be from it, ``false_alarm`` the probability that the chi-square of a true one is rejected.
+    echo may be from it, ``false_alarm`` the probability that the chi-square of a true one is rejected,
+    ``least_evidence`` the evidence in nats below which it is dropped. At most ``most`` are kept.
     """
 
     min_sensors: int
     gate_std: float
     false_alarm: float
+    least_evidence: float
+    most: int
 
 
 @dataclass(frozen=True)
@@ -50,10 +60,46 @@ class Candidates(RowBlock):
     chi_square: FloatArray
     information: SymmetricMatrix
 
+    @classmethod
+    def join(cls, parts: Sequence[Candidates]) -> Candidates:
+        """Return the candidates of all parts."""
+        x, y, echo, chi_square = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "y", "echo", "chi_square")
+        )
+        information = np.concatenate([part.information.stack() for part in parts])
+        return cls(x, y, echo, chi_square, SymmetricMatrix(*information.T))
 
-def find_candidates(echoes: Echoes, seed_x: FloatArray, seed_y: FloatArray, gates: Gates) -> Candidates:
-    """Return all candidates that seeds (P,) lead to and that pass the gates, each set of echoes once."""
-    x, y, echo = seed_x, seed_y, np.empty((0, echoes.sensors), dtype=np.int64)
+
+def usual_sensors(sensors: int, detection_probability: float) -> int:
+    """Return the largest number, at least three, of sensors that see all but a hundredth of the targets at once."""
+    at_most = bdtr(np.arange(sensors), sensors, detection_probability)
+    return max(3, int(np.count_nonzero(at_most <= _UNSEEN_SHARE)))
+
+
+def find_candidates(
+    echoes: Echoes, seed_x: FloatArray, seed_y: FloatArray, gates: Gates, evidence: Callable[[Candidates], FloatArray]
+) -> tuple[Candidates, bool]:
+    """Return the candidates that seeds (P,) lead to and that pass the gates, each set of echoes once.
+
+    Their ``evidence`` (C,) is at least ``gates.least_evidence``. False if there are more of them, or more combinations
+    of their echoes, than ``gates.most``, and some were left out: those with the least evidence.
+    """
+    starts = [slice(start, start + _BLOCK) for start in range(0, max(seed_x.shape[0], 1), _BLOCK)]
+    parts = [_settle(echoes, seed_x[part], seed_y[part], gates) for part in starts]
+    echo, x, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    if len(parts) > 1:
+        echo, x, y = _best_of_each(echoes, echo, x, y)
+    candidates = _fit_in_blocks(echoes, x, y, echo, gates, slack=4.0)
+    candidates, all_kept = _heaviest(candidates, evidence(candidates), gates.least_evidence, gates.most)
+    more, x, y, all_combined = _combine(echoes, candidates, gates)
+    candidates = _fit_in_blocks(echoes, x, y, more, gates, slack=1.0)
+    candidates, all_heavy = _heaviest(candidates, evidence(candidates), gates.least_evidence, gates.most)
+    return candidates, all_kept and all_combined and all_heavy
+
+
+def _settle(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the different sets of echoes that points (P,) settle at, and their points."""
+    echo = np.empty((0, echoes.sensors), dtype=np.int64)
     for _ in range(_ROUNDS):
         before = echo
         echo, x, y = _best_of_each(echoes, associate(echoes, x, y, gates), x, y)
@@ -63,9 +109,28 @@ def find_candidates(echoes: Echoes, seed_x: FloatArray, seed_y: FloatArray, gate
             x, y = _step(echoes, echo, x, y)
         finite = np.isfinite(x) & np.isfinite(y)
         x, y, echo = x[finite], y[finite], echo[finite]
-    candidates = _gate(fit_candidates(echoes, x, y, echo), gates, slack=4.0)
-    more, x, y = _combine(echoes, candidates, gates)
-    return _gate(fit_candidates(echoes, x, y, more), gates, slack=1.0)
+    return echo, x, y
+
+
+def _fit_in_blocks(
+    echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray, gates: Gates, *, slack: float
+) -> Candidates:
+    """Return the fits to echoes (C, N) from points (C,) that pass the gate."""
+    parts = [
+        _gate(fit_candidates(echoes, x[part], y[part], echo[part]), gates, slack=slack)
+        for start in range(0, max(x.shape[0], 1), _BLOCK)
+        for part in [slice(start, start + _BLOCK)]
+    ]
+    return parts[0] if len(parts) == 1 else Candidates.join(parts)
+
+
+def _heaviest(candidates: Candidates, evidence: FloatArray, least: float, most: int) -> tuple[Candidates, bool]:
+    """Return the candidates of at least that evidence, in order, at most ``most``; False if that left some out."""
+    kept = np.flatnonzero(evidence >= least)
+    if kept.shape[0] <= most:
+        return candidates.take(kept), True
+    best = np.argsort(-evidence[kept], kind="stable")[:most]
+    return candidates.take(np.sort(kept[best])), False
 
 
 def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> IntArray:
@@ -135,32 +200,51 @@ def _step(echoes: Echoes, echo: IntArray, x: FloatArray, y: FloatArray) -> tuple
     return x + step_x, y + step_y
 
 
-def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return all combinations of the echoes within the gate of each candidate, and the points to fit them from."""
-    rows: list[tuple[int, ...]] = []
-    source: list[int] = []
-    for number in range(candidates.x.shape[0]):
-        choices = [_choices(echoes, candidates, number, sensor, gates) for sensor in range(echoes.sensors)]
-        combinations = list(islice(product(*choices), _MAX_COMBINATIONS))
-        rows += combinations
-        source += [number] * len(combinations)
-    if not rows:
-        return candidates.echo, candidates.x, candidates.y
-    echo, first = _unique_rows(np.array(rows, dtype=np.int64))
-    origin = np.array(source)[first]
-    return echo, candidates.x[origin], candidates.y[origin]
+def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntArray, FloatArray, FloatArray, bool]:
+    """Return combinations of the echoes within the gate of each candidate, and the points to fit them from.
+
+    A candidate's own echo is the first choice of a sensor; a sensor whose echo fits badly may also have none. A
+    candidate has at most ``_MAX_COMBINATIONS`` of them, and fewer where there would be more than ``gates.most`` in
+    all (then the last value is False).
+    """
+    near = _choices(echoes, candidates, gates)
+    count = near.sum(axis=2).prod(axis=1, dtype=np.float64)
+    several = np.flatnonzero(count > 1)
+    total = float(np.minimum(count, _MAX_COMBINATIONS).sum())
+    most = _MAX_COMBINATIONS if total <= gates.most else max(1, (gates.most - count.shape[0]) // max(1, several.size))
+    rows, source = [candidates.echo], [np.arange(count.shape[0])]
+    for number in several:
+        own = candidates.echo[number]
+        choices = [
+            [int(own[sensor]), *(int(index) - 1 for index in np.flatnonzero(flags) if index - 1 != own[sensor])]
+            for sensor, flags in enumerate(near[number])
+        ]
+        combinations = np.array(list(islice(product(*choices), most)), dtype=np.int64)
+        rows.append(combinations)
+        source.append(np.full(combinations.shape[0], number))
+    all_rows, origin = np.concatenate(rows), np.concatenate(source)
+    enough = np.flatnonzero((all_rows != _NOTHING).sum(axis=1) >= gates.min_sensors)
+    echo, first = _unique_rows(all_rows[enough])
+    origin = origin[enough][first]
+    return echo, candidates.x[origin], candidates.y[origin], total <= gates.most
 
 
-def _choices(echoes: Echoes, candidates: Candidates, number: int, sensor: int, gates: Gates) -> list[int]:
-    """Return the candidate's own echo of a sensor, then the others within its gate."""
-    predicted = np.hypot(
-        np.hypot(candidates.x[number] - echoes.sensor_x[sensor], candidates.y[number] - echoes.sensor_y[sensor]),
-        echoes.height[sensor],
-    )
-    own = int(candidates.echo[number, sensor])
-    with ignoring_invalid():
-        near = np.flatnonzero(np.abs(echoes.range_m[sensor] - predicted) <= gates.gate_std * echoes.std_m[sensor])
-    return [own, *(int(index) for index in near if index != own)]
+def _choices(echoes: Echoes, candidates: Candidates, gates: Gates) -> BoolArray:
+    """Return which echoes (C, N, 1 + M) of each sensor a candidate may take; the first stands for none."""
+    dx, dy = candidates.x[:, None] - echoes.sensor_x, candidates.y[:, None] - echoes.sensor_y
+    predicted = np.hypot(np.hypot(dx, dy), echoes.height)
+    seen = candidates.echo != _NOTHING
+    near = np.zeros((*predicted.shape, 1 + echoes.most), dtype=bool)
+    for sensor in range(echoes.sensors):
+        with ignoring_invalid():
+            away = np.abs(echoes.range_m[sensor] - predicted[:, sensor, None]) / echoes.std_m[sensor]
+            near[:, sensor, 1:] = away <= gates.gate_std
+        own = np.where(seen[:, sensor], candidates.echo[:, sensor], 0)
+        doubtful = np.take_along_axis(away, own[:, None], axis=1)[:, 0] > _DOUBTFUL_STD
+        spare = seen.sum(axis=1) > gates.min_sensors
+        near[:, sensor, 0] = ~seen[:, sensor] | (doubtful & spare)
+    np.put_along_axis(near, candidates.echo[..., None] + 1, True, axis=2)
+    return near
 
 
 def _gate(candidates: Candidates, gates: Gates, *, slack: float) -> Candidates:
@@ -183,40 +267,3 @@ def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
     """Return the different rows in sorted order, and the index of the first of each."""
     unique, first = np.unique(rows, axis=0, return_index=True)
     return unique, first
-
-
-def clutter_density(echoes: Echoes, bandwidth_m: float) -> FloatArray:
-    """Return the density (N, M) of echoes per metre and sensor at each echo: all ranges pooled, a Gaussian kernel.
-
-    The kernel is reflected at zero, since ranges are positive. NaN where there is no echo.
-    """
-    pooled = echoes.range_m[np.isfinite(echoes.range_m)]
-    here = echoes.range_m[..., None]
-    kernel = np.exp(-0.5 * ((here - pooled) / bandwidth_m) ** 2) + np.exp(-0.5 * ((here + pooled) / bandwidth_m) ** 2)
-    density: FloatArray = kernel.sum(axis=-1) / (np.sqrt(2.0 * np.pi) * bandwidth_m * echoes.sensors)
-    return density
-
-
-def target_weights(
-    echoes: Echoes,
-    candidates: Candidates,
-    *,
-    density: FloatArray,
-    area_m2: float,
-    detection_probability: float,
-    reward: float,
-) -> FloatArray:
-    """Return the log of the likelihood ratio (C,) of a target against clutter, in nats.
-
-    sum of -ln(density sqrt(2 pi) std) over the echoes taken, less half the chi-square, plus ln(2 pi / (sqrt det
-    F area)) for a position that could be anywhere in the area, plus ``reward``; and for each sensor the log of the
-    probability with which it sees a target, or doesn't.
-    """
-    seen = candidates.echo >= 0
-    index = np.where(seen, candidates.echo, 0)
-    sensor = np.broadcast_to(np.arange(echoes.sensors), index.shape)
-    surprise = -np.log(density[sensor, index] * np.sqrt(2.0 * np.pi) * echoes.std_m[sensor, index])
-    detected = np.where(seen, surprise + np.log(detection_probability), np.log1p(-detection_probability))
-    volume = np.log(2.0 * np.pi / area_m2) - 0.5 * np.log(candidates.information.determinant)
-    weights: FloatArray = detected.sum(axis=1) - 0.5 * candidates.chi_square + volume + reward
-    return weights

@@ -11,7 +11,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.options import option
-from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Solution
+from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Solution, has_covariance, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -21,14 +21,25 @@ from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
 from nlosctl.solvers.echoes.type_sets import Gate
 from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
 
-__all__ = ["IDENTIFICATION_FLAGS", "IdentificationOptions", "IdentifiedEchoes", "identify"]
+__all__ = ["EXISTENCE", "IDENTIFICATION_FLAGS", "IdentificationOptions", "IdentifiedEchoes", "identify"]
 
 
 IDENTIFICATION_FLAGS = ("los", "target", "residual_m")
+EXISTENCE = "existence_probability"
 _MAX_ITERATIONS = 100
 
-IdentifiedEchoes = IntArray | Status
-"""Echoes (T, N) of the identified targets, -1 where a sensor has none; or the status if there are no targets."""
+
+@dataclass(frozen=True)
+class IdentifiedEchoes:
+    """Echoes (T, N) of the identified targets, -1 where a sensor has none.
+
+    ``existence`` (T,) is the probability that a target exists, if the method has one; ``proven`` is false if a better
+    set of targets may exist.
+    """
+
+    echo: IntArray
+    existence: FloatArray | None = None
+    proven: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +67,8 @@ def identify(
     """Return the targets that ``find`` finds in each snapshot, each located by range least squares.
 
     A snapshot without a target, or of fewer than three sensors, has one estimate with that status. A row
-    shared by several targets is assigned to the first of them.
+    shared by several targets is assigned to the first of them. Targets of a set that is not proven to be the best are
+    not_proven.
     """
     parts: list[Estimates] = []
     targets: list[_Target] = []
@@ -64,13 +76,24 @@ def identify(
     region = _regions(batch, all_echoes)
     for snapshot, echoes in enumerate(all_echoes):
         gate = Gate(region.take(np.array([snapshot])), options.field_margin_m)
-        identified = Status.TOO_FEW if echoes.sensors < 3 else find(echoes, gate)
-        if isinstance(identified, Status) or not identified.shape[0]:
-            parts.append(_nothing(snapshot, identified if isinstance(identified, Status) else Status.NO_TARGET))
+        if echoes.sensors < 3:
+            parts.append(_nothing(snapshot, Status.TOO_FEW))
             continue
+        identified = find(echoes, gate)
+        if not identified.echo.shape[0]:
+            parts.append(_nothing(snapshot, Status.NO_TARGET))
+        existence = np.full(identified.echo.shape[0], np.nan) if identified.existence is None else identified.existence
         targets += [
-            _Target(snapshot, number, _rows(echoes, echo), echoes.center_x, echoes.center_y)
-            for number, echo in enumerate(identified)
+            _Target(
+                snapshot,
+                number,
+                _rows(echoes, echo),
+                echoes.center_x,
+                echoes.center_y,
+                float(existence[number]),
+                identified.proven,
+            )
+            for number, echo in enumerate(identified.echo)
         ]
     residuals: dict[_Target, FloatArray] = {}
     for count in sorted({len(target.rows) for target in targets}):
@@ -83,13 +106,18 @@ def identify(
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """An identified target: its snapshot, its number there, the rows of its echoes, and the snapshot's local origin."""
+    """An identified target: its snapshot, its number there, the rows of its echoes, and the snapshot's local origin.
+
+    ``existence`` and ``proven`` are as in `IdentifiedEchoes`.
+    """
 
     snapshot: int
     number: int
     rows: IntArray
     center_x: float
     center_y: float
+    existence: float
+    proven: bool
 
 
 def _regions(batch: RangeBatch, all_echoes: list[Echoes]) -> Region:
@@ -132,8 +160,18 @@ def _locate(
     ).estimates
     best = estimates.position_m[estimates.alternative == 0]
     residual = circles.residual_m(best[:, 0] - circles.center_x, best[:, 1] - circles.center_y)
-    number = np.array([target.number for target in targets])
-    return replace(estimates, row=snapshot[estimates.row], target=number[estimates.row]), residual
+    number, existence, proven = (
+        np.array([getattr(target, name) for target in targets])[estimates.row]
+        for name in ("number", "existence", "proven")
+    )
+    certain = has_covariance(estimates.status)
+    return replace(
+        estimates,
+        row=snapshot[estimates.row],
+        target=number,
+        status=np.where(certain & ~proven, np.uint8(Status.NOT_PROVEN), estimates.status),
+        columns={EXISTENCE: np.where(has_position(estimates.status), existence, np.nan)},
+    ), residual
 
 
 def _flags(batch: RangeBatch, targets: list[_Target], residuals: dict[_Target, FloatArray]) -> Flags:
@@ -168,7 +206,13 @@ def _nothing(snapshot: int, status: Status) -> Estimates:
     nan = np.full(1, np.nan)
     row = np.full(1, snapshot, dtype=np.int64)
     return Estimates.of(
-        np.full(1, status, dtype=np.uint8), (nan, nan), SymmetricMatrix.full(1, np.nan), nan, 0, row=row
+        np.full(1, status, dtype=np.uint8),
+        (nan, nan),
+        SymmetricMatrix.full(1, np.nan),
+        nan,
+        0,
+        row=row,
+        columns={EXISTENCE: nan},
     )
 
 
@@ -178,4 +222,6 @@ def _join(parts: list[Estimates]) -> Estimates:
     names = (*FORM, *MISFIT_FORM)
     joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])[1:] for name in names}
     order = np.lexsort((joined["alternative"], joined["target"], joined["row"]))
-    return Estimates(**{name: values[order] for name, values in joined.items()})
+    existence = np.concatenate([part.columns[EXISTENCE] for part in parts])[1:][order]
+    columns = {} if np.isnan(existence).all() else {EXISTENCE: existence}
+    return Estimates(**{name: values[order] for name, values in joined.items()}, columns=columns)
