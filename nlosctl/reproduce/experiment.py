@@ -29,10 +29,14 @@ class Erratum:
 
 @dataclass(frozen=True, kw_only=True)
 class Paper:
-    """A paper: its short name on the command line, its reference, and the errors in its text."""
+    """A paper: its short name on the command line, its reference, and the errors in its text.
+
+    ``ours`` lists what the text does not state or could not be read, and what stands in its place.
+    """
 
     name: str
     reference: str
+    ours: tuple[str, ...] = ()
     errata: tuple[Erratum, ...] = ()
 
 

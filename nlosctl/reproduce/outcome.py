@@ -22,7 +22,10 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimRow:
-    """A claim with our number, its Monte-Carlo standard error and the verdict; a comparison has no verdict."""
+    """A claim with our number, its Monte-Carlo standard error and the verdict; a comparison has no verdict.
+
+    ``paper`` is the paper's number or its words, ``allowed`` the range that we take to confirm it.
+    """
 
     experiment: str
     claim: str
@@ -31,6 +34,7 @@ class ClaimRow:
     unit: str
     where: str = ""
     paper: str = ""
+    allowed: str = ""
     verdict: Verdict | None = None
     note: str = ""
 
@@ -53,6 +57,7 @@ def claim_rows(experiment: Experiment, results: Results) -> list[ClaimRow]:
                 claim=claim.text,
                 where=claim.where,
                 paper=claim.expected.text if claim.expected is not None else "",
+                allowed=claim.expected.allowed if claim.expected is not None else "",
                 ours=ours.value,
                 standard_error=error,
                 unit=claim.unit,

@@ -12,18 +12,22 @@ __all__ = ["Expected", "Verdict", "about", "at_least", "at_most", "between", "pr
 _SIGMAS = 3.0
 """Largest deviation in Monte-Carlo standard errors: chance alone exceeds it three times in a thousand."""
 
+_COARSEST = 0.25
+"""Widest margin, as a share of the number, at which a number that agrees reproduces it."""
+
 
 class Verdict(StrEnum):
     """The verdict on a claim."""
 
     REPRODUCED = "reproduced"
     NOT_REPRODUCED = "not reproduced"
+    UNDECIDED = "undecided"
     NO_NUMBERS = "no numbers in the text"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Expected:
-    """The range of numbers that confirm a claim, and ``text``, the claim's number as shown.
+    """The range of numbers that confirm a claim, which is ours, and ``text``, the number or the words of the paper.
 
     ``standard_error`` is the Monte-Carlo error of the paper's number, if its number of trials is known.
     """
@@ -32,6 +36,15 @@ class Expected:
     high: float
     text: str
     standard_error: float = 0.0
+
+    @property
+    def allowed(self) -> str:
+        """The range as text."""
+        if self.low == self.high:
+            return f"{self.low:g}"
+        if math.isinf(self.high):
+            return f">= {self.low:g}"
+        return f"<= {self.high:g}" if math.isinf(self.low) else f"{self.low:.6g} to {self.high:.6g}"
 
 
 def printed(text: str, *, tolerance: float = 0.0, standard_error: float = 0.0) -> Expected:
@@ -50,29 +63,39 @@ def about(value: float, relative: float, text: str) -> Expected:
     return Expected(low=value - relative * abs(value), high=value + relative * abs(value), text=text)
 
 
-def at_least(low: float, text: str = "") -> Expected:
+def at_least(low: float, text: str) -> Expected:
     """Return the range of ``low`` and more."""
-    return Expected(low=low, high=math.inf, text=text or f">= {low:g}")
+    return Expected(low=low, high=math.inf, text=text)
 
 
-def at_most(high: float, text: str = "") -> Expected:
+def at_most(high: float, text: str) -> Expected:
     """Return the range up to ``high``."""
-    return Expected(low=-math.inf, high=high, text=text or f"<= {high:g}")
+    return Expected(low=-math.inf, high=high, text=text)
 
 
-def between(low: float, high: float, text: str = "") -> Expected:
+def between(low: float, high: float, text: str) -> Expected:
     """Return the range from ``low`` to ``high``."""
-    return Expected(low=low, high=high, text=text or f"{low:g} to {high:g}")
+    return Expected(low=low, high=high, text=text)
 
 
 def verdict(value: float, standard_error: float, expected: Expected | None) -> Verdict:
     """Return whether ``value`` is in the expected range, up to Monte-Carlo error.
 
-    The tolerance is three times the root sum of squares of both standard errors. A value that is missing, or whose
-    standard error is unknown, does not reproduce the claim.
+    The margin is three times the root sum of squares of both standard errors. A value outside of the range and the
+    margin does not reproduce the claim. A value that the margin could move across a limit of "at least" or "at most" is
+    undecided, and so is one in a range of two limits if the margin is wider than half the range and than a quarter of
+    its middle: almost any number would be inside. A missing value, or an unknown error, is undecided too.
     """
     if expected is None:
         return Verdict.NO_NUMBERS
-    slack = _SIGMAS * math.hypot(standard_error, expected.standard_error)
-    inside = expected.low - slack <= value <= expected.high + slack
-    return Verdict.REPRODUCED if inside else Verdict.NOT_REPRODUCED
+    margin = _SIGMAS * math.hypot(standard_error, expected.standard_error)
+    if math.isnan(value) or math.isnan(margin):
+        return Verdict.UNDECIDED
+    low, high = expected.low, expected.high
+    if not low - margin <= value <= high + margin:
+        return Verdict.NOT_REPRODUCED
+    if math.isinf(low) or math.isinf(high):
+        decided = low + margin <= value <= high - margin
+    else:
+        decided = margin <= max(0.5 * (high - low), _COARSEST * abs(0.5 * (high + low)))
+    return Verdict.REPRODUCED if decided else Verdict.UNDECIDED

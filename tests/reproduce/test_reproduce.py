@@ -192,7 +192,9 @@ def test_the_page_lists_every_claim(tmp_path: Path) -> None:
         assert f"(figures/{name}.svg)" in text
         assert (page.parent / "figures" / f"{name}.svg").exists()
         assert sum(claim.where in text for claim in experiment.claims) == len(experiment.claims)
-    assert "| Song, Willett, Zhou 2013 | 2 | 9 | 8 | 1 | 0 |" in text
+    assert "| Song, Willett, Zhou 2013 | 2 | 9 | 8 | 1 | 0 | 0 |" in text
+    assert "| claim | where | paper | allowed | ours | verdict |" in text
+    assert "scans" in text
     assert text.count("**not reproduced**") == 1
     assert "AD is twice BC" in text.split("### song-fig6")[0]
     assert text.count("t = cot(theta / 2)") == 1

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from nlosctl.cli.options.declarations import ConfigFile, Debug, Inputs, Json, Quiet
+from nlosctl.cli.options.declarations import ConfigFile, Debug, FailIf, Inputs, Json, Quiet
 from nlosctl.cli.options.settings import takes_options
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_message, print_table
 from nlosctl.contract.run_options import InputOptions, OutputOptions
@@ -58,15 +58,7 @@ def evaluate(
             help="Alternative that counts: the first, or the nearest to the truth.",
         ),
     ] = "first",
-    fail_if: Annotated[
-        list[str],
-        typer.Option(
-            "--fail-if",
-            metavar="CONDITION",
-            rich_help_panel="Run",
-            help="Exit 4 if a metric meets it: 'rmse_m>5', 'ml:rmse_m>5'. Repeatable.",
-        ),
-    ] = [],  # noqa: B006 - typer copies it
+    fail_if: FailIf = [],  # noqa: B006 - typer copies it
     config: ConfigFile = None,
     json: Json = False,
     quiet: Quiet = False,

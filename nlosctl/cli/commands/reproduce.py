@@ -79,8 +79,9 @@ def reproduce(
 ) -> None:
     """Run the Monte Carlo simulation of a paper's figure or table and compare its claims with our results.
 
-    Each of our numbers has a Monte Carlo standard error; the verdict allows three of them. The same seed gives the same
-    files for any number of jobs, interrupted or not.
+    Each of our numbers has a Monte Carlo standard error; the verdict allows three of them, and is "undecided" where
+    they are too large (with --quick, often). The same seed gives the same files for any number of jobs, interrupted or
+    not.
     """
     if not names:
         if output is not None or page is not None or trials is not None or quick:
@@ -197,12 +198,13 @@ def _print(outcomes: list[Outcome], json: bool) -> None:
                 "name": row.experiment,
                 "claim": row.claim,
                 "paper": row.paper,
+                "allowed": row.allowed,
                 "ours": row.ours_text,
                 "verdict": row.verdict or "beside the paper",
             }
             for row in rows
         ],
-        ["name", "claim", "paper", "ours", "verdict"],
+        ["name", "claim", "paper", "allowed", "ours", "verdict"],
     )
 
 
@@ -212,6 +214,7 @@ def _as_json(row: ClaimRow) -> dict[str, Any]:
         "claim": row.claim,
         "where": row.where,
         "paper": row.paper,
+        "allowed": row.allowed,
         "ours": row.ours if math.isfinite(row.ours) else None,
         "standard_error": row.standard_error,
         "unit": row.unit,

@@ -121,7 +121,7 @@ EXPERIMENT = Experiment(
                 text=f"N = 4: eta = 15 has the number right more often than 35, by, {noise_db:g} dB",
                 where=_WHERE,
                 ours=partial(_lead, sensors=4, noise_db=noise_db),
-                expected=between(0.08, 0.12),
+                expected=between(0.08, 0.12, "0.08 to 0.12"),
                 note="Better it is. But with eta = 35 ours counts false sets that share circles with better ones; the "
                 "paper's search drops them in a way that the text does not state.",
                 per_trial=1.0,

@@ -78,6 +78,12 @@ def panels_by_blocked(
 PAPER = Paper(
     name="madhow",
     reference="Ananthasubramaniam, Madhow",
+    ours=(
+        "The bearing error of Fig. 8: 2, 4 and 6 degrees.",
+        "The SNR of 12 dB of the ranges: 15.85, an error of 2.1 % of the range.",
+        "The worlds of Fig. 10 and Fig. 11: the captions state which walls reflect and block, not where walls, "
+        "receivers and sources are.",
+    ),
     errata=(
         Erratum(
             "(1)",

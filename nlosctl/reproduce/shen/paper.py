@@ -33,6 +33,11 @@ __all__ = [
 PAPER = Paper(
     name="shen",
     reference="Shen, Molisch 2012",
+    ours=(
+        "The transmit power of Table V: 1 dBm.",
+        "Whether directions are rays or lines: lines in Table IV, the only reading that gives its numbers; rays "
+        "(`behind_is_ip`: an intersection behind a node is indirect) in scenario 4 and Fig. 8.",
+    ),
     errata=(
         Erratum(
             "(11)",

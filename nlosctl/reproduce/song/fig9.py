@@ -122,15 +122,9 @@ def _claims(parameter_set: str) -> tuple[Claim, ...]:
             text=f"{name}: the RMSE of ML is not linear in epsilon: largest over least RMSE of grid ML per degree",
             where=third,
             ours=partial(slope, name="ml-grid"),
-            expected=at_least(1.25, "> 1.25"),
+            expected=at_least(1.25, "not linear"),
             note="Linear within a few per cent. A search region about the true target saturates near half its size, "
             "and would show both this and a large gain of ML; that the paper's was there is our inference alone.",
-        ),
-        Claim(
-            text=f"{name}: RMSE of grid ML at 1 deg",
-            where="Fig. 9",
-            ours=lambda results: rms(results.of(parameter_set=parameter_set, bearing_std_deg=1.0)["ml-grid"]) / 1e3,
-            unit="km",
         ),
     )
 
@@ -139,6 +133,11 @@ def _comparisons(parameter_set: str) -> tuple[Comparison, ...]:
     name = f"set {parameter_set.upper()}"
     ratio = partial(_ratio, parameter_set=parameter_set)
     return (
+        Comparison(
+            text=f"{name}: RMSE of grid ML at 1 deg",
+            ours=lambda results: rms(results.of(parameter_set=parameter_set, bearing_std_deg=1.0)["ml-grid"]) / 1e3,
+            unit="km",
+        ),
         Comparison(
             text=f"{name}: grid about the truth, largest over least RMSE per degree",
             ours=partial(_spread_of_slope, name="grid_about_truth", parameter_set=parameter_set),

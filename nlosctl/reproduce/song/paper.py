@@ -9,6 +9,11 @@ __all__ = ["PAPER"]
 PAPER = Paper(
     name="song",
     reference="Song, Willett, Zhou 2013",
+    ours=(
+        "The unit of the noise in Fig. 8 and Fig. 9: degrees, of the bearing from the +x axis.",
+        "The grid search of Fig. 9: vertices that the scene does not allow are left out; without another there is no "
+        "estimate. That the region is about the least-squares fix is the text's.",
+    ),
     errata=(
         Erratum(
             "(2), (3), (34)", "arctan of a quotient", "atan2: as printed (3) is wrong by pi in half of all geometries"
