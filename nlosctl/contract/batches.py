@@ -54,9 +54,9 @@ class BearingBatch(Batch):
     ``sensor`` numbers the sensors (equal numbers: the same sensor), ``path`` numbers the measurements of one
     sensor, ``reflector`` is an index into ``scene.reflectors``, or -1 for the direct path. ``sensor_xy_m`` is in
     metres, ``bearing_rad`` and ``bearing_std_rad`` in radians; all are finite and the std is positive.
-    ``range_m`` and ``range_std_m`` are NaN in rows without a range, and None if no row has one. ``prior_xy_m`` and
-    ``prior_std_m`` are the prior position and its standard deviation, equal in all rows of a snapshot; None or NaN
-    if there is no prior.
+    ``range_m`` and ``range_std_m`` are NaN in rows without a range, and None if no row has one. ``prior_xy_m`` is
+    the prior position, with either its standard deviation ``prior_std_m`` in x and y or its covariance ``prior_cov_m2``
+    (B, K, 3: xx, xy, yy), equal in all rows of a snapshot; None or NaN if there is no prior.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -70,6 +70,7 @@ class BearingBatch(Batch):
         "range_std_m": ("range_std_m",),
         "prior_xy_m": ("prior_x_m", "prior_y_m"),
         "prior_std_m": ("prior_std_m",),
+        "prior_cov_m2": ("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2"),
     }
 
     sensor: IntArray
@@ -82,6 +83,7 @@ class BearingBatch(Batch):
     range_std_m: FloatArray | None = None
     prior_xy_m: FloatArray | None = None
     prior_std_m: FloatArray | None = None
+    prior_cov_m2: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, StatusArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
@@ -17,25 +17,35 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.solvers.bearings.fix_status import judge_fixes, nearly_singular
+from nlosctl.solvers.bearings.fix_status import judge_fixes, mark_crossings_behind, nearly_singular
 from nlosctl.solvers.bearings.joint_range_bearing import range_columns
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import RowDerivatives, least_chi_square
-from nlosctl.solvers.sequential.orders import Prior, RangedLines, Run, run_all_orders
+from nlosctl.solvers.sequential.orders import Prior, RangedLines, run_all_orders
 from nlosctl.solvers.sequential.polar_updates import SourceState
-from nlosctl.solvers.sequential.starting_pairs import conditioned_pairs
+from nlosctl.solvers.sequential.second_round import second_round
+from nlosctl.solvers.sequential.starting_pairs import starting_pairs
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
 
 _UNKNOWNS = 2
+_POSITION = ("prior_x_m", "prior_y_m")
+_STD = "prior_std_m"
+_COVARIANCE = ("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SequentialOptions:
     """Parameters of ``sequential``."""
 
-    bootstraps: int = option(1, minimum=1, maximum=1000, meaning="runs from different pairs; the likeliest is kept")
+    bootstraps: int = option(5, minimum=1, maximum=1000, meaning="runs from different pairs; the likeliest is kept")
+    pairs: Literal["precise", "random"] = option(
+        "precise", meaning="pairs to start from: those of least predicted covariance, or at random (as published)"
+    )
+    relinearize: bool = option(
+        True, meaning="whether a second round through the rows relinearizes about the estimate (as published: false)"
+    )
     use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
     prior_x_m: float | None = option(None, unit="m", meaning="prior x of the source, in place of a pair of rows")
@@ -43,84 +53,41 @@ class SequentialOptions:
     prior_std_m: float | None = option(
         None, unit="m", minimum=0.0, exclusive=True, meaning="standard deviation of the prior in x and in y"
     )
+    prior_cov_xx_m2: float | None = option(
+        None, unit="m2", minimum=0.0, exclusive=True, meaning="covariance of the prior, in place of prior_std_m"
+    )
+    prior_cov_xy_m2: float | None = option(None, unit="m2", meaning="covariance of the prior")
+    prior_cov_yy_m2: float | None = option(
+        None, unit="m2", minimum=0.0, exclusive=True, meaning="covariance of the prior"
+    )
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
-    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to choose from; a random subset if there are more")
+    max_pairs: int = option(5000, minimum=1, meaning="most pairs of rows to choose the starting pairs from")
 
 
 def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
     """Solve a batch by the sequential algorithm of Ananthasubramaniam and Madhow, Section III, (6)-(17).
 
-    Starts from a pair of rays that cross well (or from a prior), combines the other rows in random order, each in its
-    own polar frame, and keeps the likeliest of ``bootstraps`` runs. The cost is half the chi-square, (17) halved and
-    negated. behind: every run started from a crossing behind a ray, or ended behind one.
+    Starts from pairs of rays with the least predicted covariance, (15), (16) (or from a prior), combines the other
+    rows in random order, each in its own polar frame, and keeps the likeliest of ``bootstraps`` runs. A second round
+    then relinearizes all rows about its estimate. The cost is half the chi-square, (17) halved and negated. behind:
+    every run started from a crossing behind a ray, or ended behind one.
     """
     lines = sight_lines(batch)
+    measured_m, range_std_m = range_columns(batch, options.use_ranges) or (None, None)
     prior = _prior(batch, lines, options)
-    ranges = range_columns(batch, options.use_ranges)
-    measured_m, range_std_m = ranges or (None, None)
-    ranged = RangedLines(lines, measured_m, range_std_m, options.range_noise == "lognormal")
-    if batch.measurements < 2:
-        first = second = np.zeros((batch.size, 1), dtype=np.int64)
-    else:
-        first, second = conditioned_pairs(batch.seed, lines, options.bootstraps, options.max_pairs)
-    run = run_all_orders(ranged, batch.seed, np.asfortranarray(first), np.asfortranarray(second), prior)
-    last = run.states[-1]
-    cost = np.where(last.alive, ranged.half_chi_square(last.x, last.y), np.inf)
-    best = np.argmin(cost, axis=1)
-    status = _status(batch, lines, run, best, prior, options.min_range_m)
-    return _solution(batch, ranged, run, best, cost[np.arange(batch.size), best], status, prior)
-
-
-def _prior(batch: BearingBatch, lines: SightLines, options: SequentialOptions) -> Prior | None:
-    """Return the prior of each snapshot: that of the file, else that of the parameters."""
-    given = (options.prior_x_m, options.prior_y_m, options.prior_std_m)
-    if any(value is None for value in given) and any(value is not None for value in given):
-        raise UsageError("a prior needs all of prior_x_m, prior_y_m and prior_std_m")
-    x, y, std = (np.full(batch.size, np.nan if value is None else value) for value in given)
-    if batch.prior_xy_m is not None and batch.prior_std_m is not None and batch.measurements:
-        own = np.isfinite(batch.prior_xy_m[:, 0, 0]) & np.isfinite(batch.prior_xy_m[:, 0, 1])
-        own &= np.isfinite(batch.prior_std_m[:, 0])
-        x, y = np.where(own, batch.prior_xy_m[:, 0, 0], x), np.where(own, batch.prior_xy_m[:, 0, 1], y)
-        std = np.where(own, batch.prior_std_m[:, 0], std)
-    known = np.isfinite(std)
-    if not known.any():
-        return None
-    return Prior(x - lines.center_x, y - lines.center_y, std, known)
-
-
-def _status(
-    batch: BearingBatch, lines: SightLines, run: Run, best: IntArray, prior: Prior | None, min_range_m: float
-) -> StatusArray:
-    (last,) = run.pick(best)[0][-1:]
-    x, y = last.x[:, 0], last.y[:, 0]
-    covariance = last.covariance.at(slice(None), 0)
-    status = judge_fixes(lines, x, y, lines.ray_residuals(x, y), covariance, min_range_m)
-    status[~last.alive[:, 0]] = Status.BEHIND
-    free = np.ones(batch.size, dtype=bool) if prior is None else ~prior.known
-    status[free & nearly_singular(fit_least_squares(lines).normal)] = Status.DEGENERATE
-    if batch.measurements < 2:
-        status[free] = Status.TOO_FEW
-    return status
-
-
-def _solution(
-    batch: BearingBatch,
-    ranged: RangedLines,
-    run: Run,
-    best: IntArray,
-    cost: FloatArray,
-    status: StatusArray,
-    prior: Prior | None,
-) -> Solution:
-    lines = ranged.lines
-    states, rows = run.pick(best)
+    ranged = RangedLines(lines, measured_m, range_std_m, options.range_noise == "lognormal", prior)
+    states, rows = _best_run(ranged, batch, options)
+    if options.relinearize:
+        states = second_round(ranged, states, np.stack(rows, axis=1))
     last = states[-1]
+    cost = np.where(last.alive, ranged.half_chi_square(last.x, last.y), np.inf)[:, 0]
+    status = _status(batch, ranged, last, options.min_range_m)
     x, y = last.x[:, 0], last.y[:, 0]
     position = (x + lines.center_x, y + lines.center_y)
     covariance = last.covariance.at(slice(None), 0)
-    chi_square, degrees = _misfit(ranged, x, y, prior)
+    chi_square, degrees = _fit(ranged, x, y)
     return Solution(
         estimates=Estimates.of(
             status, position, covariance, cost, batch.measurements, chi_square=chi_square, degrees_of_freedom=degrees
@@ -130,22 +97,99 @@ def _solution(
     )
 
 
-def _misfit(ranged: RangedLines, x: FloatArray, y: FloatArray, prior: Prior | None) -> tuple[FloatArray, IntArray]:
+def _fit(ranged: RangedLines, x: FloatArray, y: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return the chi-square (B,) of all rows, and of the prior where there is one, with its degrees of freedom."""
     smallest = np.full(x.shape, np.finfo(np.float64).tiny)
     ranges = (ranged.measured_m, ranged.range_std_m)
     rows = DirectBearings.of(ranged.lines, smallest, *ranges, lognormal=ranged.lognormal)
     everything = np.ones(rows.weight.shape, dtype=bool)
-    if prior is None:
+    if ranged.prior is None:
         chi_square, scalars = least_chi_square(rows, x, y, everything)
         return chi_square, scalars - _UNKNOWNS
-    weight = np.where(prior.known, 1.0 / (prior.std_m * prior.std_m), 0.0)
-    dx, dy = (np.where(prior.known, part, 0.0) for part in (x - prior.x, y - prior.y))
-    precision = SymmetricMatrix(weight, np.zeros(x.shape), weight)
-    half = 0.5 * precision.quadratic_form(dx, dy)
-    expected = RowDerivatives(half, (weight * dx, weight * dy), precision, precision)
+    known = ranged.prior.known
+    dx, dy = (np.where(known, part, 0.0) for part in (x - ranged.prior.x, y - ranged.prior.y))
+    precision = ranged.prior.information()
+    slope = (precision.xx * dx + precision.xy * dy, precision.xy * dx + precision.yy * dy)
+    expected = RowDerivatives(0.5 * precision.quadratic_form(dx, dy), slope, precision, precision)
     chi_square, scalars = least_chi_square(rows, x, y, everything, expected)
-    return chi_square, scalars + np.where(prior.known, _UNKNOWNS, 0) - _UNKNOWNS
+    return chi_square, scalars + np.where(known, _UNKNOWNS, 0) - _UNKNOWNS
+
+
+def _best_run(
+    ranged: RangedLines, batch: BearingBatch, options: SequentialOptions
+) -> tuple[list[SourceState], list[IntArray]]:
+    """Return the states (B, 1) of the likeliest run of each snapshot, and the rows (B,) in the order of their use."""
+    if batch.measurements < 2:
+        first = second = np.zeros((batch.size, 1), dtype=np.int64)
+    else:
+        first, second = starting_pairs(
+            ranged, batch.seed, options.bootstraps, options.max_pairs, at_random=options.pairs == "random"
+        )
+    run = run_all_orders(ranged, batch.seed, first, second, want_steps=batch.want_trace)
+    last = run.states[-1]
+    misfit = ranged.misfit(last.x, last.y)
+    return run.pick(np.argmin(np.where(last.alive & np.isfinite(misfit), misfit, np.inf), axis=1))
+
+
+def _prior(batch: BearingBatch, lines: SightLines, options: SequentialOptions) -> Prior | None:
+    """Return the prior of each snapshot: that of the file, else that of the parameters."""
+    parts = [np.full(batch.size, value) for value in _given_prior(options)]
+    if batch.prior_xy_m is not None and batch.measurements:
+        position = (batch.prior_xy_m[:, 0, 0], batch.prior_xy_m[:, 0, 1])
+        for own in (_own_std(batch), _own_covariance(batch)):
+            if own is not None:
+                complete = np.isfinite([*position, *own]).all(axis=0)
+                parts = [np.where(complete, mine, part) for mine, part in zip((*position, *own), parts, strict=True)]
+    known: BoolArray = np.isfinite(np.stack(parts)).all(axis=0)
+    if not known.any():
+        return None
+    x, y, *covariance = parts
+    return Prior(x - lines.center_x, y - lines.center_y, SymmetricMatrix(*covariance), known)
+
+
+def _given_prior(options: SequentialOptions) -> tuple[float, ...]:
+    """Return x, y, xx, xy and yy of the parameters' prior, NaN without one; UsageError for a part of one."""
+    values = {name: getattr(options, name) for name in (*_POSITION, _STD, *_COVARIANCE)}
+    given = {name: float(value) for name, value in values.items() if value is not None}
+    if not given:
+        return (np.nan,) * 5
+    needed = (*_POSITION, *(_COVARIANCE if given.keys() & set(_COVARIANCE) else (_STD,)))
+    if given.keys() != set(needed):
+        alone = f", without {_STD}" if _STD in given and _STD not in needed else ""
+        raise UsageError(f"a prior needs all of {', '.join(needed[:-1])} and {needed[-1]}{alone}")
+    if _STD in given:
+        return given["prior_x_m"], given["prior_y_m"], given[_STD] ** 2, 0.0, given[_STD] ** 2
+    x, y, xx, xy, yy = (given[name] for name in needed)
+    if xy * xy >= xx * yy:
+        raise UsageError(f"prior_cov_xy_m2 = {xy:g}: its square must be below the product of {xx:g} and {yy:g}")
+    return x, y, xx, xy, yy
+
+
+def _own_std(batch: BearingBatch) -> tuple[FloatArray, ...] | None:
+    if batch.prior_std_m is None:
+        return None
+    variance = batch.prior_std_m[:, 0] * batch.prior_std_m[:, 0]
+    return variance, np.where(np.isfinite(variance), 0.0, np.nan), variance
+
+
+def _own_covariance(batch: BearingBatch) -> tuple[FloatArray, ...] | None:
+    return None if batch.prior_cov_m2 is None else tuple(batch.prior_cov_m2[:, 0].T)
+
+
+def _status(batch: BearingBatch, ranged: RangedLines, last: SourceState, min_range_m: float) -> StatusArray:
+    lines = ranged.lines
+    x, y = last.x[:, 0], last.y[:, 0]
+    covariance = last.covariance.at(slice(None), 0)
+    rays = lines.ray_residuals(x, y)
+    allowed_m2 = None if ranged.prior is None else np.where(ranged.prior.known, np.inf, 0.0)
+    status = judge_fixes(lines, x, y, rays, covariance, min_range_m, allowed_m2=allowed_m2)
+    status[~last.alive[:, 0]] = Status.BEHIND
+    free = ~ranged.from_prior
+    status[free & nearly_singular(fit_least_squares(lines).normal)] = Status.DEGENERATE
+    mark_crossings_behind(status, lines, np.where(free, rays.chi_square, 0.0), answered_too=True)
+    if batch.measurements < 2:
+        status[free] = Status.TOO_FEW
+    return status
 
 
 def _trace(lines: SightLines, states: list[SourceState], rows: list[IntArray], status: StatusArray) -> Trace:
@@ -182,5 +226,5 @@ METHOD = MethodSpec(
     randomized=True,
     traces=True,
     exempt_from=frozenset({"order"}),
-    reads=frozenset({"range_m", "range_std_m", "prior_x_m", "prior_y_m", "prior_std_m"}),
+    reads=frozenset({"range_m", "range_std_m", *_POSITION, _STD, *_COVARIANCE}),
 )

@@ -81,6 +81,7 @@ def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Be
         range_std_m=None if batch.range_std_m is None else np.asfortranarray(np.broadcast_to(batch.range_std_m, shape)),
         prior_xy_m=None,
         prior_std_m=None,
+        prior_cov_m2=None,
     )
 
 

@@ -12,6 +12,7 @@ from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
 
 HEADER = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad"
+COVARIANCE = "prior_x_m,prior_y_m,prior_cov_xx_m2,prior_cov_xy_m2,prior_cov_yy_m2"
 ROWS = ["1,a,0,0,0.5,0.01", "1,b,9,0,2.0,0.01", "2,a,0,0,0.6,0.01", "2,b,9,0,2.1,0.01"]
 
 
@@ -33,9 +34,30 @@ def test_a_whole_prior_is_read(tmp_path: Path) -> None:
     assert read(write(tmp_path / "m.csv", "prior_x_m,prior_y_m,prior_std_m", ["1,2,3", "1,2,3", ",,", ",,"])) == 4
 
 
+def test_a_prior_with_a_covariance_is_read(tmp_path: Path) -> None:
+    """Position and covariance, with all or no values in each row, are valid."""
+    assert read(write(tmp_path / "m.csv", COVARIANCE, ["1,2,4,-1,9", "1,2,4,-1,9", ",,,,", ",,,,"])) == 4
+
+
+@pytest.mark.parametrize("xy", ["6", "-6.5"])
+def test_a_covariance_that_is_not_positive_definite_is_a_bad_row(tmp_path: Path, xy: str) -> None:
+    """The square of the mixed entry must be below the product of the others."""
+    path = write(tmp_path / "m.csv", COVARIANCE, ["1,2,4,1,9", f"1,2,4,{xy},9", ",,,,", ",,,,"])
+    message = rf"row 2 \(line 3\), column 'prior_cov_xy_m2': got {xy}, expected a covariance whose square is below"
+    with pytest.raises(DataError, match=message):
+        read(path)
+
+
+def test_two_spreads_of_a_prior_are_an_error(tmp_path: Path) -> None:
+    """A prior has a standard deviation or a covariance, not both."""
+    with pytest.raises(DataError, match=r"give prior_x_m, prior_y_m, prior_std_m or prior_x_m, .* alone"):
+        read(write(tmp_path / "m.csv", f"{COVARIANCE},prior_std_m", ["1,2,4,1,9,2"] * 4))
+
+
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
+        ("prior_x_m,prior_y_m,prior_cov_xx_m2", "column 'prior_x_m' needs 'prior_cov_xy_m2' and 'prior_cov_yy_m2'"),
         ("prior_x_m", "column 'prior_x_m' needs 'prior_y_m' and 'prior_std_m'"),
         ("prior_x_m,prior_y_m", "column 'prior_x_m' needs 'prior_std_m'"),
         ("prior_std_m", "column 'prior_std_m' needs 'prior_x_m' and 'prior_y_m'"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from outlier_worlds import ring_batch, without_flags
@@ -47,6 +49,9 @@ def test_bound_is_largest_near_the_rim_not_at_the_centre() -> None:
     np.testing.assert_allclose(bound, [0.5, 0.71], atol=0.01)
 
 
+_PUBLISHED: Any = {"pairs": "random", "relinearize": False}
+
+
 @pytest.mark.parametrize(("std_deg", "crlb", "one", "three"), [(1.0, 0.0104, 1.01, 1.01), (6.0, 0.0626, 1.12, 1.02)])
 def test_figure_3_sequential_approaches_the_bound(std_deg: float, crlb: float, one: float, three: float) -> None:
     """Sequential reaches the bound at small spreads; with three bootstraps it is close to maximum likelihood."""
@@ -55,7 +60,7 @@ def test_figure_3_sequential_approaches_the_bound(std_deg: float, crlb: float, o
     ml = _rms(_errors(bearings_ml.solve(batch, bearings_ml.MaximumLikelihoodOptions()).estimates, truth))
     assert ml == pytest.approx(crlb, rel=0.05)
     for bootstraps, limit in ((1, one), (3, three)):
-        options = bearings_sequential.SequentialOptions(bootstraps=bootstraps)
+        options = bearings_sequential.SequentialOptions(bootstraps=bootstraps, **_PUBLISHED)
         assert _rms(_errors(bearings_sequential.solve(batch, options).estimates, truth)) < limit * ml
 
 
@@ -63,7 +68,7 @@ def test_figure_4_ranges_help_coarse_bearings() -> None:
     """With 2.1 % ranges sequential is near the joint bound: .0046, .0083, .0117 for .5, 1.2, 4 deg."""
     for std_deg, expected in ((0.5, 0.0046), (1.2, 0.0083), (4.0, 0.0117)):
         truth, batch, _ = ring_batch(3, 4000, bearing_std_deg=std_deg, range_std_share=0.021)
-        options = bearings_sequential.SequentialOptions(range_noise="lognormal")
+        options = bearings_sequential.SequentialOptions(range_noise="lognormal", bootstraps=1, **_PUBLISHED)
         errors = _errors(bearings_sequential.solve(without_flags(batch), options).estimates, truth)
         assert _rms(errors) == pytest.approx(expected, rel=0.06)
 

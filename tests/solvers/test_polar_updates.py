@@ -65,7 +65,7 @@ def test_sequential_equals_one_linear_solve_when_errors_are_small(lognormal: boo
     lines = sight_lines(batch)
     ranged = RangedLines(lines, batch.range_m, batch.range_std_m, lognormal)
     first, second = np.zeros((20, 1), dtype=np.int64), np.full((20, 1), 2)
-    last = run_all_orders(ranged, batch.seed, first, second, None).states[-1]
+    last = run_all_orders(ranged, batch.seed, first, second).states[-1]
     for b in range(20):
         offset = truth[b] - batch.sensor_xy_m[b]
         distance = np.hypot(*offset.T)

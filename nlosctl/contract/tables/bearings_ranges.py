@@ -64,24 +64,43 @@ _RANGE = (
     ),
 )
 
-_PRIOR = (
+_PRIOR_POSITION = (
     Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="prior position of the source"),
     Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="prior position of the source"),
+)
+
+_PRIOR_STD = Column(
+    name="prior_std_m",
+    type="number",
+    unit="m",
+    nullable=True,
+    positive=True,
+    meaning="standard deviation of the prior position, the same in x and y",
+)
+
+_PRIOR_COVARIANCE = tuple(
     Column(
-        name="prior_std_m",
+        name=f"prior_cov_{entry}_m2",
         type="number",
-        unit="m",
+        unit="m2",
         nullable=True,
-        positive=True,
-        meaning="standard deviation of the prior position, the same in x and y",
-    ),
+        positive=entry != "xy",
+        meaning="covariance of the prior position, in place of prior_std_m; as in estimates",
+    )
+    for entry in ("xx", "xy", "yy")
 )
 
 BEARINGS = Table(
     name="bearings",
     title="Bearings: directions of arrival at sensors",
     row_key=("sensor", "sensor_x_m", "sensor_y_m", "path", "reflector"),
-    together=(tuple(column.name for column in _PRIOR),),
+    together=(
+        (
+            tuple(column.name for column in (*_PRIOR_POSITION, _PRIOR_STD)),
+            tuple(column.name for column in (*_PRIOR_POSITION, *_PRIOR_COVARIANCE)),
+        ),
+    ),
+    covariances=(("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2"),),
     columns=(
         SNAPSHOT,
         *_SENSOR,
@@ -122,7 +141,9 @@ BEARINGS = Table(
             meaning="reflector of the scene on the path; empty or absent for the direct path",
         ),
         *_RANGE,
-        *_PRIOR,
+        *_PRIOR_POSITION,
+        _PRIOR_STD,
+        *_PRIOR_COVARIANCE,
         *on_earth("prior", "prior position of the source"),
         *_TRUTH,
         *EARLIER_FLAGS,

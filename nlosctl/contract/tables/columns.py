@@ -70,8 +70,9 @@ class Table:
     """A table: its name, title and columns in order.
 
     ``row_key`` names the columns that, with ``snapshot``, identify a measurement. ``measurement_name`` names the column
-    that estimates of single measurements carry. ``together`` names groups of optional columns that are only valid
-    together: a file, and every row, has all columns of a group or none.
+    that estimates of single measurements carry. ``together`` names alternative groups of optional columns: a
+    file has all columns of one alternative or none of any, and so has every row. ``covariances`` names the entries xx,
+    xy, yy of matrices that must be positive definite.
     """
 
     name: str
@@ -79,7 +80,8 @@ class Table:
     columns: tuple[Column, ...]
     row_key: tuple[str, ...] = ()
     measurement_name: str = ""
-    together: tuple[tuple[str, ...], ...] = ()
+    together: tuple[tuple[tuple[str, ...], ...], ...] = ()
+    covariances: tuple[tuple[str, str, str], ...] = ()
 
     def column(self, name: str) -> Column:
         """Return the column called ``name``; raise KeyError if it does not exist."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -181,16 +182,17 @@ def _find(column: Column, names: Sequence[str], file: str) -> MappedColumn | Non
     if not spellings:
         return MappedColumn(column=column, name=column.name)
     other = spellings[0]
-    return MappedColumn(
-        column=column, name=other.name, scale=other.scale, offset=other.offset, from_north=other.from_north
-    )
+    scale, offset = other.scale, other.offset
+    return MappedColumn(column=column, name=other.name, scale=scale, offset=offset, from_north=other.from_north)
 
 
-def _check_group(group: Sequence[str], mapped: Mapping[str, MappedColumn], file: str) -> None:
-    """Raise DataError if a file has some, not all, of a group of columns."""
-    given = [name for name in group if name in mapped]
-    absent = [name for name in group if name not in mapped]
-    if given and absent:
+def _check_group(alternatives: Sequence[Sequence[str]], mapped: Mapping[str, MappedColumn], file: str) -> None:
+    """Raise DataError if a file has some, not all, of a group of columns, or columns of several alternatives."""
+    given = [name for name in dict.fromkeys(chain(*alternatives)) if name in mapped]
+    group = next((group for group in alternatives if set(given) <= set(group)), None)
+    if group is None:
+        raise DataError(f"{file}: columns {', '.join(given)}; give {' or '.join(map(', '.join, alternatives))} alone")
+    if given and (absent := [name for name in group if name not in mapped]):
         raise DataError(
             f"{file}: column {mapped[given[0]].name!r} needs {' and '.join(map(repr, absent))}; "
             f"give all of {', '.join(group)}, or drop {' and '.join(map(repr, given))}"

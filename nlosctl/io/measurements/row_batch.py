@@ -22,6 +22,7 @@ from nlosctl.io.measurements.row_checks import (
     ValueChecks,
     bad_rows_of,
     half_filled_faults,
+    indefinite_faults,
     is_null,
     null_mask,
 )
@@ -228,9 +229,12 @@ class RowConverter:
         self.checks.booleans(batch, faults)
         if "reflector" in mapped and self._scene.has_circles:
             self._scene_columns.check_circles(columns, faults)
-        for group in self._plan.table.together:
+        for group in (group for alternatives in self._plan.table.together for group in alternatives):
             if all(name in mapped for name in group):
                 faults += half_filled_faults(group, self._plan, columns)
+        for entries in self._plan.table.covariances:
+            if all(name in mapped for name in entries):
+                faults += indefinite_faults(entries, self._plan, columns)
         return columns
 
     def _column(

@@ -30,6 +30,7 @@ __all__ = [
     "bad_rows_of",
     "got",
     "half_filled_faults",
+    "indefinite_faults",
     "is_null",
     "null_mask",
 ]
@@ -264,6 +265,15 @@ def half_filled_faults(group: Sequence[str], plan: ColumnPlan, columns: Mapping[
         for name, missing in zip(group, absent, strict=True)
         if (half & missing).any()
     ]
+
+
+def indefinite_faults(entries: Sequence[str], plan: ColumnPlan, columns: Mapping[str, FloatArray]) -> list[Fault]:
+    """Return the fault of rows whose covariance, columns xx, xy and yy (N,), is not positive definite."""
+    xx, xy, yy = (columns[name] for name in entries)
+    describe = got(xy, f"a covariance whose square is below {entries[0]} times {entries[2]}")
+    with ignoring_overflow():
+        indefinite = xy * xy >= xx * yy
+    return [Fault(mask=indefinite, column=plan.mapped[entries[1]].name, describe=describe)] if indefinite.any() else []
 
 
 def as_float64(cells: Any) -> FloatArray:

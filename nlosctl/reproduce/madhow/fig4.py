@@ -8,7 +8,7 @@ from functools import partial
 
 from nlosctl.plotting.panels import LinesPanel, Panel
 from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
-from nlosctl.reproduce.madhow.paper import PAPER, ring, solve
+from nlosctl.reproduce.madhow.paper import PAPER, SEQUENTIAL, ring, solve
 from nlosctl.reproduce.panels import curve
 from nlosctl.reproduce.samples import Condition, Results, Samples, at, conditions, ratio_of, rms, rms_of
 from nlosctl.reproduce.simulated import bound_rms_m
@@ -28,8 +28,8 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     bearings = {"use_ranges": False}
     both = {"range_noise": "lognormal"}
     return {
-        "bearings": solve(trials, chunk, "sequential", bootstraps=3, **bearings).error_m,
-        "both": solve(trials, chunk, "sequential", **both).error_m,
+        "bearings": solve(trials, chunk, "sequential", bootstraps=3, **SEQUENTIAL, **bearings).error_m,
+        "both": solve(trials, chunk, "sequential", bootstraps=1, **SEQUENTIAL, **both).error_m,
         "ml": solve(trials, chunk, "ml", **both).error_m,
         "crlb_bearings": bound_rms_m(trials, **bearings),
         "crlb_both": bound_rms_m(trials),

@@ -18,6 +18,7 @@ __all__ = [
     "FIELD",
     "PAPER",
     "RECEIVERS",
+    "SEQUENTIAL",
     "panels_by_blocked",
     "ring",
     "solve",
@@ -32,6 +33,8 @@ BOOTSTRAPS = {1: 4, 2: 7, 3: 11, 4: 15}
 """M of Section V-B by number of blocked receivers."""
 AS_PUBLISHED: dict[str, Any] = {"rivals": 0}
 """Parameters of ``suppress`` without what goes beyond Section IV-B."""
+SEQUENTIAL = {"pairs": "random", "relinearize": False}
+"""The sequential algorithm as published: random pairs, one round through the receivers."""
 
 
 def ring(chunk: Chunk, **parameters: Any) -> Simulated:

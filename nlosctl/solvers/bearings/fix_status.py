@@ -89,17 +89,20 @@ def judge_fixes(
     covariance: SymmetricMatrix,
     minimum_range_m: float,
     paths: ReflectedPath | None = None,
+    *,
+    allowed_m2: FloatArray | None = None,
 ) -> StatusArray:
     """Return the status (B,) of fixes at x, y (B,) about the local origin, with their ray residuals and covariance.
 
     degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
     an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
     infeasible: outside the region that the scene allows (`SightLines.outside_scene`), or all bearings are below the
-    horizon.
+    horizon. ``allowed_m2`` (B,) is a larger variance that is no fault, such as that of a prior.
     """
     farthest = rays.farthest_m
     with ignoring_overflow():
-        sure = (covariance.trace > 0.0) & (covariance.trace <= farthest * farthest)
+        largest = farthest * farthest if allowed_m2 is None else np.maximum(farthest * farthest, allowed_m2)
+        sure = (covariance.trace > 0.0) & (covariance.trace <= largest)
         uncertain = ~sure | nearly_singular(covariance)
         on_sensor = rays.nearest_m <= np.maximum(minimum_range_m, _least_range_m(lines, farthest))
     status = np.full(x.shape, Status.OK, dtype=np.uint8)

@@ -9,9 +9,12 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, SeedArray, ignoring_overflow
 from nlosctl.contract.random_streams import random_keys
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.bearings.row_terms import squared_tube_ratio
 from nlosctl.solvers.sequential.polar_updates import (
+    SelectedRays,
     SourceState,
     bootstrap_state,
     ranged_state,
@@ -20,22 +23,59 @@ from nlosctl.solvers.sequential.polar_updates import (
     update_ranges,
 )
 
-__all__ = ["Prior", "RangedLines", "Run", "run_all_orders"]
+__all__ = ["Prior", "RangedLines", "Run", "pair_state", "run_all_orders"]
 
 
 @dataclass(frozen=True)
-class RangedLines:
-    """Sight lines with the ranges of their rows (B, K), NaN in rows without one; None where no row has one."""
+class Prior(RowBlock):
+    """Where the sources (B,) were expected, about the local origin, with the covariance (B,) in square metres.
+
+    ``known`` marks the snapshots that have a prior.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    covariance: SymmetricMatrix
+    known: BoolArray
+
+    def information(self) -> SymmetricMatrix:
+        """Return the inverse covariance (B,), zero where there is no prior."""
+        nothing = SymmetricMatrix.full(self.x.shape, 0.0)
+        return self.covariance.inverse().where(self.known, nothing)
+
+    def half_chi_square(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the squared normalized distance of points (B, M) from the prior; 0 without one."""
+        dx, dy = (np.where(self.known, part, 0.0)[:, None] for part in (self.x, self.y))
+        return 0.5 * self.information().at(slice(None), None).quadratic_form(x - dx, y - dy)
+
+
+@dataclass(frozen=True)
+class RangedLines(RowBlock):
+    """Sight lines with the ranges of their rows (B, K), NaN in rows without one; None where no row has one.
+
+    ``prior`` is None if no snapshot has one.
+    """
 
     lines: SightLines
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
     lognormal: bool
+    prior: Prior | None = None
+
+    @property
+    def from_prior(self) -> BoolArray:
+        """Which snapshots (B,) start from a prior, not from a pair of rows."""
+        size = self.lines.center_x.shape
+        return np.zeros(size, dtype=bool) if self.prior is None else self.prior.known
+
+    def select(self, row: IntArray) -> SelectedRays:
+        """Return the rows of indices ``row`` (B, M) in each snapshot."""
+        return select_rays(self.lines, row, self.measured_m, self.range_std_m)
 
     def half_chi_square(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return half the chi-square (B, M) of all rows at points (B, M) about the local origin; half of (17), negated.
 
-        A lognormal range counts ((ln r / R) / s)^2 with s = std / r.
+        A lognormal range counts ((ln r / R) / s)^2 with s = std / r; a circle focuses a row's ray tube.
         """
         lines = self.lines
         total = np.zeros(x.shape)
@@ -44,6 +84,8 @@ class RangedLines:
                 cosine, sine = lines.cosine[:, k, None], lines.sine[:, k, None]
                 dx, dy = x - lines.origin_x[:, k, None], y - lines.origin_y[:, k, None]
                 scaled = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy) / lines.std_rad[:, k, None]
+                if lines.focusing is not None:
+                    scaled *= np.sqrt(squared_tube_ratio(lines.focusing, k, np.sqrt(dx * dx + dy * dy)))
                 total += scaled * scaled
                 if self.measured_m is not None and self.range_std_m is not None:
                     measured, std = self.measured_m[:, k, None], self.range_std_m[:, k, None]
@@ -53,25 +95,18 @@ class RangedLines:
                     total += np.where(np.isnan(measured), 0.0, scaled * scaled)
         return 0.5 * total
 
-
-@dataclass(frozen=True)
-class Prior:
-    """Where the sources (B,) were expected, about the local origin, with one standard deviation in x and y; metres.
-
-    ``known`` marks the snapshots that have a prior.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    std_m: FloatArray
-    known: BoolArray
+    def misfit(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square (B, M) of all rows and of the prior at points (B, M)."""
+        total = self.half_chi_square(x, y)
+        return total if self.prior is None else total + self.prior.half_chi_square(x, y)
 
 
 @dataclass(frozen=True)
 class Run:
-    """A block of runs: the states (B, M) after each of K rows, and which row (B, M) was used in each step.
+    """A block of runs: the last states (B, M), and which row (B, M) was used in each of the K steps.
 
-    The first state of a run that starts from a pair is not alive.
+    ``states`` are those after each step if the steps are wanted, else only the last one. The first state of a run
+    that starts from a pair is not alive.
     """
 
     states: list[SourceState]
@@ -91,49 +126,54 @@ class Run:
         return states, [take(row)[:, 0] for row in self.rows]
 
 
-def run_all_orders(ranged: RangedLines, seed: SeedArray, first: IntArray, second: IntArray, prior: Prior | None) -> Run:
+def pair_state(first: SelectedRays, second: SelectedRays, *, lognormal: bool) -> SourceState:
+    """Return the states from pairs of rows (B, M): bootstrap, then ranges.
+
+    Where the first row of a pair has a range, it starts alone: its end is exact in its own polar frame, as a crossing
+    is not.
+    """
+    pair = update_ranges(bootstrap_state(first, second), second, lognormal=lognormal)
+    end = ranged_state(first)
+    if end is None:
+        return pair
+    return update_ranges(update_bearings(end, second), second, lognormal=lognormal).where(end.alive, pair)
+
+
+def run_all_orders(
+    ranged: RangedLines, seed: SeedArray, first: IntArray, second: IntArray, *, want_steps: bool = True
+) -> Run:
     """Return the runs that start from pairs ``first``, ``second`` (B, M), or from the prior where there is one.
 
-    The rest of the rows (all, after a prior) follow in random order (Section III-B, steps 1 to 4). Where the first row
-    of a pair has a range, it starts alone: its end is exact in its own polar frame, as a crossing is not.
+    The rest of the rows (all, after a prior) follow in random order (Section III-B, steps 1 to 4).
     """
-    from_prior = None if prior is None else np.broadcast_to(prior.known[:, None], first.shape)
+    from_prior = np.broadcast_to(ranged.from_prior[:, None], first.shape)
     order = _orders(seed, first, second, ranged.lines.origin_x.shape[1], from_prior)
-    start = _dead(first.shape)
-    if prior is not None:
-        start = _prior_state(prior, first.shape)
+    state = _dead(first.shape) if ranged.prior is None else _prior_state(ranged.prior, first.shape)
     states: list[SourceState] = []
-    state = start
     for step, row in enumerate(order):
-        rows = select_rays(ranged.lines, row, ranged.measured_m, ranged.range_std_m)
+        rows = ranged.select(row)
         updated = update_ranges(update_bearings(state, rows), rows, lognormal=ranged.lognormal)
         if step == 0:
-            end = ranged_state(rows) or start
-            state = end if from_prior is None else updated.where(from_prior, end)
-            previous, alive = rows, state.alive
-        elif step == 1:
-            pair = bootstrap_state(previous, rows)
-            pair = update_ranges(pair, rows, lognormal=ranged.lognormal)
-            state = updated.where(alive, pair)
+            state = updated.where(from_prior, ranged_state(rows) or state)
+            previous = rows
+        elif step == 1 and not from_prior.all():
+            state = updated.where(from_prior, pair_state(previous, rows, lognormal=ranged.lognormal))
         else:
             state = updated
-        states.append(state)
-    return Run(states, order)
+        if want_steps:
+            states.append(state)
+    return Run(states if want_steps else [state], order)
 
 
-def _orders(
-    seed: SeedArray, first: IntArray, second: IntArray, count: int, from_prior: BoolArray | None
-) -> list[IntArray]:
+def _orders(seed: SeedArray, first: IntArray, second: IntArray, count: int, from_prior: BoolArray) -> list[IntArray]:
     """Return the row (B, M) of each step: the pair, then the others at random; after a prior all at random."""
     runs = first.shape[1]
     keys = np.stack([random_keys(seed, count, 3 + run) >> np.uint64(2) for run in range(runs)], axis=1)
     keys += np.uint64(2)  # (B, M, K)
-    if from_prior is None or not from_prior.all():
-        paired = np.ones(first.shape, dtype=bool) if from_prior is None else ~from_prior
-        for rank, index in enumerate((first, second)):
-            old = np.take_along_axis(keys, index[..., None], axis=2)
-            new = np.where(paired[..., None], np.uint64(rank), old)
-            np.put_along_axis(keys, index[..., None], new, axis=2)
+    for rank, index in enumerate((first, second)):
+        old = np.take_along_axis(keys, index[..., None], axis=2)
+        new = np.where(from_prior[..., None], old, np.uint64(rank))
+        np.put_along_axis(keys, index[..., None], new, axis=2)
     order = np.argsort(keys, axis=2, kind="stable").astype(np.int64)
     return [np.asfortranarray(order[..., step]) for step in range(count)]
 
@@ -144,13 +184,7 @@ def _dead(shape: tuple[int, ...]) -> SourceState:
 
 
 def _prior_state(prior: Prior, shape: tuple[int, ...]) -> SourceState:
-    def spread(values: FloatArray) -> FloatArray:
+    def spread(values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         return np.asfortranarray(np.broadcast_to(values[:, None], shape))
 
-    variance = spread(prior.std_m * prior.std_m)
-    return SourceState(
-        spread(prior.x),
-        spread(prior.y),
-        SymmetricMatrix(variance, np.zeros(shape, order="F"), variance),
-        np.broadcast_to(prior.known[:, None], shape).copy(),
-    )
+    return SourceState(spread(prior.x), spread(prior.y), prior.covariance.map(spread), spread(prior.known))

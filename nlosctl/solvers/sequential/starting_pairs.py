@@ -1,4 +1,4 @@
-"""How many random pairs to start from, and which (Ananthasubramaniam and Madhow, Section IV-B)."""
+"""How many pairs to start from, and which (Ananthasubramaniam and Madhow, Sections III-B and IV-B)."""
 
 from __future__ import annotations
 
@@ -7,21 +7,28 @@ from bisect import bisect_left
 
 import numpy as np
 
-from nlosctl.arrays import IntArray, SeedArray
-from nlosctl.contract.random_streams import random_order
-from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.ray_crossings import choose_pairs, cross_rays
+from nlosctl.arrays import FloatArray, IntArray, SeedArray
+from nlosctl.contract.random_streams import random_keys, random_order
+from nlosctl.solvers.bearings.ray_crossings import choose_pairs
+from nlosctl.solvers.sequential.orders import RangedLines, pair_state
+from nlosctl.solvers.sequential.polar_updates import bootstrap_state
 
 __all__ = [
     "bootstrap_failure",
-    "conditioned_pairs",
     "count_bootstraps",
     "count_path_bootstraps",
     "few_direct_sensors",
     "path_bootstrap_failure",
     "shuffled_pairs",
+    "starting_pairs",
 ]
 
+
+_PAIRS_PER_ROW = 6
+"""Most pairs per row that are examined as starting pairs."""
+
+_STATES = 32768
+"""Number of pairs examined at once: temporaries stay in cache."""
 
 _WELL_CONDITIONED = 0.5
 """Least sine of the angle between the rays of a pair that is preferred as bootstrap."""
@@ -88,16 +95,57 @@ def shuffled_pairs(seed: SeedArray, count: int, most: int) -> tuple[IntArray, In
     return first[order].astype(np.int64), second[order].astype(np.int64)
 
 
-def conditioned_pairs(seed: SeedArray, lines: SightLines, wanted: int, most: int) -> tuple[IntArray, IntArray]:
-    """Return ``wanted`` pairs (B, wanted): those whose rays cross well in front of both first, else at random."""
-    count = lines.origin_x.shape[1]
-    pairs = min(count * (count - 1) // 2, most)
-    first, second = shuffled_pairs(seed, count, most)
-    crossings = cross_rays(lines, first, second)
-    c1, s1, c2, s2 = (
-        np.take_along_axis(part, index, axis=1) for index in (first, second) for part in (lines.cosine, lines.sine)
-    )
-    well = crossings.valid & (np.abs(s1 * c2 - c1 * s2) >= _WELL_CONDITIONED)
-    order = np.argsort(np.where(well, 0, np.where(crossings.valid, 1, 2)), axis=1, kind="stable")
-    order = order[:, : min(wanted, pairs)]
+def starting_pairs(
+    ranged: RangedLines, seed: SeedArray, wanted: int, most: int, *, at_random: bool
+) -> tuple[IntArray, IntArray]:
+    """Return ``wanted`` pairs of rows (B, wanted) to start from: those of the least predicted covariance.
+
+    Or ``at_random``, as published: those whose rays cross well in front of both first. All pairs of a few rows are
+    examined, of many rows a multiple of their number, at most ``most``.
+    """
+    first, second = _candidates(seed, ranged.lines.std_rad, most, shuffled=at_random)
+    size, candidates = first.shape
+    rank = np.empty((size, candidates))
+    block = max(1, _STATES // max(candidates, 1))
+    for start in range(0, size, block):
+        rows = np.arange(start, min(start + block, size))
+        pair = [np.asfortranarray(index[rows]) for index in (first, second)]
+        rank[rows] = _rank(ranged.take(rows), pair[0], pair[1], at_random=at_random)
+    order = np.argsort(rank, axis=1, kind="stable")[:, :wanted]
+    first, second = (np.asfortranarray(np.take_along_axis(index, order, axis=1)) for index in (first, second))
+    return first, second
+
+
+def _rank(ranged: RangedLines, first: IntArray, second: IntArray, *, at_random: bool) -> FloatArray:
+    """Return the variance (B, C) that each pair predicts, infinite where it has no crossing in front.
+
+    Or, ``at_random``, 0 where the rays cross well in front of both, 1 where they cross there, else 2.
+    """
+    one, other = ranged.select(first), ranged.select(second)
+    if at_random:
+        well = np.abs(other.sine * one.cosine - other.cosine * one.sine) >= _WELL_CONDITIONED
+        return np.where(bootstrap_state(one, other).alive, np.where(well, 0.0, 1.0), 2.0)
+    state = pair_state(one, other, lognormal=ranged.lognormal)
+    trace = state.covariance.trace
+    return np.where(state.alive & np.isfinite(trace), trace, np.inf)
+
+
+def _candidates(seed: SeedArray, std_rad: FloatArray, most: int, *, shuffled: bool) -> tuple[IntArray, IntArray]:
+    """Return pairs (B, C) of different rows: all of a few rows, else a multiple of K; a random ``most`` if more.
+
+    Each of many rows is paired with the next ones in the order of their standard deviations (equal ones at random),
+    so that the most precise ones meet, and with others that are fixed shares of the list away.
+    """
+    size, count = std_rad.shape
+    pairs = count * (count - 1) // 2
+    if pairs <= _PAIRS_PER_ROW * count:
+        first, second = (np.broadcast_to(index.astype(np.int64), (size, pairs)) for index in np.triu_indices(count, 1))
+    else:
+        by_std = np.lexsort((random_keys(seed, count, stream=2), std_rad), axis=1).astype(np.int64)
+        steps = sorted({1, 2, 3, count // 4, count // 3, (count - 1) // 2})
+        first = np.concatenate([by_std for _ in steps], axis=1)
+        second = np.concatenate([np.roll(by_std, -step, axis=1) for step in steps], axis=1)
+    if not shuffled and first.shape[1] <= most:
+        return first, second
+    order = random_order(seed, first.shape[1], stream=1)[:, :most]
     return np.take_along_axis(first, order, axis=1), np.take_along_axis(second, order, axis=1)
