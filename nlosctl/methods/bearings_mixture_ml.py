@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import radians
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.contract.statuses import Status
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
-from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, outlier_gain
+from nlosctl.solvers.mixture.initial_estimates import Mode
+from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
 from nlosctl.solvers.mixture.modes import find_modes
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, has_several_paths, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, MixtureModeOptions
 from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
-from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
-from nlosctl.solvers.mixture.verdicts import mark_behind, near_sensor, verdicts
+from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
 from nlosctl.solvers.optimization.split_batches import solve_parts
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
@@ -33,17 +31,6 @@ class MixtureOptions(BearingOutlierOptions, MixtureModeOptions):
         unit="nat per row",
         minimum=0.0,
         meaning="crossings less likely than the best by more than this times the number of rows are not followed",
-    )
-    least_evidence: float = option(
-        3.0,
-        unit="nat",
-        meaning="no_consensus below this log evidence of the best mode over that of outliers; -1000 keeps every fix",
-    )
-    search_outside: bool = option(
-        True, meaning="whether points outside the search region are compared with the best inside (outside_field)"
-    )
-    exclude_behind_walls: bool = option(
-        False, meaning="leave out points that walls of the scene hide from every sensor"
     )
 
 
@@ -75,41 +62,12 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         outside=outside,
     )
     fixes, probability = rank_modes(model.mixture, modes)
-    gain = outlier_gain(radians(options.field_of_view_deg))
-    best = modes.hessian.at(slice(None), 0)
-    evidence = log_evidence(model.mixture, fixes.cost[:, 0], probability, best, model.region.area_m2, gain)
-    x, y, direct = fixes.x[:, 0], fixes.y[:, 0], probability > 0.5
-    further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), direct)
-    further[Status.DEGENERATE] |= ~modes.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
-    further[Status.NO_CONSENSUS] = evidence < options.least_evidence
-    unordered = groups.unordered(options.path_prior)
-    if outside is not None:
-        rival = find_rival(
-            model,
-            outside.mode,
-            fixes,
-            probability,
-            at_boundary=modes.at_boundary,
-            unordered=unordered,
-            ambiguous_rows=options.ambiguous_rows,
-            least_evidence=options.least_evidence,
-            gain=gain,
-        )
-        fixes, probability, further[Status.OUTSIDE_FIELD] = rival.fixes, rival.probability, rival.better
-    status = ranked_status(
-        fixes,
-        modes.candidates,
-        model.uninformative(),
-        options.ambiguous_within,
-        modes.at_boundary,
-        unordered=unordered,
-        ambiguous_rows=options.ambiguous_rows,
-        further=further,
+    best = Mode(modes.x[:, 0], modes.y[:, 0], modes.cost[:, 0], modes.hessian.at(slice(None), 0))
+    found = FixesToJudge(
+        fixes, probability, probability > 0.5, best, modes.settled, modes.at_boundary, modes.candidates
     )
-    if candidates.count == 0:
-        status[:] = Status.TOO_FEW
-    else:
-        mark_behind(status, model.lines)
+    judged = judge_robust_fixes(model, groups, options, found, outside, too_few=candidates.count == 0)
+    fixes, status, probability = judged.fixes, judged.status, judged.probability
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
         fixes = replace(fixes, covariance=covariance)
@@ -119,7 +77,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         return Solution(estimates=estimates)
     x, y = fixes.x[:, 0], fixes.y[:, 0]
     numbers = {"los_probability": probability, **lines.residuals(grouped, x, y)}
-    return Solution(estimates=estimates, flags=ranked_flags(status, groups, probability > 0.5, numbers))
+    return Solution(estimates=estimates, flags=ranked_flags(status, groups, judged.used, numbers))
 
 
 METHOD = MethodSpec(

@@ -12,19 +12,20 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.contract.statuses import Status
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
+from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
+from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.path_groups import PathGroups
-from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags
 from nlosctl.solvers.sequential.starting_pairs import (
     count_bootstraps,
     count_path_bootstraps,
     few_direct_sensors,
     path_bootstrap_failure,
 )
-from nlosctl.solvers.sequential.suppression import suppress_outliers
+from nlosctl.solvers.sequential.suppression import follow_best, suppress_outliers
 
 __all__ = ["METHOD", "SuppressOptions", "solve"]
 
@@ -53,9 +54,6 @@ class SuppressOptions(BearingOutlierOptions):
         minimum=0,
         meaning="likeliest crossings, apart from each other, to start from besides; 0: none, as published",
     )
-    exclude_behind_walls: bool = option(
-        False, meaning="leave out points that walls of the scene hide from every sensor"
-    )
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to choose from; a random subset if there are more")
 
 
@@ -75,6 +73,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     candidates = BearingCandidates.of(
         grouped, model, max_pairs=options.max_pairs, exclude_behind_walls=options.exclude_behind_walls
     )
+    outside = OutsideSearch(batch.size, candidates.beyond) if options.search_outside else None
     bootstraps, failure = _initial_pairs(groups, options)
     found = suppress_outliers(
         candidates,
@@ -86,24 +85,19 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
         by_likelihood=options.acceptance == "likelihood",
         lognormal=options.range_noise == "lognormal",
         max_pairs=options.max_pairs,
+        outside=outside,
     )
-    status = ranked_status(
-        found.fixes,
-        found.candidates,
-        model.uninformative(),
-        options.ambiguous_within,
-        unordered=groups.unordered(options.path_prior),
-        ambiguous_rows=options.ambiguous_rows,
-    )
-    if batch.measurements < 2:
-        status[:] = Status.TOO_FEW
-    estimates = ranked_estimates(found.fixes, status, lines.center_x, lines.center_y, "inliers")
+    probability = model.mixture.responsibilities(found.fixes.x[:, 0], found.fixes.y[:, 0])[0]
+    mode, settled, at_boundary = follow_best(candidates, found.fixes, outside)
+    to_judge = FixesToJudge(found.fixes, probability, found.used, mode, settled, at_boundary, found.candidates)
+    judged = judge_robust_fixes(model, groups, options, to_judge, outside, too_few=batch.measurements < 2)
+    estimates = ranked_estimates(judged.fixes, judged.status, lines.center_x, lines.center_y, "inliers")
     estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    x, y = found.fixes.x[:, 0], found.fixes.y[:, 0]
-    numbers = {"los_probability": model.mixture.responsibilities(x, y)[0], **lines.residuals(grouped, x, y)}
-    return Solution(estimates=estimates, flags=ranked_flags(status, groups, found.used, numbers))
+    x, y = judged.fixes.x[:, 0], judged.fixes.y[:, 0]
+    numbers = {"los_probability": judged.probability, **lines.residuals(grouped, x, y)}
+    return Solution(estimates=estimates, flags=ranked_flags(judged.status, groups, judged.used, numbers))
 
 
 def _initial_pairs(groups: PathGroups, options: SuppressOptions) -> tuple[IntArray, FloatArray]:

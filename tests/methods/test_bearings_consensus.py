@@ -1,4 +1,4 @@
-"""mixture-ml: a fix only where the rows agree, within the search region, at a point that the scene allows."""
+"""Robust methods: a fix only where the rows agree, within the search region, at a point that the scene allows."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from outlier_worlds import ring_batch, without_flags
 import nlosctl
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import BoxField, SensorsField
+from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.methods import bearings_ml
-from nlosctl.methods.bearings_mixture_ml import MixtureOptions, solve
+from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_suppress
+from nlosctl.methods.bearings_mixture_ml import MixtureOptions
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.consensus import log_evidence, outlier_gain
 from nlosctl.solvers.mixture.modes import find_modes
@@ -46,9 +47,16 @@ def _random_bearings(seed: int, snapshots: int, sensors: int, std_deg: float, di
     return source, dataclasses.replace(batch, field=SensorsField(factor=1.0), want_flags=False)
 
 
-def _best(batch: BearingBatch, **options: object) -> Estimates:
+@pytest.fixture(params=[bearings_mixture_ml, bearings_suppress], ids=lambda module: module.METHOD.name)
+def robust(request: pytest.FixtureRequest) -> MethodSpec:
+    """Each robust method for bearings in turn."""
+    spec: MethodSpec = request.param.METHOD
+    return spec
+
+
+def _best(robust: MethodSpec, batch: BearingBatch, **options: object) -> Estimates:
     """Return the best alternatives."""
-    estimates = solve(batch, MixtureOptions(**options)).estimates  # type: ignore[arg-type]
+    estimates = robust.solve(batch, robust.options(**options)).estimates
     first = estimates.alternative == 0
     fields = ("row", "target", "alternative", "position_m", "covariance_m2", "cost", "n_used", "status")
     return Estimates(**{name: getattr(estimates, name)[first] for name in fields})
@@ -108,42 +116,42 @@ def test_a_narrow_field_of_view_is_that_of_the_sensor() -> None:
 
 
 @pytest.mark.parametrize(("sensors", "std_deg"), [(4, 5.0), (6, 1.0), (8, 5.0), (20, 5.0)])
-def test_pure_noise_is_no_fix(sensors: int, std_deg: float) -> None:
+def test_pure_noise_is_no_fix(robust: MethodSpec, sensors: int, std_deg: float) -> None:
     """Of bearings uniform over the circle at most 2 % give ok or ambiguous; x, y are kept without a covariance."""
     _, batch = _random_bearings(1, 600, sensors, std_deg, None)
-    found = _best(batch)
+    found = _best(robust, batch)
     assert _share(found.status, *_AGREED) <= 0.02
-    assert _share(_best(batch, **_KEEP_ALL).status, *_AGREED) > 0.5
+    assert _share(_best(robust, batch, **_KEEP_ALL).status, *_AGREED) > 0.5
     apart = found.status == Status.NO_CONSENSUS
     assert apart.mean() > 0.4
     assert np.isfinite(found.position_m[apart]).all()
     assert np.isnan(found.covariance_m2[apart]).all()
-    before = _best(batch, **_KEEP_ALL)
+    before = _best(robust, batch, **_KEEP_ALL)
     same = apart & (before.status != Status.DEGENERATE)
     assert same.sum() > 0.9 * apart.sum()
     np.testing.assert_array_equal(found.position_m[same], before.position_m[same])
 
 
 @pytest.mark.parametrize(("sensors", "std_deg"), [(5, 1.0), (5, 3.0), (8, 3.0)])
-def test_clean_bearings_keep_their_fix(sensors: int, std_deg: float) -> None:
+def test_clean_bearings_keep_their_fix(robust: MethodSpec, sensors: int, std_deg: float) -> None:
     """Without outliers 99 % of the snapshots of five bearings or more keep their status."""
     _, batch = _random_bearings(2, 1500, sensors, std_deg, 0.0)
-    assert np.mean(_best(batch).status == _best(batch, **_KEEP_ALL).status) >= 0.99
+    assert np.mean(_best(robust, batch).status == _best(robust, batch, **_KEEP_ALL).status) >= 0.99
 
 
-def test_two_rows_have_no_consensus() -> None:
+def test_two_rows_have_no_consensus(robust: MethodSpec) -> None:
     """Two rays always cross: they agree no better than outliers do, unless every fix is to be kept."""
     batch = bearing_batch([[(0.0, 0.0), (10.0, 0.0)]], np.radians([[45.0, 135.0]]), np.radians(1.0))
     for least, status in ((3.0, Status.NO_CONSENSUS), (-1000.0, Status.OK)):
-        found = _best(batch, least_evidence=least)
+        found = _best(robust, batch, least_evidence=least)
         assert found.status.tolist() == [status]
         np.testing.assert_allclose(found.position_m, [[5.0, 5.0]], atol=1e-6)
 
 
-def test_without_a_consensus_no_row_is_line_of_sight() -> None:
+def test_without_a_consensus_no_row_is_line_of_sight(robust: MethodSpec) -> None:
     """The flags los and los_probability are null: there is no source for a row to be direct from."""
     _, batch = _random_bearings(3, 50, 6, 2.0, None)
-    solution = solve(dataclasses.replace(batch, want_flags=True), MixtureOptions())
+    solution = robust.solve(dataclasses.replace(batch, want_flags=True), robust.options())
     apart = solution.estimates.status[solution.estimates.alternative == 0] == Status.NO_CONSENSUS
     assert apart.sum() > 20
     assert solution.flags is not None
@@ -152,10 +160,10 @@ def test_without_a_consensus_no_row_is_line_of_sight() -> None:
 
 
 @pytest.mark.parametrize("sensors", [4, 8])
-def test_a_source_outside_the_region_is_reported(sensors: int) -> None:
+def test_a_source_outside_the_region_is_reported(robust: MethodSpec, sensors: int) -> None:
     """Sources 2.5 km from sensors in a square kilometre: outside_field at the maximum of the likelihood, never ok."""
     source, batch = _random_bearings(4, 400, sensors, 2.0, 2500.0)
-    found = _best(batch)
+    found = _best(robust, batch)
     outside = found.status == Status.OUTSIDE_FIELD
     assert outside.mean() > 0.94
     assert _share(found.status, *_AGREED) <= 0.01
@@ -165,21 +173,21 @@ def test_a_source_outside_the_region_is_reported(sensors: int) -> None:
     best = bearings_ml.solve(batch, bearings_ml.MaximumLikelihoodOptions()).estimates.position_m
     distance = np.hypot(*(found.position_m - best)[every].T)
     assert np.nanmedian(distance / np.hypot(*source[every].T)) < 0.05
-    before = _best(batch, **_KEEP_ALL)
+    before = _best(robust, batch, **_KEEP_ALL)
     assert _share(before.status, Status.OK) > 0.1, "the case that is to be caught"
-    wide = _best(dataclasses.replace(batch, field=SensorsField(factor=10.0)))
-    assert _share(wide.status, Status.OK) > 0.95
+    wide = _best(robust, dataclasses.replace(batch, field=SensorsField(factor=10.0)))
+    assert _share(wide.status, Status.OK) > {"mixture-ml": 0.95, "suppress": 0.93}[robust.name]
 
 
-def test_sources_inside_are_not_sought_outside() -> None:
+def test_sources_inside_are_not_sought_outside(robust: MethodSpec) -> None:
     """Clean and contaminated bearings of sources inside the region are outside_field in at most half a per cent."""
     for outliers in (0, 2):
         _, batch, _ = ring_batch(12, 3000, bearing_std_deg=2.0, nlos_receivers=outliers, sources="disc")
         batch = dataclasses.replace(without_flags(batch), field=SensorsField(factor=1.0))
-        assert _share(_best(batch).status, Status.OUTSIDE_FIELD) <= 0.005
+        assert _share(_best(robust, batch).status, Status.OUTSIDE_FIELD) <= 0.005
 
 
-def test_a_mirror_image_outside_does_not_win() -> None:
+def test_a_mirror_image_outside_does_not_win(robust: MethodSpec) -> None:
     """With paths in unknown order an image outside that one row more agrees on leaves the fix inside."""
     places = [(0.0, 400.0), (170.0, 450.0), (330.0, 450.0), (500.0, 400.0), (90.0, 480.0), (410.0, 470.0)]
     inside, image = (250.0, 150.0), (250.0, -350.0)
@@ -195,25 +203,25 @@ def test_a_mirror_image_outside_does_not_win() -> None:
         field=BoxField(xmin_m=-100.0, xmax_m=600.0, ymin_m=0.0, ymax_m=600.0),
     )
     for rows, status, point in ((2, Status.OK, inside), (0, Status.OUTSIDE_FIELD, image)):
-        found = _best(batch, ambiguous_rows=rows)
+        found = _best(robust, batch, ambiguous_rows=rows)
         assert found.status.tolist() == [status]
         np.testing.assert_allclose(found.position_m[0], point, atol=2.0)
 
 
-def test_no_fix_is_under_ground() -> None:
+def test_no_fix_is_under_ground(robust: MethodSpec) -> None:
     """Bearings by the ionosphere at 3 deg: optima below the surface are infeasible, as for ml."""
     table = nlosctl.simulate("song-circle", trials=400, seed=5, bearing_std_deg=3.0)
-    estimates = nlosctl.localize(table, method="mixture-ml").estimates.to_pandas()
+    estimates = nlosctl.localize(table, method=robust.name).estimates.to_pandas()
     under = np.hypot(estimates.x_m, estimates.y_m) < 6371e3
     assert (under & (estimates.status == "infeasible")).sum() > 5
     assert not (under & estimates.status.isin(["ok", "ambiguous"])).any()
 
 
-def test_no_fix_is_at_the_minimum_range_of_a_sensor() -> None:
+def test_no_fix_is_at_the_minimum_range_of_a_sensor(robust: MethodSpec) -> None:
     """Where the likelihood still rises towards a sensor the status is degenerate, not ok."""
     _, batch, _ = ring_batch(1, 4000, sensors=6, layout="random", bearing_std_deg=4.0, nlos_receivers=2, sources="disc")
     batch = without_flags(batch)
-    before, found = _best(batch, **_KEEP_ALL), _best(batch)
+    before, found = _best(robust, batch, **_KEEP_ALL), _best(robust, batch)
     extent = np.ptp(batch.sensor_xy_m, axis=1).max(axis=1)
 
     def at_sensor(estimates: Estimates) -> np.ndarray:
@@ -224,19 +232,19 @@ def test_no_fix_is_at_the_minimum_range_of_a_sensor() -> None:
     assert (before.status == Status.DEGENERATE).sum() > 5
 
 
-def test_uncertain_crossings_are_degenerate() -> None:
+def test_uncertain_crossings_are_degenerate(robust: MethodSpec) -> None:
     """Rays that nearly coincide: a standard deviation beyond the farthest sensor is degenerate, as for ml."""
     batch = bearing_batch([[(0.0, 0.0), (0.0, 5.0), (0.0, 10.0)]], np.radians([[0.3, 0.0, -0.3]]), np.radians(1.0))
     batch = dataclasses.replace(batch, field=BoxField(xmin_m=-1e5, xmax_m=1e5, ymin_m=-1e5, ymax_m=1e5))
     plain = bearings_ml.solve(batch, bearings_ml.MaximumLikelihoodOptions()).estimates
     assert plain.status.tolist() == [Status.DEGENERATE]
-    assert _best(batch, least_evidence=-1000.0).status.tolist() == [Status.DEGENERATE]
+    assert _best(robust, batch, least_evidence=-1000.0).status.tolist() == [Status.DEGENERATE]
 
 
 @pytest.mark.parametrize(("sensors", "share"), [(2, 0.9), (3, 0.95), (8, 0.99)])
-def test_bearings_of_the_opposite_sense_are_behind(sensors: int, share: float) -> None:
+def test_bearings_of_the_opposite_sense_are_behind(robust: MethodSpec, sensors: int, share: float) -> None:
     """If the lines meet behind the sensors the status is behind, as for ls and ml."""
     _, batch, _ = ring_batch(13, 200, sensors=sensors, bearing_std_deg=1.0, sources="disc", source_share=0.6)
     reversed_rad = (batch.bearing_rad + 2.0 * np.pi) % (2.0 * np.pi) - np.pi
     batch = dataclasses.replace(without_flags(batch), bearing_rad=np.asfortranarray(reversed_rad))
-    assert _share(_best(batch).status, Status.BEHIND) > share
+    assert _share(_best(robust, batch).status, Status.BEHIND) > share

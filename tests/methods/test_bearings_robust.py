@@ -192,8 +192,7 @@ def test_no_crossing_in_the_field_is_no_candidate(module: object) -> None:
 def test_statuses_of_degenerate_snapshots(module: object, batch: BearingBatch, status: Status) -> None:
     """Identical sensors and parallel rays are degenerate; two rows that cross have a fix if no consensus is needed."""
     spec = module.METHOD  # type: ignore[attr-defined]
-    options = {"least_evidence": -1000.0} if module is bearings_mixture_ml else {}
-    estimates = spec.solve(batch, spec.options(**options)).estimates
+    estimates = spec.solve(batch, spec.options(least_evidence=-1000.0)).estimates
     assert estimates.status[0] == status
 
 
@@ -250,7 +249,7 @@ def test_hundred_bearings_in_one_snapshot() -> None:
 
 
 def test_all_pairs_are_tried_once_without_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forty bearings without a common crossing: rounds double until every pair was tried, then no_candidate."""
+    """Forty bearings that cross behind the sensors only: rounds double until every pair was tried, then behind."""
     rounds = []
 
     def watched(model: object, first: np.ndarray, second: np.ndarray, **options: object) -> object:
@@ -261,7 +260,7 @@ def test_all_pairs_are_tried_once_without_a_candidate(monkeypatch: pytest.Monkey
     batch = _bearings([(float(x), 0.0) for x in range(40)], np.linspace(130.0, 50.0, 40).tolist())
     batch = dataclasses.replace(batch, field=BoxField(xmin_m=-1e4, xmax_m=-9e3, ymin_m=-1e4, ymax_m=-9e3))
     estimates = bearings_suppress.solve(batch, bearings_suppress.SuppressOptions(rivals=0)).estimates
-    assert estimates.status.tolist() == [Status.NO_CANDIDATE]
+    assert estimates.status.tolist() == [Status.BEHIND]
     assert len(rounds) <= 9
     tried = np.concatenate(rounds)
     assert tried.size == np.unique(tried).size == 780

@@ -27,11 +27,11 @@ __all__ = [
 FIELD = "circle:0,0,1"
 """The paper's field: the unit disc of receivers; lengths are in radii."""
 EVERY_MAXIMUM = {"least_evidence": -1000.0, "search_outside": False}
-"""Parameters of ``mixture-ml`` that keep the maximum of (23) within the field as a fix, however few rows agree."""
+"""Parameters of robust methods that keep the maximum of (23) within the field as a fix, however few rows agree."""
 RECEIVERS = 8
 BOOTSTRAPS = {1: 4, 2: 7, 3: 11, 4: 15}
 """M of Section V-B by number of blocked receivers."""
-AS_PUBLISHED: dict[str, Any] = {"rivals": 0}
+AS_PUBLISHED: dict[str, Any] = {"rivals": 0, **EVERY_MAXIMUM}
 """Parameters of ``suppress`` without what goes beyond Section IV-B."""
 SEQUENTIAL = {"pairs": "random", "relinearize": False}
 """The sequential algorithm as published: random pairs, one round through the receivers."""

@@ -51,6 +51,17 @@ class BearingOutlierOptions(OutlierOptions):
         minimum=0.0,
         meaning="a row can't be direct from closer than this; default: 0.5 % of the sensors' larger extent",
     )
+    least_evidence: float = option(
+        3.0,
+        unit="nat",
+        meaning="no_consensus below this log evidence of the best mode over that of outliers; -1000 keeps every fix",
+    )
+    search_outside: bool = option(
+        True, meaning="whether points outside the search region are compared with the best inside (outside_field)"
+    )
+    exclude_behind_walls: bool = option(
+        False, meaning="leave out points that walls of the scene hide from every sensor"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

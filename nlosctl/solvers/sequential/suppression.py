@@ -10,10 +10,12 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
-from nlosctl.solvers.mixture.initial_estimates import Scores
+from nlosctl.solvers.mixture.initial_estimates import Mode, Scores
 from nlosctl.solvers.mixture.modes import score_candidates
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
+from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.sequential.hypotheses import Hypotheses, grow_hypotheses
 from nlosctl.solvers.sequential.inlier_covariance import inlier_covariance
 from nlosctl.solvers.sequential.starting_pairs import shuffled_pairs
@@ -67,13 +69,20 @@ class SuppressedFixes:
 
 
 def suppress_outliers(
-    candidates: BearingCandidates, seed: SeedArray, *, bootstraps: IntArray, rivals: int, max_pairs: int, **growth: Any
+    candidates: BearingCandidates,
+    seed: SeedArray,
+    *,
+    bootstraps: IntArray,
+    rivals: int,
+    max_pairs: int,
+    outside: OutsideSearch | None,
+    **growth: Any,
 ) -> SuppressedFixes:
     """Return the ranked estimates of a block, grown from ``bootstraps`` (B,) random pairs and the likeliest crossings.
 
     ``rivals`` is the number of crossings, the likeliest by (23) of those apart from each other, that sets are grown
-    from besides the random pairs. The number of pairs doubles until an estimate is in the search region. ``growth``
-    are the keywords of `grow_hypotheses`.
+    from besides the random pairs. The number of pairs doubles until an estimate is in the search region. ``outside``
+    notes the crossings outside of it. ``growth`` are the keywords of `grow_hypotheses`.
     """
     count = candidates.model.mixture.count
     result = SuppressedFixes.empty(seed.shape[0], count)
@@ -89,8 +98,8 @@ def suppress_outliers(
                 model = candidates.model.take_rows(rows)
                 first, second = _possible_first(model, *shuffled_pairs(seed[rows], count, max_pairs))
                 first, second = first[:, window], second[:, window]
-                if extra:
-                    more = _likeliest_pairs(candidates, rows, extra)
+                if window.start == 0 and (extra or outside is not None):
+                    more = _likeliest_pairs(candidates, rows, extra, outside)
                     first, second = (np.concatenate([a.T, b.T]).T for a, b in zip((first, second), more, strict=True))
                 grown = grow_hypotheses(model, first, second, **growth)
                 result.put(rows, _rank(candidates, model, rows, grown))
@@ -99,10 +108,32 @@ def suppress_outliers(
     return result
 
 
-def _likeliest_pairs(candidates: BearingCandidates, rows: IntArray, most: int) -> tuple[IntArray, IntArray]:
+def follow_best(
+    candidates: BearingCandidates, fixes: RankedFixes, outside: OutsideSearch | None
+) -> tuple[Mode, BoolArray, BoolArray]:
+    """Return the optima (B,) of the likelihood that the best fixes lead to, where they settled, and where they left.
+
+    Where a fix leads out of the search region, ``outside`` notes its optimum. Where it leads nowhere, the second
+    derivatives are the information of the fix's rows.
+    """
+    mixture, x, y = candidates.model.mixture, fixes.x[:, 0], fixes.y[:, 0]
+    end = minimize(mixture, x, y)
+    every = np.arange(x.shape[0])
+    inside = candidates.allowed(every, end.x[:, None], end.y[:, None])[:, 0]
+    if outside is not None:
+        outside.note_ends(end, mixture.least_cost, every, inside)
+        outside.follow(mixture, fixes.cost[:, 0])
+    hessian = end.hessian.where(end.converged, fixes.covariance.at(slice(None), 0).inverse())
+    cost = np.where(end.converged, end.cost + mixture.least_cost, fixes.cost[:, 0])
+    return Mode(end.x, end.y, cost, hessian), end.converged, end.converged & ~inside
+
+
+def _likeliest_pairs(
+    candidates: BearingCandidates, rows: IntArray, most: int, outside: OutsideSearch | None
+) -> tuple[IntArray, IntArray]:
     """Return the pairs (b, ``most``) of the likeliest crossings that are apart; (0, 0) if there are fewer."""
     mixture = candidates.model.mixture
-    scored = score_candidates(mixture, candidates.points, candidates.allowed, rows, candidates.count)
+    scored = score_candidates(mixture, candidates.points, candidates.allowed, rows, candidates.count, outside)
     pairs = candidates.first.shape[-1]  # the ends of rays at their ranges, which follow, are not pairs
     scores = Scores(*(part[:, :pairs] for part in (scored.x, scored.y, scored.cost)))
     part = mixture.take_rows(rows)

@@ -1,0 +1,100 @@
+"""The status of the best fix of a mixture: does it beat outliers, the region's outside, and what the scene forbids?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, StatusArray
+from nlosctl.contract.statuses import Status
+from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, outlier_gain
+from nlosctl.solvers.mixture.initial_estimates import Mode
+from nlosctl.solvers.mixture.outlier_model import OutlierModel
+from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
+from nlosctl.solvers.mixture.outside import OutsideSearch
+from nlosctl.solvers.mixture.path_groups import PathGroups
+from nlosctl.solvers.mixture.ranked_estimates import RankedFixes, ranked_status
+from nlosctl.solvers.mixture.verdicts import mark_behind, near_sensor, verdicts
+
+__all__ = ["FixesToJudge", "Judgement", "judge_robust_fixes"]
+
+
+@dataclass(frozen=True)
+class FixesToJudge:
+    """Ranked fixes, each row's ``probability`` (B, K) to be direct of the best, and its rows ``used`` (B, K).
+
+    ``mode`` (B,) is the optimum of the likelihood at or near the best fix, ``settled`` where it is smooth and
+    ``at_boundary`` where it is not in the search region; ``candidates`` (B,) marks snapshots with any candidate.
+    """
+
+    fixes: RankedFixes
+    probability: FloatArray
+    used: BoolArray
+    mode: Mode
+    settled: BoolArray
+    at_boundary: BoolArray
+    candidates: BoolArray
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Statuses (B,), and the fixes with the better point outside the search region first where there is one."""
+
+    status: StatusArray
+    fixes: RankedFixes
+    probability: FloatArray
+    used: BoolArray
+
+
+def judge_robust_fixes(
+    model: OutlierModel,
+    groups: PathGroups,
+    options: BearingOutlierOptions,
+    found: FixesToJudge,
+    outside: OutsideSearch | None,
+    *,
+    too_few: bool,
+) -> Judgement:
+    """Return the statuses of a block of fixes, by `log_evidence`, `find_rival`, `verdicts` and `ranked_status`.
+
+    ``too_few``: the block has fewer rows than the method needs.
+    """
+    fixes, probability, used = found.fixes, found.probability, found.used
+    gain = outlier_gain(radians(options.field_of_view_deg))
+    evidence = log_evidence(model.mixture, found.mode.cost, probability, found.mode.hessian, model.region.area_m2, gain)
+    x, y = fixes.x[:, 0], fixes.y[:, 0]
+    further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), used)
+    further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
+    further[Status.NO_CONSENSUS] = evidence < options.least_evidence
+    unordered = groups.unordered(options.path_prior)
+    if outside is not None:
+        rival = find_rival(
+            model,
+            outside.mode,
+            fixes,
+            probability,
+            at_boundary=found.at_boundary,
+            unordered=unordered,
+            ambiguous_rows=options.ambiguous_rows,
+            least_evidence=options.least_evidence,
+            gain=gain,
+        )
+        fixes, probability, further[Status.OUTSIDE_FIELD] = rival.fixes, rival.probability, rival.better
+        used = np.where(rival.better[:, None], probability > 0.5, used)
+    status = ranked_status(
+        fixes,
+        found.candidates,
+        model.uninformative(),
+        options.ambiguous_within,
+        found.at_boundary,
+        unordered=unordered,
+        ambiguous_rows=options.ambiguous_rows,
+        further=further,
+    )
+    if too_few:
+        status[:] = Status.TOO_FEW
+    else:
+        mark_behind(status, model.lines)
+    return Judgement(status, fixes, probability, used)
