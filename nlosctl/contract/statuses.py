@@ -27,12 +27,15 @@ class Status(IntEnum):
     BOUNDARY = 3, "constrained estimate on the edge of the allowed region; no covariance"
     TOO_FEW = 4, "fewer measurements than the method needs; no answer"
     DEGENERATE = 5, "lines nearly parallel, or the fix coincides with a sensor it uses; no answer"
-    BEHIND = 6, "the lines meet behind a sensor that is used; no answer"
+    BEHIND = 6, "the lines meet behind a sensor that is used, as with bearings of the opposite sense; no answer"
     NOT_CONVERGED = 7, "the iteration did not settle; no answer"
     NO_CANDIDATE = 8, "no candidate position within the search region; no answer"
     NO_TARGET = 9, "the measurements contain no target; no answer"
     NO_CONSENSUS = 10, "the measurements agree no better than outliers do; x, y are of the best mode, not a fix"
-    OUTSIDE_FIELD = 11, "a point outside the search region is more likely; x, y are that point, not a fix"
+    OUTSIDE_FIELD = (
+        11,
+        "a point outside the search region is likelier than any inside; x, y are that point, not a fix",
+    )
     NOT_PROVEN = 12, "the search stopped at its limit; the best set found is kept"
 
     def __new__(cls, number: int, meaning: str = "") -> Status:

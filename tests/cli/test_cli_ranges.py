@@ -73,10 +73,12 @@ def test_a_target_height_needs_sensor_heights(cli: Cli, tmp_path: Path) -> None:
 
 
 def test_outliers_are_flagged(cli: Cli, tmp_path: Path) -> None:
-    """``mixture-ml`` rejects the one range that is too short."""
+    """``mixture-ml`` rejects the one range that is too short; three that agree are no consensus unless all is kept."""
     lengths = [5.0, 8.06, 8.06, 1.0]
     path = ranges_file(tmp_path, range_m=lengths)
-    assert cli("localize", path, "-m", "mixture-ml", "-o", "e.csv", "--flags-out", "f.csv").code == 0
+    assert cli("localize", path, "-m", "mixture-ml").table["status"].to_pylist() == ["no_consensus"]
+    words = ("-p", "least_evidence=-1000", "-o", "e.csv", "--flags-out", "f.csv")
+    assert cli("localize", path, "-m", "mixture-ml", *words).code == 0
     assert read(tmp_path / "f.csv")["los"].to_pylist() == [True, True, True, False]
     assert read(tmp_path / "e.csv")["x_m"][0].as_py() == pytest.approx(3.0, abs=0.1)
 

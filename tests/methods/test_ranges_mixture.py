@@ -9,6 +9,7 @@ from range_worlds import FloatArray, exact_ranges, solve, words
 
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import BoxField
+from nlosctl.contract.statuses import Status
 from nlosctl.methods import ranges_mixture_ml, ranges_r_ls
 
 SENSORS = [(0.0, 0.0), (40.0, 0.0), (45.0, 30.0), (0.0, 35.0), (20.0, -10.0), (-10.0, 15.0)]
@@ -181,13 +182,34 @@ def test_coincident_sensors_are_too_few() -> None:
 def test_the_posterior_covariance_is_calibrated() -> None:
     """With outliers, 90 to 99 % of the errors are within the 95 % posterior ellipse."""
     batch, sources, _ = polluted(1500, 0.2, seed=4)
-    estimates = solve(ranges_mixture_ml.METHOD, batch, covariance="posterior").estimates
+    every = {"least_evidence": -1000.0}
+    estimates = solve(ranges_mixture_ml.METHOD, batch, covariance="posterior", **every).estimates
     best = estimates.alternative == 0
     dx, dy = (estimates.position_m[best] - sources).T
     xx, xy, yy = estimates.covariance_m2[best].T
-    inliers = solve(ranges_mixture_ml.METHOD, batch).estimates
+    inliers = solve(ranges_mixture_ml.METHOD, batch, **every).estimates
     assert np.nanmean(xx + yy) > 1.2 * np.nanmean(
         inliers.covariance_m2[inliers.alternative == 0][:, [0, 2]].sum(axis=1)
     )
     nees = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
     assert 0.90 < (nees < 5.991).mean() < 0.99
+
+
+@pytest.mark.parametrize(("sensors", "std_m"), [(4, 0.3), (6, 1.0), (12, 1.0)])
+def test_uniform_ranges_are_no_fix(sensors: int, std_m: float) -> None:
+    """Of ranges uniform up to 140 m at most 2 % give ok or ambiguous; six clean ranges or more keep their fix."""
+    generator = np.random.default_rng(sensors)
+    places = generator.uniform(0.0, 100.0, (2000, sensors, 2))
+    source = generator.uniform(0.0, 100.0, (2000, 1, 2))
+    noise = range_batch(places, generator.uniform(0.1, 140.0, (2000, sensors)), std_m)
+    right = np.hypot(*np.moveaxis(places - source, -1, 0)) + std_m * generator.normal(size=(2000, sensors))
+    clean = range_batch(places, np.maximum(right, 0.1), std_m)
+
+    def status(batch: RangeBatch, **options: float) -> np.ndarray:
+        estimates = solve(ranges_mixture_ml.METHOD, batch, **options).estimates
+        return estimates.status[estimates.alternative == 0]
+
+    assert np.mean(status(noise) <= Status.AMBIGUOUS) <= 0.02
+    assert np.mean(status(noise, least_evidence=-1000.0) <= Status.AMBIGUOUS) > 0.9
+    if sensors > 4:
+        assert np.mean(status(clean) == status(clean, least_evidence=-1000.0)) >= 0.99

@@ -37,7 +37,7 @@ def log_evidence(
     probability: FloatArray,
     hessian: SymmetricMatrix,
     area_m2: FloatArray,
-    gain: float = 1.0,
+    gain: FloatArray | float = 1.0,
 ) -> FloatArray:
     """Return the logarithm of the evidence of modes (B,) over that of "no source" (every row is an outlier), in nats.
 
