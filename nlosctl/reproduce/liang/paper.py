@@ -12,7 +12,6 @@ from nlosctl.api import identify_los
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import parse_field
-from nlosctl.evaluation.targets import EchoRows, TargetScores
 from nlosctl.pipeline.solve.solve_chunk import dense_batch
 from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets, candidate_sets
@@ -29,6 +28,7 @@ __all__ = [
     "TARGETS",
     "Identified",
     "candidates",
+    "direct_batch",
     "echo_batch",
     "echo_trials",
     "identified",
@@ -82,7 +82,7 @@ CHUNK_TRIALS = 50
 
 @dataclass(frozen=True, kw_only=True)
 class Identified:
-    """Targets identified in each trial (T,): their number, and whether all of them are exactly right."""
+    """Targets identified in each trial (T,): their number, and whether the rows called direct are the direct ones."""
 
     count: FloatArray
     exact: FloatArray
@@ -103,6 +103,18 @@ def echo_batch(trials: Simulated, size: int) -> RangeBatch:
     return cast(RangeBatch, dense_batch(trials.kind, columns, rows, scene=trials.scene, field=parse_field(FIELD)))
 
 
+def direct_batch(trials: Simulated, size: int) -> tuple[RangeBatch, FloatArray]:
+    """Return the direct echoes of every target as a snapshot (size K, N) of its own, and the targets (size K, 2)."""
+    columns = trials.columns
+    sensor = np.unique(columns["sensor"].astype(str), return_inverse=True)[1]
+    direct = np.flatnonzero(columns["truth_los"])
+    keys = (sensor[direct], _numbers(columns["truth_target"])[direct], columns["snapshot"][direct])
+    rows = direct[np.lexsort(keys)].reshape(size * TARGETS, -1)
+    arrays = {**columns, "sensor": sensor, "path": np.full(sensor.shape, -1)}
+    batch = cast(RangeBatch, dense_batch(trials.kind, arrays, rows, scene=trials.scene))
+    return batch, np.stack([columns["truth_x_m"], columns["truth_y_m"]], axis=1)[rows[:, 0]]
+
+
 def candidates(trials: Simulated, size: int) -> list[CandidateSets]:
     """Return the structured candidate sets of each trial, with their cases."""
     batch = echo_batch(trials, size)
@@ -114,35 +126,16 @@ def candidates(trials: Simulated, size: int) -> list[CandidateSets]:
 def identified(trials: Simulated, chunk: Chunk, method: str, **parameters: Any) -> Identified:
     """Identify the direct echoes of each trial.
 
-    Exact trials, as in the paper, have all targets, each with all its direct echoes.
+    In exact trials the rows called direct are the direct rows, as one set, whichever target they are assigned to.
     """
     result = identify_los(trials.table, method=method, field=FIELD, scene=trials.scene, seed=chunk.seed, **parameters)
-    target = result.flags.column("target").to_numpy(zero_copy_only=False).astype(float)
-    los = result.flags.column("los").to_numpy(zero_copy_only=False).astype(bool)
+    los = result.flags.column("los").to_numpy(zero_copy_only=False).astype(bool).reshape(chunk.size, -1)
+    direct = trials.columns["truth_los"].reshape(chunk.size, -1)
+    located = np.isfinite(result.estimates.column("x_m").to_numpy(zero_copy_only=False))
     estimated = result.estimates.column("snapshot").to_numpy(zero_copy_only=False) - chunk.first
-    position = np.stack(
-        [result.estimates.column(name).to_numpy(zero_copy_only=False) for name in ("x_m", "y_m")], axis=1
-    )
-    columns = trials.columns
-    scores = TargetScores()
-    for trial in range(chunk.size):
-        rows = columns["snapshot"] == trial + chunk.first
-        estimates = position[estimated == trial]
-        scores.add(
-            EchoRows(
-                target=_numbers(target[rows]),
-                true_target=_numbers(columns["truth_target"][rows]),
-                los=los[rows],
-                true_los=columns["truth_los"][rows],
-                true_m=np.stack([columns["truth_x_m"][rows], columns["truth_y_m"][rows]], axis=1),
-            ),
-            estimates[np.isfinite(estimates[:, 0])],
-            trial,
-        )
-    summaries = list(scores.result().values())
     return Identified(
-        count=np.array([float(summary.found_targets) for summary in summaries]),
-        exact=np.array([summary.exact for summary in summaries]),
+        count=np.bincount(estimated[located], minlength=chunk.size).astype(float),
+        exact=(los == direct).all(axis=1).astype(float),
     )
 
 

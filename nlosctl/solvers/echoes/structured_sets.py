@@ -136,12 +136,18 @@ class ClusteringOptions(IdentificationOptions):
     unique: Literal["points", "circles"] = option(
         "points", meaning="what two targets may not share: a crossing point (as the paper has it), or a circle"
     )
+    seeds: Literal["all", "first"] = option(
+        "all", meaning="crossings from which sets are built: of all pairs of sensors, or of the first two sensors only"
+    )
 
 
 def cluster_echoes(echoes: Echoes, gate: Gate, options: ClusteringOptions) -> tuple[StructuredSets, Iterator[int]]:
     """Return the structured sets of a snapshot, and the indices of the unique ones by rising spread."""
     table = cross_all(echoes, options.gap_tolerance_m, gate)
-    circles, seeds = gather_circles(table, find_seeds(table))
+    seeds = find_seeds(table)
+    if options.seeds == "first":
+        seeds = seeds.take(np.flatnonzero((seeds.parent_1 < table.most) & (seeds.parent_2 < 2 * table.most)))
+    circles, seeds = gather_circles(table, seeds)
     sets = build_sets(table, circles, seeds)
     return sets, unique_sets(sets, options.unique)
 
