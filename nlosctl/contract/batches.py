@@ -28,10 +28,12 @@ class Batch:
     methods that search (`nlosctl.models.search_regions` evaluates it). If ``want_details`` is true the flags include
     the quantities behind the decision; if ``want_trace`` is true a sequential method returns its steps.
     ``SOURCES`` names the input columns of each array, ``ABSENT`` the value that fills an array if the input lacks
-    its columns; an array that is not in ``ABSENT`` is None then.
+    its columns; an array that is not in ``ABSENT`` is None then. ``OPTIONAL_SOURCES`` are further ones, which few files
+    have.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     ABSENT: ClassVar[Mapping[str, float]] = {}
 
     scene: Scene = dataclasses.field(default_factory=Scene)
@@ -129,7 +131,8 @@ class TripletBatch(Batch):
 
     ``tx_xy_m`` and ``rx_xy_m`` (B, K, 2) and ``path_length_m`` are in metres; ``dod_rad`` is the direction in which
     the path leaves the transmitter, ``doa_rad`` that from the receiver to where the wave comes from, radians; all
-    are finite and the standard deviations positive.
+    are finite and the standard deviations positive. ``target_radius_m`` is NaN in rows without it, and None if no row
+    has one.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -142,6 +145,7 @@ class TripletBatch(Batch):
         "doa_std_rad": ("doa_std_rad",),
         "path_length_std_m": ("path_length_std_m",),
     }
+    OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {"target_radius_m": ("target_radius_m",)}
 
     tx_xy_m: FloatArray
     rx_xy_m: FloatArray
@@ -151,6 +155,7 @@ class TripletBatch(Batch):
     dod_std_rad: FloatArray
     doa_std_rad: FloatArray
     path_length_std_m: FloatArray
+    target_radius_m: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

@@ -44,6 +44,12 @@ class JointOptions:
         exclusive=True,
         meaning="share of the indirect paths that are over something else and may be shorter than the direct path",
     )
+    target_radius_m: float | None = option(
+        None,
+        unit="m",
+        minimum=0.0,
+        meaning="distance of the points at which a target scatters from its centre; default: the column's, else 0",
+    )
     ambiguous_within: float = option(
         2.0, unit="nats", minimum=0.0, meaning="another set of targets this near makes an estimate ambiguous"
     )
@@ -59,7 +65,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     fits = fit_paths(rows)
     center_x, center_y = snapshot_centers(batch)
     x, y = rows.frame.to_global(fits.x, fits.y)
-    problem = TripletProblem.of_snapshots(batch, center_x, center_y)
+    problem = TripletProblem.of_snapshots(batch, center_x, center_y, options.target_radius_m)
     model = TargetModel(prior_indirect=options.prior_indirect, clutter=options.clutter, targets=options.targets)
     proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
     common = weigh_targets(problem, *proposed, model)
@@ -99,7 +105,7 @@ def _estimates(
         x, y = common.x[index], common.y[index]
         status[index] = judge_targets(problem, x, y, covariance.at(index), np.isfinite(x + y))
     status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
-    status[~common.supported.any(axis=2)] = Status.NO_TARGET
+    status[~common.supported.any(axis=2) | common.unfounded] = Status.NO_TARGET
     answered = has_position(status)
     supported = common.supported & answered[:, :, None]
     present = (np.isfinite(common.x) | (np.arange(targets) == 0)[:, None]).T
@@ -108,9 +114,6 @@ def _estimates(
         """Return what is present of (T, B), snapshot by snapshot."""
         return np.asarray(values.T[present])
 
-    chi_square = np.stack(
-        [problem.chi_square(common.x[index], common.y[index], supported[index]) for index in range(targets)]
-    )
     row, target = np.nonzero(present)
     estimates = Estimates.of(
         listed(status),
@@ -120,7 +123,7 @@ def _estimates(
         listed(np.count_nonzero(supported, axis=2)),
         row=row,
         target=target,
-        chi_square=listed(chi_square),
+        chi_square=listed(common.chi_square),
         degrees_of_freedom=listed(SCALARS * np.count_nonzero(supported, axis=2) - covariance.dimension),
     )
     return estimates, np.logical_or.reduce(supported, axis=0)

@@ -94,6 +94,13 @@ TRIPLETS = Table(
                 Spelling(name="toa_std_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
             ),
         ),
+        Column(
+            name="target_radius_m",
+            type="number",
+            unit="m",
+            nullable=True,
+            meaning="distance of the points at which the target scatters from its centre; default: 0, a point",
+        ),
         *TRUTH_POSITION,
         Column(
             name="truth_ip",

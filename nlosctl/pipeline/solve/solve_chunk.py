@@ -208,7 +208,7 @@ def dense_batch(
     """
     cls = batch_class(kind)
     arrays = {}
-    for name, parts in cls.SOURCES.items():
+    for name, parts in {**cls.SOURCES, **cls.OPTIONAL_SOURCES}.items():
         if columns.keys() >= set(parts):
             arrays[name] = _gather(row, [columns[part] for part in parts])
         elif name in cls.ABSENT:

@@ -14,7 +14,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["SCALARS", "PathSums", "TripletProblem"]
+__all__ = ["SCALARS", "PathSums", "TripletProblem", "angle_residual"]
 
 
 SCALARS = 3
@@ -23,7 +23,11 @@ SCALARS = 3
 
 @dataclass(frozen=True)
 class TripletProblem(RowBlock):
-    """Half the chi-square of triplets (B, K), as a function of a target about a local origin (B,); metres."""
+    """Half the chi-square of triplets (B, K), as a function of a target about a local origin (B,); metres.
+
+    ``scatter_m2`` is the variance, in x and in y, of the point at which an extended target scatters a path. It is no
+    part of the chi-square of a point.
+    """
 
     tx_x: FloatArray
     tx_y: FloatArray
@@ -37,6 +41,7 @@ class TripletProblem(RowBlock):
     inverse_dod_std: FloatArray
     inverse_doa_std: FloatArray
     inverse_length_std: FloatArray
+    scatter_m2: FloatArray
 
     @classmethod
     def of_paths(cls, rows: PathRows) -> TripletProblem:
@@ -45,11 +50,18 @@ class TripletProblem(RowBlock):
         zero = np.zeros_like(half)
         arrays = (-half, zero, half, zero, rays.dod_cosine, rays.dod_sine, rays.doa_cosine, rays.doa_sine)
         inverse = (1.0 / rows.dod_std_rad, 1.0 / rows.doa_std_rad, 1.0 / rows.path_length_std_m)
-        return cls(*(np.asfortranarray(array[:, None]) for array in (*arrays, rays.path_length_m, *inverse)))
+        return cls(*(np.asfortranarray(array[:, None]) for array in (*arrays, rays.path_length_m, *inverse, zero)))
 
     @classmethod
-    def of_snapshots(cls, batch: TripletBatch, center_x: FloatArray, center_y: FloatArray) -> TripletProblem:
-        """Return a problem for every snapshot, all its paths over one target; global axes about centers (B,)."""
+    def of_snapshots(
+        cls, batch: TripletBatch, center_x: FloatArray, center_y: FloatArray, target_radius_m: float | None = 0.0
+    ) -> TripletProblem:
+        """Return a problem for every snapshot, all its paths over one target; global axes about centers (B,).
+
+        A target scatters paths at the distance ``target_radius_m`` from its centre; None: that of each row.
+        """
+        radius = batch.target_radius_m if target_radius_m is None else np.full(batch.dod_rad.shape, target_radius_m)
+        scatter = np.zeros(batch.dod_rad.shape) if radius is None else 0.5 * np.nan_to_num(radius) ** 2
         return cls(
             batch.tx_xy_m[..., 0] - center_x[:, None],
             batch.tx_xy_m[..., 1] - center_y[:, None],
@@ -61,14 +73,15 @@ class TripletProblem(RowBlock):
             1.0 / batch.dod_std_rad,
             1.0 / batch.doa_std_rad,
             1.0 / batch.path_length_std_m,
+            np.asfortranarray(scatter),
         )
 
     def residuals(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return measured minus predicted DOD, DOA (radians) and path length (metres), (B, K), at targets (B,)."""
         from_tx_x, from_tx_y = x[:, None] - self.tx_x, y[:, None] - self.tx_y
         from_rx_x, from_rx_y = x[:, None] - self.rx_x, y[:, None] - self.rx_y
-        dod = _turn(self.dod_cosine, self.dod_sine, from_tx_x, from_tx_y)
-        doa = _turn(self.doa_cosine, self.doa_sine, from_rx_x, from_rx_y)
+        dod = angle_residual(self.dod_cosine, self.dod_sine, from_tx_x, from_tx_y)
+        doa = angle_residual(self.doa_cosine, self.doa_sine, from_rx_x, from_rx_y)
         reach = np.sqrt(from_tx_x * from_tx_x + from_tx_y * from_tx_y)
         reach += np.sqrt(from_rx_x * from_rx_x + from_rx_y * from_rx_y)
         return dod, doa, self.path_length_m - reach
@@ -103,7 +116,7 @@ class TripletProblem(RowBlock):
         return total.gauss
 
 
-def _turn(cosine: FloatArray, sine: FloatArray, dx: FloatArray, dy: FloatArray) -> FloatArray:
+def angle_residual(cosine: FloatArray, sine: FloatArray, dx: FloatArray, dy: FloatArray) -> FloatArray:
     """Return the angle from (dx, dy) to (cosine, sine)."""
     return np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
 
@@ -141,7 +154,7 @@ class PathSums:
         squared = dx * dx + dy * dy
         distance = np.sqrt(squared)
         inverse = 1.0 / distance
-        scaled = _turn(cosine, sine, dx, dy) * inverse_std
+        scaled = angle_residual(cosine, sine, dx, dy) * inverse_std
         ux, uy = dx * inverse, dy * inverse
         slope = inverse_std * inverse
         slope_x, slope_y = uy * slope, -ux * slope
