@@ -19,7 +19,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import judge_fixes, mark_crossings_behind, nearly_singular
 from nlosctl.solvers.bearings.joint_range_bearing import range_columns
-from nlosctl.solvers.bearings.line_fits import fit_least_squares
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import RowDerivatives, least_chi_square
 from nlosctl.solvers.sequential.orders import Prior, RangedLines, run_all_orders
@@ -183,9 +183,15 @@ def _status(batch: BearingBatch, ranged: RangedLines, last: SourceState, min_ran
     rays = lines.ray_residuals(x, y)
     allowed_m2 = None if ranged.prior is None else np.where(ranged.prior.known, np.inf, 0.0)
     status = judge_fixes(lines, x, y, rays, covariance, min_range_m, allowed_m2=allowed_m2)
-    status[~last.alive[:, 0]] = Status.BEHIND
-    free = ~ranged.from_prior
-    status[free & nearly_singular(fit_least_squares(lines).normal)] = Status.DEGENERATE
+    first = fit_least_squares(lines)
+    dead, free = ~last.alive[:, 0], ~ranged.from_prior
+    status[dead] = Status.BEHIND
+    if dead.any():
+        crossing = fit_focused(lines, first)
+        there = lines.ray_residuals(crossing.x, crossing.y)
+        linear = judge_fixes(lines, crossing.x, crossing.y, there, crossing.normal.inverse(), min_range_m)
+        status[dead & (linear == Status.DEGENERATE)] = Status.DEGENERATE
+    status[free & nearly_singular(first.normal)] = Status.DEGENERATE
     mark_crossings_behind(status, lines, np.where(free, rays.chi_square, 0.0), answered_too=True)
     if batch.measurements < 2:
         status[free] = Status.TOO_FEW

@@ -24,17 +24,17 @@ def towards(sensors: list[tuple[float, float]], point: tuple[float, float], turn
     return (np.arctan2(away[:, 1], away[:, 0]) + turn)[None]
 
 
-def test_one_bearing_is_too_few(method: MethodSpec) -> None:
+def test_one_bearing_is_too_few(any_method: MethodSpec) -> None:
     """A single bearing gives too_few."""
-    assert words(estimate(method, bearing_batch((0.0, 0.0), [[0.3], [1.0]]))) == ["too_few", "too_few"]
+    assert words(estimate(any_method, bearing_batch((0.0, 0.0), [[0.3], [1.0]]))) == ["too_few", "too_few"]
 
 
 @pytest.mark.parametrize("turn", [0.0, np.pi])
-def test_parallel_lines_are_degenerate(method: MethodSpec, turn: float) -> None:
+def test_parallel_lines_are_degenerate(any_method: MethodSpec, turn: float) -> None:
     """Parallel lines, exactly or to 1e-7 rad, in any direction of their rays, are degenerate."""
     sensors = [(0.0, 0.0), (0.0, 10.0), (5.0, -10.0)]
     bearings = [[0.4, 0.4, 0.4 + turn], [0.4, 0.4 + 1e-8, 0.4 - 1e-8 + turn]]
-    assert words(estimate(method, bearing_batch([sensors, sensors], bearings))) == ["degenerate"] * 2
+    assert words(estimate(any_method, bearing_batch([sensors, sensors], bearings))) == ["degenerate"] * 2
 
 
 def test_fixes_more_uncertain_than_distant_are_degenerate(method: MethodSpec) -> None:
@@ -51,11 +51,16 @@ def test_lines_that_cross_nowhere_but_on_a_sensor_are_degenerate(
 ) -> None:
     """Parallel lines, coincident sensors, and a source on a sensor are degenerate.
 
-    ML may also not converge, or converge close to the sensor at the source.
+    ML may also not converge, or converge close to the sensor at the source; sequential may be behind a sensor that the
+    source is on.
     """
     for seed in range(5):
         trial = draw_bearings(np.random.default_rng(seed), 200, measurements, fault)
         estimates = estimate(method, trial.batch)
+        if method.name == "sequential" and fault == "on a sensor":
+            assert set(words(estimates)) <= NO_ANSWER | {"ok"}
+            assert (np.array(words(estimates)) == "ok").mean() < 0.02
+            continue
         if method.name != "ml":
             assert set(words(estimates)) == {"degenerate"}
             continue
@@ -67,9 +72,9 @@ def test_lines_that_cross_nowhere_but_on_a_sensor_are_degenerate(
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (3e6, -2e6)])
-def test_two_bearings_from_one_place_are_degenerate(method: MethodSpec, place: tuple[float, float]) -> None:
+def test_two_bearings_from_one_place_are_degenerate(any_method: MethodSpec, place: tuple[float, float]) -> None:
     """Two bearings of one sensor cross on the sensor itself: degenerate."""
-    assert words(estimate(method, bearing_batch(place, [[0.2, 1.4]]))) == ["degenerate"]
+    assert words(estimate(any_method, bearing_batch(place, [[0.2, 1.4]]))) == ["degenerate"]
 
 
 def test_min_range_makes_near_fixes_degenerate(method: MethodSpec) -> None:
@@ -152,10 +157,10 @@ def test_feasible_moves_a_fix_to_the_mirror() -> None:
     assert np.isnan(estimates.covariance_m2).all()
 
 
-def test_unused_mirrors_constrain_nothing(method: MethodSpec) -> None:
+def test_unused_mirrors_constrain_nothing(any_method: MethodSpec) -> None:
     """A mirror of the scene that no row uses makes no fix infeasible."""
     sensors = [(0.0, 0.0), (1.0, -5.0), (1.0, 5.0)]
-    assert words(estimate(method, bearing_batch([sensors], towards(sensors, (5.0, 1.0)), scene=WALL))) == ["ok"]
+    assert words(estimate(any_method, bearing_batch([sensors], towards(sensors, (5.0, 1.0)), scene=WALL))) == ["ok"]
 
 
 def test_too_few_iterations_are_not_converged() -> None:
@@ -173,10 +178,10 @@ def test_ordinary_bearings_converge(std: float) -> None:
     assert set(words(estimates)) == {"ok"}
 
 
-def test_snapshots_without_an_answer_use_no_row(method: MethodSpec) -> None:
+def test_snapshots_without_an_answer_use_no_row(any_method: MethodSpec) -> None:
     """``used`` is false and ``residual_rad`` NaN for all rows of snapshots without an answer, and only there."""
     sensors = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
     bearings = np.concatenate([towards(sensors, (4.0, 5.0)), np.full((1, 3), 0.7)])
-    flags = flags_of(method, bearing_batch([sensors, sensors], bearings))
+    flags = flags_of(any_method, bearing_batch([sensors, sensors], bearings))
     assert flags.used.tolist() == [[True] * 3, [False] * 3]
     assert np.isnan(flags.columns["residual_rad"].astype(float)).tolist() == [[False] * 3, [True] * 3]
