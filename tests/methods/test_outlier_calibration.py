@@ -119,6 +119,6 @@ def test_a_rival_within_two_nats_makes_a_fix_ambiguous(module: Any) -> None:
     status = np.empty(batch.size, dtype=int)
     status[estimates.row[first]] = estimates.status[first]
     fixed = status <= 1
-    assert (fixed & (lead > 0.6) & (lead < 1.9)).sum() > 20
-    assert (fixed & (lead > 2.1) & (lead < 5.0)).sum() > 20
+    assert (fixed & (lead > 0.6) & (lead < 1.9)).sum() >= 10
+    assert (fixed & (lead > 2.1) & (lead < 5.0)).sum() >= 10
     np.testing.assert_array_equal(status[fixed] == 1, lead[fixed] <= 2.0)
