@@ -70,6 +70,9 @@ class AssignmentOptions(IdentificationOptions):
     least_evidence: float = option(
         6.0, unit="nats", meaning="evidence that all targets together need against clutter alone, else no_target"
     )
+    scatterers: bool = option(
+        True, meaning="whether scatterers common to targets and sensors may explain echoes: sum of the legs, or half"
+    )
     max_nodes: int = option(
         100_000, minimum=1, meaning="nodes of the search after which the best set so far is kept: not_proven"
     )
@@ -89,6 +92,7 @@ def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
             reward=options.target_reward,
             least_evidence=options.least_evidence,
             area_m2=area_m2,
+            scatterers=options.scatterers,
             bandwidth_m=options.clutter_bandwidth_m or _BANDWIDTH_SHARE * float(np.sqrt(area_m2)),
         )
         candidates, complete = _candidates(echoes, gate, hypotheses, options)

@@ -251,7 +251,7 @@ def test_a_truncated_search_is_not_proven() -> None:
     columns = liang.generate(options, np.random.default_rng(3), 12)
     counts = Counter[str]()
     for limit in (1, 100_000):
-        solution = solve(ranges_assignment.METHOD, simulated(columns, 12), max_nodes=limit)
+        solution = solve(ranges_assignment.METHOD, simulated(columns, 12), max_nodes=limit, scatterers=False)
         counts.update(f"{limit} {word}" for word in words(solution))
         unproven = solution.estimates.status == Status.NOT_PROVEN
         assert np.isfinite(solution.estimates.position_m[unproven]).all()
@@ -284,3 +284,20 @@ def test_the_papers_scene_is_identified() -> None:
         assert len(found) == 3
         exact += found == trial.truth_sets()
     assert exact >= 24
+
+
+def test_delays_times_half_the_speed_of_light_are_identified() -> None:
+    """Where scattered ranges are half the sum of the legs, scatterers explain them: two in three trials are exact."""
+    exact = {True: 0, False: 0}
+    for seed in (0, 1):
+        options = liang.LiangOptions(nlos_range="half", scatterer_seed=seed)
+        columns = liang.generate(options, np.random.default_rng(seed), 15)
+        target = np.where(columns["truth_los"], columns["truth_target"], np.nan).reshape(15, -1)
+        for scatterers in exact:
+            solution = solve(ranges_assignment.METHOD, simulated(columns, 15), scatterers=scatterers)
+            assert solution.flags is not None
+            for ours, true in zip(solution.flags.columns["target"], target, strict=True):
+                sets = [{frozenset(np.flatnonzero(row == k)) for k in row[np.isfinite(row)]} for row in (ours, true)]
+                exact[scatterers] += sets[0] == sets[1]
+    assert exact[True] >= 20
+    assert exact[True] >= exact[False] + 3

@@ -2,7 +2,7 @@
 
 The weight of a candidate is the log of a likelihood ratio: its echoes come from one target, or from clutter. The
 density of the clutter is estimated from the echoes of the snapshot that no target explains, so it and the set of
-targets are found in turn.
+targets are found in turn; then also the scatterers that explain echoes by these targets.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.solvers.echoes.assignment import choose_disjoint
 from nlosctl.solvers.echoes.candidates import Candidates
 from nlosctl.solvers.echoes.echoes import Echoes
+from nlosctl.solvers.echoes.scatterers import scattered_density
 
 __all__ = ["Hypotheses", "TargetSet", "choose_targets", "clutter_density", "target_weights"]
 
 _ROUNDS = 4
-"""Rounds of clutter density and set of targets; usually the second set is the first again."""
+"""Rounds of clutter density and set of targets, without and with scatterers; usually the second set is the first."""
 
 _SAME_TARGET_SHARE = 0.5
 """Candidates that share more than this of their echoes are the same target with another echo here or there."""
@@ -32,7 +33,8 @@ class Hypotheses:
 
     ``detection_probability`` is that of a direct echo at a sensor, ``reward`` (nats) the log of the number of targets
     to expect in ``area_m2`` if there are any, ``least_evidence`` (nats) what all targets together need against clutter
-    alone, ``bandwidth_m`` the kernel width of the density of the clutter.
+    alone, ``bandwidth_m`` the kernel width of the density of the clutter, ``scatterers`` whether targets may have
+    further echoes via scatterers.
     """
 
     detection_probability: float
@@ -40,6 +42,7 @@ class Hypotheses:
     least_evidence: float
     area_m2: float
     bandwidth_m: float
+    scatterers: bool = True
 
 
 class TargetSet(NamedTuple):
@@ -92,28 +95,38 @@ def choose_targets(echoes: Echoes, candidates: Candidates, hypotheses: Hypothese
 
     The set has no targets if its evidence against clutter alone is less than the least.
     """
-    width = hypotheses.bandwidth_m
-    everything = clutter_density(echoes, width)
+    everything = clutter_density(echoes, hypotheses.bandwidth_m)
     weights = at_first = target_weights(echoes, candidates, everything, hypotheses)
     choice = choose_disjoint(candidates.echo, weights, max_nodes)
-    for _ in range(_ROUNDS - 1):
-        clutter = _unexplained(echoes, candidates.echo[choice.indices])
-        density = clutter_density(echoes, width, clutter)
-        weights = target_weights(echoes, candidates, density, hypotheses)
-        before, choice = choice, choose_disjoint(candidates.echo, weights, max_nodes)
-        if np.array_equal(before.indices, choice.indices):
-            break
+    for scattered in (False, hypotheses.scatterers):
+        for _ in range(_ROUNDS - 1):
+            density = _explained_density(echoes, candidates, choice.indices, hypotheses, scattered)
+            weights = target_weights(echoes, candidates, density, hypotheses)
+            before, choice = choice, choose_disjoint(candidates.echo, weights, max_nodes)
+            if np.array_equal(before.indices, choice.indices):
+                break
     chosen = choice.indices
     if not chosen.size:
         return TargetSet(chosen, np.empty(0), choice.proven)
-    clutter = _unexplained(echoes, candidates.echo[chosen])
-    rest = clutter & np.isfinite(everything)
-    fewer = np.log(clutter_density(echoes, width, clutter)[rest] / everything[rest]).sum()
+    rest = _unexplained(echoes, candidates.echo[chosen]) & np.isfinite(everything)
+    fewer = np.log(clutter_density(echoes, hypotheses.bandwidth_m, rest)[rest] / everything[rest]).sum()
     explained = np.isfinite(everything).sum() - rest.sum()
     evidence = float(at_first[chosen].sum() + fewer + explained) - hypotheses.least_evidence
     existence = _existence(candidates.echo, weights, chosen, evidence)
     probable = np.flatnonzero((existence >= 0.5) & (evidence > 0.0))
     return TargetSet(chosen[probable], existence[probable], choice.proven)
+
+
+def _explained_density(
+    echoes: Echoes, candidates: Candidates, chosen: IntArray, hypotheses: Hypotheses, scattered: bool
+) -> FloatArray:
+    """Return the density (N, M) of clutter without the chosen targets, with or without their scattered echoes."""
+    clutter = _unexplained(echoes, candidates.echo[chosen])
+    density = clutter_density(echoes, hypotheses.bandwidth_m, clutter)
+    if scattered and chosen.size:
+        x, y = candidates.x[chosen], candidates.y[chosen]
+        density += scattered_density(echoes, x, y, clutter, density, hypotheses.area_m2)
+    return density
 
 
 def _unexplained(echoes: Echoes, taken: IntArray) -> BoolArray:
