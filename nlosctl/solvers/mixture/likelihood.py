@@ -16,7 +16,7 @@ from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
-__all__ = ["Mixture", "MixtureRows"]
+__all__ = ["Mixture", "MixtureRows", "OutlierRows"]
 
 
 _FACTORS = 8
@@ -43,6 +43,21 @@ class MixtureRows(Protocol):
         ...
 
 
+class OutlierRows(Protocol):
+    """Rows (B, K) whose density as an outlier, u, depends on the point."""
+
+    def scores(self, x: FloatArray, y: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+        """Return ``half_chi_square`` of every row at points (B, P), and the negative logarithm of the product of u.
+
+        The latter is apart from ``log_nlos``.
+        """
+        ...
+
+    def take(self, rows: IntArray) -> OutlierRows:
+        """Return the rows of some snapshots."""
+        ...
+
+
 @dataclass(frozen=True)
 class Mixture(RowBlock):
     """The mixtures of B snapshots; rows are in an order in which groups are together.
@@ -50,6 +65,8 @@ class Mixture(RowBlock):
     ``log_direct`` (B, K) is the logarithm of w_l p_l / u_l at zero chi-square, minus infinity for a row that can't be
     direct; ``obstructed`` (B,) is w_0; ``last`` (B, K) marks the last row of each group, None if every row is alone;
     ``log_nlos`` (B,) is the sum of log u; ``least_cost`` (B,) is the cost if every row had zero chi-square.
+    ``outliers`` is None where u is the same everywhere; else ``rows`` give the negative logarithm of p / u as their
+    chi-square.
     """
 
     rows: MixtureRows
@@ -58,6 +75,7 @@ class Mixture(RowBlock):
     last: BoolArray | None
     log_nlos: FloatArray
     least_cost: FloatArray
+    outliers: OutlierRows | None = None
 
     @classmethod
     def of(
@@ -67,6 +85,7 @@ class Mixture(RowBlock):
         obstructed: FloatArray,
         last: BoolArray | None,
         log_nlos: FloatArray,
+        outliers: OutlierRows | None = None,
     ) -> Mixture:
         """Return the mixtures with their least cost computed."""
         total = log_nlos.copy()
@@ -76,7 +95,7 @@ class Mixture(RowBlock):
             closes = True if last is None else last[:, k]
             total += np.where(closes, np.log(evidence), 0.0)
             group = np.where(closes, obstructed, evidence)
-        return cls(rows, log_direct, obstructed, last, log_nlos, -total)
+        return cls(rows, log_direct, obstructed, last, log_nlos, -total, outliers)
 
     @property
     def count(self) -> int:
@@ -93,8 +112,9 @@ class Mixture(RowBlock):
         product = np.ones_like(x)
         obstructed = self.obstructed[:, None]
         group = obstructed
+        ratios = None if self.outliers is None else self.outliers.scores(x, y)
         for k in range(self.count):
-            direct = self.rows.half_chi_square(k, x, y)
+            direct = self.rows.half_chi_square(k, x, y) if ratios is None else ratios[0][k]
             np.subtract(self.log_direct[:, k, None], direct, out=direct)
             np.exp(direct, out=direct)
             direct += group
@@ -109,6 +129,8 @@ class Mixture(RowBlock):
                 product[...] = 1.0
         np.negative(logarithm, out=logarithm)
         logarithm -= self.log_nlos[:, None]
+        if ratios is not None:
+            logarithm += ratios[1]
         return logarithm
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
@@ -128,13 +150,16 @@ class Mixture(RowBlock):
                     group.add(direct, row)
                     total.add_group(group, self.last[:, k])
                     group.clear(self.last[:, k], self.obstructed)
+                if row.outlier is not None:
+                    total.add_outlier(row.outlier)
         cost = -total.logarithm - self.log_nlos - self.least_cost
         return Evaluation.of_newton(cost, total.gradient, total.exact, total.gauss)
 
     def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, SymmetricMatrix]:
         """Return each row's probability (B, K) to be direct at points (B,), and the information they carry.
 
-        The information (B,) is the sum of the rows' Gauss-Newton matrices, each times its probability.
+        The information (B,) is the sum of the rows' Gauss-Newton matrices, each times its probability, and of those
+        of outliers.
         """
         count = self.count
         direct = np.empty((x.shape[0], count), order="F")
@@ -148,6 +173,8 @@ class Mixture(RowBlock):
             information = SymmetricMatrix.full(x.shape, 0.0)
             for k, row in enumerate(rows):
                 information.add_scaled(row.gauss, direct[:, k])
+                if row.outlier is not None:
+                    information += row.outlier.gauss
         return direct, information
 
     def _evidence(self, direct: FloatArray) -> FloatArray:
@@ -188,6 +215,14 @@ class _Totals:
             part *= 1.0 - share
         _add_curvature(self.exact, share, moved, row)
         self.gauss.add_scaled(row.gauss, share)
+
+    def add_outlier(self, outlier: RowDerivatives) -> None:
+        """Add the density of a row as an outlier, a factor of every term of its group."""
+        self.logarithm -= outlier.half_chi_square
+        for total, part in zip(self.gradient, outlier.gradient, strict=True):
+            total += part
+        self.exact += outlier.hessian
+        self.gauss += outlier.gauss
 
     def add_group(self, group: _Group, closes: BoolArray) -> None:
         """Add a group that is complete where ``closes`` (B,)."""

@@ -10,21 +10,33 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
-from nlosctl.geometry.blocks import RowBlock, max_measurements
+from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.regions import BoxRegion, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
+from nlosctl.solvers.mixture.consensus import log_evidence
+from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
+__all__ = ["BiasLaw", "DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
+
+
+_ON_SENSOR = 1e-6
+"""A fix this near to a sensor, relative to the farthest one, is on it."""
+
+_PLAUSIBLE_SHARE = 0.25
+"""The share of the default search region, which is generous, in which a source is expected."""
+
+_NO_OUTLIER = 1e-30
+"""The share of outliers with bias=none, which keeps the likelihood above zero far from a range."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +84,8 @@ class DirectRanges(RowBlock):
 class RangeOutlierModel:
     """A block of ranges with all that the mixture needs; shapes (B,) and (B, K).
 
-    ``share`` is each row's probability to be the direct one of its group, given that one is.
+    ``share`` is each row's probability to be the direct one of its group, given that one is; ``area_m2`` (B,) the area
+    in which a source is expected; ``log_density`` (B,) the logarithm of the density of an outlier of any range.
     """
 
     circles: RangeCircles
@@ -80,6 +93,32 @@ class RangeOutlierModel:
     leader: IntArray
     share: FloatArray
     region: Region
+    area_m2: FloatArray
+    log_density: FloatArray
+
+    def log_evidence(self, cost: FloatArray, probability: FloatArray, hessian: SymmetricMatrix) -> FloatArray:
+        """Return the logarithm of the evidence of modes (B,) over that of "no source", in nats.
+
+        Without a source a range is anything up to the longest of the snapshot. That is denser than over the diagonal of
+        the search region, and holds for the outliers of a source too, apart from late ones.
+        """
+        longest = np.maximum(max_measurements(self.circles.range_m), np.finfo(np.float64).tiny)
+        gain = np.minimum(np.exp(self.log_density) * longest, 1.0)
+        if self.mixture.outliers is None:
+            return log_evidence(self.mixture, cost, probability, hessian, self.area_m2, gain)
+        no_source = self.mixture.count * (self.log_density - np.log(gain))
+        evidence = log_evidence(self.mixture, cost, probability, hessian, self.area_m2)
+        evidence += self.mixture.log_nlos - no_source
+        return evidence
+
+    def uncertain(self, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix) -> BoolArray:
+        """Return which fixes (B,) are degenerate: on a sensor, or a standard deviation beyond the farthest."""
+        distance = self.circles.horizontal_m(x, y)
+        farthest, nearest = max_measurements(distance), -max_measurements(-distance)
+        with ignoring_overflow():
+            uncertain: BoolArray = ~((covariance.trace > 0.0) & (covariance.trace <= farthest * farthest))
+            uncertain |= nearest < _ON_SENSOR * farthest
+        return uncertain
 
 
 def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
@@ -95,25 +134,45 @@ def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
     return dataclasses.replace(batch, **arrays), groups
 
 
-def range_outlier_model(
-    batch: RangeBatch, groups: PathGroups, *, alpha: float, nlos_density_per_m: float | None, path_prior: str
-) -> RangeOutlierModel:
-    """Return the model of a grouped batch: a share ``alpha`` of outliers, whose range has a uniform density.
+@dataclass(frozen=True)
+class BiasLaw:
+    """The law of an outlier's range.
 
-    The density is one over the diagonal of the search region where none is given.
+    ``both``: uniform with the density ``density_per_m``; None: one over the diagonal of the search region.
+    ``positive``: the distance plus a bias of mean ``mean_m``, None if unknown; some outliers are as by ``both``.
+    ``none``: no row is an outlier.
     """
+
+    bias: str
+    mean_m: float | None
+    density_per_m: float | None
+
+
+def range_outlier_model(
+    batch: RangeBatch, groups: PathGroups, *, alpha: float, law: BiasLaw, path_prior: str
+) -> RangeOutlierModel:
+    """Return the model of a grouped batch: a share ``alpha`` of outliers, whose range has a law."""
     circles = range_circles(batch)
     region = _region(batch, circles)
-    xmin, xmax, ymin, ymax = region.bounds_m
-    extent = np.hypot(xmax - xmin, ymax - ymin)
-    log_density = np.full(extent.shape, log(nlos_density_per_m)) if nlos_density_per_m else -np.log(extent)
+    alpha = _NO_OUTLIER if law.bias == "none" else alpha
+    obstructed = np.full(batch.size, alpha)
     share = sort_rows(path_shares(groups, path_prior), groups)
     with ignoring_division():
-        log_direct = np.log(share * (1.0 - alpha)) - np.log(circles.std_m * sqrt(2.0 * pi)) - log_density[:, None]
-    mixture = Mixture.of(
-        DirectRanges(circles), log_direct, np.full(extent.shape, alpha), groups.last, batch.measurements * log_density
-    )
-    return RangeOutlierModel(circles, mixture, sort_rows(groups.leader, groups), share, region)
+        log_share = np.log(share * (1.0 - alpha))
+    log_width = np.log(circles.std_m * sqrt(2.0 * pi))
+    xmin, xmax, ymin, ymax = region.bounds_m
+    extent = np.hypot(xmax - xmin, ymax - ymin)
+    log_density = np.full(extent.shape, log(law.density_per_m)) if law.density_per_m else -np.log(extent)
+    if law.bias == "positive":
+        rows = LateRanges.of(circles, law.mean_m, log_density)
+        mixture = Mixture.of(rows, log_share, obstructed, groups.last, -sum_measurements(log_width), rows)
+    else:
+        log_direct = log_share - log_width - log_density[:, None]
+        log_nlos = batch.measurements * log_density
+        mixture = Mixture.of(DirectRanges(circles), log_direct, obstructed, groups.last, log_nlos)
+    area_m2 = region.area_m2 * (_PLAUSIBLE_SHARE if isinstance(batch.field, SensorsField) else 1.0)
+    leader = sort_rows(groups.leader, groups)
+    return RangeOutlierModel(circles, mixture, leader, share, region, area_m2, log_density)
 
 
 def _region(batch: RangeBatch, circles: RangeCircles) -> Region:

@@ -91,13 +91,25 @@ class Problem(Protocol):
 class RowDerivatives:
     """Half the chi-square of one measurement at points (N,), its gradient, Gauss-Newton and second-derivative matrices.
 
-    ``half_chi_square`` is infinite where the measurement can't be direct; everything else is finite.
+    ``half_chi_square`` is infinite where the measurement can't be direct; everything else is finite. If the density of
+    an outlier depends on the point too, the numbers are those of the negative logarithm of the ratio of the two
+    densities, and ``outlier`` has those of the negative logarithm of the outlier's.
     """
 
     half_chi_square: FloatArray
     gradient: tuple[FloatArray, ...]
     gauss: SymmetricMatrix
     hessian: SymmetricMatrix
+    outlier: RowDerivatives | None = None
+
+    def direct(self) -> RowDerivatives:
+        """Return those of half the chi-square itself."""
+        other = self.outlier
+        if other is None:
+            return self
+        gradient = tuple(map(np.add, self.gradient, other.gradient))
+        half = self.half_chi_square + other.half_chi_square
+        return RowDerivatives(half, gradient, self.gauss + other.gauss, self.hessian + other.hessian)
 
 
 class MeasuredRows(Protocol):
@@ -123,7 +135,7 @@ def least_chi_square(
     half, slope_x, slope_y = (np.zeros(x.shape) for _ in range(3))
     information = SymmetricMatrix.full(x.shape, 0.0)
     with ignoring_overflow():
-        terms = ((rows.derivatives(k, x, y), used[:, k]) for k in range(used.shape[1]))
+        terms = ((rows.derivatives(k, x, y).direct(), used[:, k]) for k in range(used.shape[1]))
         for row, mine in chain(terms, () if further is None else [(further, np.ones(x.shape, dtype=bool))]):
             share = mine.astype(np.float64)
             half += np.where(mine, row.half_chi_square, 0.0)

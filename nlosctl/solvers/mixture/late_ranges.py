@@ -1,0 +1,180 @@
+"""Ranges whose outliers are late: most read the distance plus a positive bias plus the Gaussian error.
+
+A law of three parts: a row is direct, late, or a stray, which reads anything: real ranges are too short as well.
+
+With z the excess of a range over the distance in standard deviations, Phi the normal distribution and h its inverse
+Mills ratio phi / Phi, the density of a late row is, per standard deviation,
+
+    exponential bias of mean m:    r exp(-r z + r^2 / 2) Phi(z - r),    r = std / m
+    bias of unknown size b:        Phi(z) / ((z + h(z) + c) log(1 + S / c))
+
+The first is the exponentially modified Gaussian. The second falls as 1 / (b + c), alike for all magnitudes of the bias;
+z + h(z) is the mean of a bias that is only known to be positive. To a quarter it is the convolution of that law with
+the Gaussian.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from math import log, log1p, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import erfcx, log_ndtr
+
+from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.optimization.problem import RowDerivatives
+
+__all__ = ["LateRanges"]
+
+_LEAST_BIAS = 0.5
+_LARGEST_BIAS = 25.0
+"""Where the magnitude of the bias is unknown: c and S, in standard deviations. With these the probabilities are about
+equally good for mean biases of 3 and 20 standard deviations. Larger biases have the same density as if S were larger,
+up to a factor."""
+
+_STRAY_SHARE = 0.05
+"""The share of outliers that read anything."""
+
+_LOG_LATE = 0.5 * log(2.0 * pi) + log(1.0 - _STRAY_SHARE)
+_LOG_UNKNOWN = _LOG_LATE - log(log1p(_LARGEST_BIAS / _LEAST_BIAS))
+
+
+class _Radial(NamedTuple):
+    """A function (B,) of the excess of a range, its first two derivatives, and a scale for steps that is positive.
+
+    The last is that part of the second derivative that is never negative, plus the squared slope of late ranges.
+    """
+
+    value: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+    least_bend: FloatArray
+
+    def in_plane(self, distance: FloatArray, u: FloatArray, v: FloatArray) -> RowDerivatives:
+        """Return the derivatives by x and y; (u, v) is the gradient of the distance."""
+        around = -self.slope / distance
+        hessian = SymmetricMatrix.outer(u, v, weight=self.bend - around).add_to_diagonal(around)
+        gradient = (-self.slope * u, -self.slope * v)
+        return RowDerivatives(self.value, gradient, SymmetricMatrix.outer(u, v, weight=self.least_bend), hessian)
+
+
+@dataclass(frozen=True)
+class LateRanges(RowBlock):
+    """Rows (B, K) of ranges: Gaussian about the distance if direct, late or stray if not.
+
+    ``mean_m`` is that of the bias, None if unknown; ``stray`` (B, K) the density of a stray, times its share of the
+    outliers, std and sqrt(2 pi).
+
+    As rows of a mixture they are compared with their own density as an outlier: ``half_chi_square`` is the negative
+    logarithm of the ratio of the two densities, both times std sqrt(2 pi).
+    """
+
+    circles: RangeCircles
+    mean_m: float | None
+    stray: FloatArray
+
+    @classmethod
+    def of(cls, circles: RangeCircles, mean_m: float | None, log_density: FloatArray) -> LateRanges:
+        """Return the rows, with the logarithm of a stray's density per metre (B,)."""
+        share = _STRAY_SHARE * np.exp(log_density)[:, None]
+        return cls(circles, mean_m, np.asfortranarray(share * circles.std_m * sqrt(2.0 * pi)))
+
+    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the negative logarithm of the ratio of row ``k`` at points (B, P)."""
+        scaled = self._scaled(k, x, y)
+        return 0.5 * scaled * scaled + self._log_outlier(k, scaled)
+
+    def scalars(self) -> IntArray:
+        """Return the number of scalars (B, K) of each row: one."""
+        return np.ones(self.circles.std_m.shape, dtype=np.int64)
+
+    def scores(self, x: FloatArray, y: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+        """Return that of every row, and the negative logarithm (B, P) of the product of the outliers' densities."""
+        ratios: list[FloatArray] = []
+        total = np.zeros_like(x)
+        for k in range(self.circles.std_m.shape[1]):
+            ratio = self._scaled(k, x, y)
+            outlier = self._log_outlier(k, ratio)
+            total -= outlier
+            ratio *= ratio
+            ratio *= 0.5
+            ratio += outlier
+            ratios.append(ratio)
+        return ratios, total
+
+    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+        """Return the same as ``half_chi_square`` at points (B,), and its derivatives, with those of the outlier."""
+        circles, precision = self.circles, 1.0 / self.circles.std_m[:, k]
+        dx, dy = x - circles.sensor_x[:, k], y - circles.sensor_y[:, k]
+        height = 0.0 if circles.height is None else circles.height[:, k]
+        distance = np.maximum(np.sqrt(dx * dx + dy * dy + height * height), np.finfo(np.float64).tiny)
+        along = dx / distance, dy / distance
+        scaled = (circles.range_m[:, k] - distance) * precision
+        value, slope, bend, least_bend = self._outlier(k, scaled)
+        squared = precision * precision
+        outlier = _Radial(value, slope * precision, bend * squared, least_bend * squared)
+        ratio = _Radial(
+            0.5 * scaled * scaled - value,
+            (scaled - slope) * precision,
+            (1.0 - bend) * squared,
+            (1.0 - least_bend) * squared,
+        )
+        return dataclasses.replace(ratio.in_plane(distance, *along), outlier=outlier.in_plane(distance, *along))
+
+    def _scaled(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the excess of row ``k`` over the distance of points (B, P), in standard deviations."""
+        circles = self.circles
+        squared = (x - circles.sensor_x[:, k, None]) ** 2 + (y - circles.sensor_y[:, k, None]) ** 2
+        if circles.height is not None:
+            squared += circles.height[:, k, None] ** 2
+        return (circles.range_m[:, k, None] - np.sqrt(squared)) / circles.std_m[:, k, None]
+
+    def _log_outlier(self, k: int, scaled: FloatArray) -> FloatArray:
+        """Return the logarithm (B, P) of the density of row ``k`` as an outlier, times std sqrt(2 pi)."""
+        if self.mean_m is None:
+            late = log_ndtr(scaled) + _LOG_UNKNOWN - np.log(scaled + _mills(scaled) + _LEAST_BIAS)
+        else:
+            ratio = self.circles.std_m[:, k, None] / self.mean_m
+            late = log_ndtr(scaled - ratio) + np.log(ratio) + _LOG_LATE - ratio * (scaled - 0.5 * ratio)
+        np.exp(late, out=late)
+        late += self.stray[:, k, None]
+        logarithm: FloatArray = np.log(late, out=late)
+        return logarithm
+
+    def _outlier(self, k: int, scaled: FloatArray) -> _Radial:
+        """Return the negative logarithm (B,) of that density, and its derivatives by ``scaled``."""
+        late = self._late(k, scaled)
+        density = np.exp(-late.value)
+        total = density + self.stray[:, k]
+        share = density / total
+        slope = share * late.slope
+        bend = share * (late.bend - late.slope * late.slope) + slope * slope
+        return _Radial(-np.log(total), slope, bend, share * late.least_bend)
+
+    def _late(self, k: int, scaled: FloatArray) -> _Radial:
+        """Return the same for the density of a late row."""
+        ratio = np.zeros_like(scaled) if self.mean_m is None else self.circles.std_m[:, k] / self.mean_m
+        shifted = scaled - ratio
+        log_below, mills = log_ndtr(shifted), _mills(shifted)
+        mean = shifted + mills
+        bend = np.maximum(mills * mean, 0.0)  # minus the derivative of mills
+        if self.mean_m is not None:
+            value, slope = ratio * (scaled - 0.5 * ratio) - log_below - np.log(ratio) - _LOG_LATE, ratio - mills
+            exact = bend
+        else:
+            inverse = 1.0 / (mean + _LEAST_BIAS)
+            relative = (1.0 - bend) * inverse
+            value, slope = np.log(mean + _LEAST_BIAS) - log_below - _LOG_UNKNOWN, relative - mills
+            exact = bend + (bend * (mean + mills) - mills) * inverse - relative * relative
+        return _Radial(value, slope, exact, bend + np.maximum(slope, 0.0) ** 2)
+
+
+def _mills(scaled: FloatArray) -> FloatArray:
+    """Return the inverse Mills ratio phi / Phi."""
+    mills: FloatArray = sqrt(2.0 / pi) / erfcx(-sqrt(0.5) * scaled)
+    return mills
