@@ -1,4 +1,8 @@
-"""Estimates as CZML for Cesium: one packet per estimate, with a point and an ellipse on the ground."""
+"""Estimates as CZML for Cesium: one packet per estimate, with a point and an ellipse on the ground.
+
+The CZML Guide defines an ellipse's ``rotation`` counter-clockwise from north. CesiumJS draws the semi-major axis
+``rotation`` counter-clockwise from east (``EllipseGeometryLibrary``); the files are for the program that draws them.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +48,7 @@ def _packet(places: Places, row: int, number: int) -> dict[str, Any]:
         packet["ellipse"] = {
             "semiMajorAxis": float(places.semi_major_m[row]),
             "semiMinorAxis": max(float(places.semi_minor_m[row]), 1e-9),
-            "rotation": -float(places.major_azimuth_rad[row]),  # counter-clockwise from north
+            "rotation": 0.5 * math.pi - float(places.major_azimuth_rad[row]),
             "material": _FILL,
         }
     return packet
@@ -58,7 +62,7 @@ def _plain(value: Any) -> Any:
 FORMAT = ExporterSpec(
     name="czml",
     summary="CZML for Cesium: points and ellipses on the ground",
-    reference="CZML Guide of AnalyticalGraphicsInc/czml-writer: Packet, Ellipse",
+    reference="CZML Guide of AnalyticalGraphicsInc/czml-writer: Packet, Ellipse; rotation as drawn by CesiumJS",
     options=MapOptions,
     start=_Writer,
 )

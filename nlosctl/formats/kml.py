@@ -1,4 +1,7 @@
-"""Estimates as KML for Google Earth and similar tools: a placemark with ellipse and the columns as description."""
+"""Estimates as KML for Google Earth and similar tools: a placemark with ellipse and the columns as description.
+
+Viewers read a description as HTML: text is escaped once for HTML, and the HTML once for XML.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,9 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
+_EXACT = 2**53
+
+
 class _Writer:
     def __init__(self, sink: IO[bytes], options: MapOptions) -> None:
         self._sink = sink
@@ -38,7 +44,7 @@ class _Writer:
 def _placemark(places: Places, row: int) -> str:
     values = known_values(places, row)
     name = title(values)
-    description = "\n".join(f"{key}: {_shown(value)}" for key, value in values.items())
+    description = "<br>".join(escape(f"{key}: {_shown(value)}") for key, value in values.items())
     geometries = []
     x, y = float(places.x[row]), float(places.y[row])
     if not math.isnan(x):
@@ -57,7 +63,10 @@ def _placemark(places: Places, row: int) -> str:
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    """Return a value as text: numbers in full, whole ones without exponent and fraction."""
+    if not isinstance(value, float):
+        return str(value)
+    return str(int(value)) if value.is_integer() and abs(value) < _EXACT else repr(value)
 
 
 def _text(text: str) -> str:

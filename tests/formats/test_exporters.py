@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from pathlib import Path
@@ -103,6 +104,19 @@ def test_kml_by_gdal(tmp_path: Path) -> None:
     assert ElementTree.parse(path).getroot().tag == "{http://www.opengis.net/kml/2.2}kml"  # noqa: S314 - our own file
 
 
+def test_kml_descriptions_are_html_of_the_values(tmp_path: Path) -> None:
+    """A viewer that reads the description as HTML shows each value on a line of its own, markup as text, in full."""
+    table = estimates().append_column("note", pa.array(["SNR<3 <img src=x>", "", None]))
+    table = table.append_column("time_s", pa.array([1720200001.5, 1720200002.0, None]))
+    tree = ElementTree.parse(export(tmp_path, "kml", table))  # noqa: S314 - our own file
+    descriptions = [node.text or "" for node in tree.iter("{http://www.opengis.net/kml/2.2}description")]
+    shown = [html.unescape(line) for line in descriptions[0].split("<br>")]
+    assert "note: SNR<3 <img src=x>" in shown
+    assert "time_s: 1720200001.5" in shown
+    assert "time_s: 1720200002" in descriptions[1].split("<br>")
+    assert "<img" not in descriptions[0]
+
+
 def test_geoparquet_by_geopandas(tmp_path: Path) -> None:
     """geopandas reads both geometries with their CRS, nulls, and columns in their types."""
     frame = geopandas.read_parquet(export(tmp_path, "geoparquet", estimates()))
@@ -114,9 +128,29 @@ def test_geoparquet_by_geopandas(tmp_path: Path) -> None:
     assert isinstance(frame.geometry[1], Point)
 
 
+def drawn_by_cesium(lon: float, lat: float, ellipse: dict[str, float], theta: float) -> tuple[float, float]:
+    """Return the longitude and latitude at which CesiumJS draws the point ``theta`` of an ellipse.
+
+    As in its EllipseGeometryLibrary: the centre is turned about a horizontal axis at the angle theta + rotation from
+    east, by the radius of the ellipse at theta.
+    """
+    phi, lam = math.radians(lat), math.radians(lon)
+    up = np.array([math.cos(phi) * math.cos(lam), math.cos(phi) * math.sin(lam), math.sin(phi)])
+    east = np.cross([0.0, 0.0, 1.0], up)
+    east /= np.linalg.norm(east)
+    north = np.cross(up, east)
+    turn = theta + ellipse["rotation"]
+    axis = math.cos(turn) * east + math.sin(turn) * north
+    major, minor = ellipse["semiMajorAxis"], ellipse["semiMinorAxis"]
+    radius = major * minor / math.hypot(major * math.cos(theta), minor * math.sin(theta))
+    angle = radius / 6_371_000.0
+    point = math.cos(angle) * up + math.sin(angle) * np.cross(axis, up)
+    return math.degrees(math.atan2(point[1], point[0])), math.degrees(math.asin(point[2]))
+
+
 @pytest.mark.parametrize("words", FRAMES.values())
 def test_czml_agrees_with_czml3(tmp_path: Path, words: str) -> None:
-    """Positions and ellipses are those of czml3's packets; rotation is counter-clockwise from true north."""
+    """Positions and ellipses are czml3's; as Cesium draws it, the ellipse is that of the covariance."""
     document, first, *others = json.loads(export(tmp_path, "czml", estimates(words)).read_text())
     assert (document["id"], document["version"], len(others)) == ("document", "1.0", 2)
     packet = Packet(
@@ -132,11 +166,13 @@ def test_czml_agrees_with_czml3(tmp_path: Path, words: str) -> None:
     assert first["position"] == theirs["position"]
     assert {**theirs["ellipse"], "material": first["ellipse"]["material"]} == first["ellipse"]
     lon, lat = first["position"]["cartographicDegrees"][:2]
-    tip = GEOD.fwd(lon, lat, -math.degrees(first["ellipse"]["rotation"]), first["ellipse"]["semiMajorAxis"])
+    tip_lon, tip_lat = drawn_by_cesium(lon, lat, first["ellipse"], 0.5 * math.pi)
+    side_lon, side_lat = drawn_by_cesium(lon, lat, first["ellipse"], 0.0)
+    assert GEOD.inv(lon, lat, side_lon, side_lat)[2] == pytest.approx(first["ellipse"]["semiMinorAxis"], rel=0.01)
     plane = plane_of(parse_frame(words, "frame"))
-    x, y = plane.to_plane(np.array([lat, tip[1]]), np.array([lon, tip[0]]))
+    x, y = plane.to_plane(np.array([lat, tip_lat]), np.array([lon, tip_lon]))
     along = np.linalg.eigh([[900.0, 200.0], [200.0, 100.0]])[1][:, 1]
-    assert abs(np.dot([x[1] - x[0], y[1] - y[0]], along)) == pytest.approx(math.hypot(*np.diff([x, y])[:, 0]), rel=1e-6)
+    assert abs(np.dot([x[1] - x[0], y[1] - y[0]], along)) == pytest.approx(math.hypot(*np.diff([x, y])[:, 0]), rel=1e-4)
     assert "position" not in others[1]
 
 
