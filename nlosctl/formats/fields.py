@@ -98,7 +98,7 @@ def read_table(
 def number(text: str, name: str, low: float = -math.inf, high: float = math.inf) -> float:
     """Return a field as a finite number from ``low`` to ``high``; raise UnfitError with the text otherwise."""
     try:
-        value = float(text)
+        value = float(text) if _plain(text) else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or not low <= value <= high:
@@ -109,12 +109,17 @@ def number(text: str, name: str, low: float = -math.inf, high: float = math.inf)
 def integer(text: str, name: str, low: float = -math.inf, high: float = math.inf) -> int:
     """Return a field as an integer from ``low`` to ``high``; raise UnfitError with the text otherwise."""
     try:
-        value = int(text)
+        value = int(text) if _plain(text) else None
     except ValueError:
         value = None
     if value is None or not low <= value <= high:
         raise UnfitError(f"got {text.strip()[:_SHOWN]!r}, expected {_within('an integer', low, high)}", name)
     return value
+
+
+def _plain(text: str) -> bool:
+    """Return whether a text has neither underscores nor other digits than 0 to 9, both of which Python accepts."""
+    return text.isascii() and "_" not in text
 
 
 def _within(what: str, low: float, high: float) -> str:

@@ -1,8 +1,8 @@
 """Options and rows shared by both KrakenSDR formats: a direction relative to the array becomes a compass azimuth.
 
-The software writes the direction counter-clockwise from the front of the array; df-aggregator converts it to an azimuth
-as heading + 360 - DoA (receivers.py). The wiki calls the direction "compass convention", which its authors call a
-mistake of the page; for builds that follow the wiki set ``sense=clockwise``.
+The XML has the direction counter-clockwise from the front of the array; df-aggregator converts it to an azimuth as
+heading + 360 - DoA (receivers.py). The sense of the CSV depends on the version of the software, see
+`nlosctl.formats.kraken_csv`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ class KrakenOptions:
     """Settings that a log of readings does not contain."""
 
     window: str = option("all", meaning=WINDOW_MEANING)
-    sense: Literal["counter-clockwise", "clockwise"] = option(
-        "counter-clockwise", meaning="positive sense of the direction from the front of the array"
+    sense: Literal["auto", "counter-clockwise", "clockwise"] = option(
+        "auto",
+        meaning="positive sense of the direction from the front of the array; auto: that of the spectra of a CSV,"
+        " counter-clockwise in XML",
     )
     heading_deg: float | None = option(
         None, meaning="heading of the array, clockwise from north, instead of the logged one", unit="deg"
@@ -57,13 +59,14 @@ def reading(
     lon_deg: float,
     confidence: float,
     power_db: float,
+    clockwise: bool,
     options: KrakenOptions,
 ) -> Row:
-    """Return the row of one reading; raise UnfitError if the station had no position."""
+    """Return the row of one reading, with ``doa_deg`` clockwise or not; raise UnfitError without a position."""
     if lat_deg == 0.0 and lon_deg == 0.0:
         raise UnfitError("got 0, 0: the station had no position, expected its latitude and longitude", "latitude")
     heading = heading_deg if options.heading_deg is None else options.heading_deg
-    clockwise_deg = doa_deg if options.sense == "clockwise" else -doa_deg
+    clockwise_deg = doa_deg if clockwise else -doa_deg
     return Row(
         line=line,
         epoch_s=time_s,

@@ -5,6 +5,7 @@ Lines are fed to expat within an enclosing element, where document types, and wi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from xml.parsers import expat
 
@@ -15,6 +16,9 @@ from nlosctl.formats.fields import lines, number
 from nlosctl.formats.kraken import EXTRA, KrakenOptions, reading
 
 __all__ = ["FORMAT"]
+
+_DECLARATION = re.compile(r"<\?xml.*?\?>")
+"""Each document may begin with one."""
 
 _DEEPEST = 8
 _LONGEST_TEXT = 10_000
@@ -70,7 +74,7 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLi
             if "<!DOCTYPE" in text or "<!ENTITY" in text:
                 raise DataError("contains a document type or an entity, expected neither; they are not supported")
             blank = line - readings.parser.CurrentLineNumber  # so that the parser's line numbers are the file's
-            readings.parser.Parse("\n" * blank + _without_declaration(text), False)
+            readings.parser.Parse("\n" * blank + _DECLARATION.sub("", text), False)
             for first_line, fields in readings.done:
                 has_data = True
                 yield _reading(first_line, fields, options)
@@ -83,13 +87,6 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLi
         raise DataError(f"{prefix}{error}") from None
     if not has_data:
         raise DataError(f"{file.name}: no <DATA> element; not DF Aggregator output")
-
-
-def _without_declaration(text: str) -> str:
-    """Return a line without its XML declarations: each document has one."""
-    start = text.find("<?xml")
-    end = text.find("?>", start)
-    return text if start < 0 or end < 0 else _without_declaration(text[:start] + text[end + 2 :])
 
 
 def _reading(line: int, fields: dict[str, str], options: KrakenOptions) -> Row | BadLine:
@@ -108,6 +105,7 @@ def _reading(line: int, fields: dict[str, str], options: KrakenOptions) -> Row |
             lat_deg=number(fields["LOCATION/LATITUDE"], "LOCATION/LATITUDE", -90.0, 90.0),
             lon_deg=number(fields["LOCATION/LONGITUDE"], "LOCATION/LONGITUDE", -180.0, 180.0),
             heading_deg=number(fields["LOCATION/HEADING"], "LOCATION/HEADING", -360.0, 360.0),
+            clockwise=options.sense == "clockwise",
             options=options,
         )
     except UnfitError as unfit:

@@ -48,13 +48,82 @@ def bad(name: str, text: str | bytes, scene: Scene = ANCHORS, **parameters: Any)
     return line
 
 
-KRAKEN = (
-    "1712000000000, 30.0, 9.5, -35.2, 433920000, UCA, 100, hill, 47.37, 8.54, 90.0, 90.0, GPS, R, R, R, R, 0.10, 0.20"
+def spectrum(peak_deg: float, length: int = 360) -> str:
+    """Return a spectrum over the unit circle, counter-clockwise from the front of the array, with a peak."""
+    return ", ".join(f"{1 - abs(math.remainder(360 * i / length - peak_deg, 360)) / 360:.4f}" for i in range(length))
+
+
+HEAD = "1712000000000, {doa}, 9.5, -35.2, 433920000, UCA, 100, {station}, 47.37, 8.54, 90.0, 200.0, {main}, R, R, R, R"
+
+
+def kraken(
+    doa: float, peak_deg: float | None = None, *, length: int = 360, main: str = "GPS", station: str = "hill"
+) -> str:
+    """Return a line of the Kraken App format; without a peak it has no spectrum."""
+    head = HEAD.format(doa=doa, station=station, main=main)
+    return head if peak_deg is None else f"{head}, {spectrum(peak_deg, length)}"
+
+
+KRAKEN = kraken(30.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("software", "doa", "azimuth"), [("until March 2023", 330, 60), ("until July 2024", 30, 60), ("since", 330, 60)]
 )
+@pytest.mark.parametrize("length", [360, 180, 720])
+def test_the_sense_of_kraken_is_that_of_the_spectrum(software: str, doa: float, azimuth: float, length: int) -> None:
+    """The source is 30 degrees counter-clockwise from the front: the spectrum peaks there in every version."""
+    assert software
+    (row,) = good("kraken-csv", kraken(doa, 30.0, length=length))
+    assert row["azimuth_deg"] == pytest.approx(azimuth)
 
 
-def test_kraken_directions_are_counter_clockwise() -> None:
-    """Azimuth is heading + 360 - DoA, as in df-aggregator and krakensdr_doa's own map."""
+def test_lines_without_a_decisive_spectrum_have_the_sense_of_the_others() -> None:
+    """A peak in front is that of both senses, and a line without a spectrum of none; the rest of the file decides."""
+    rows = good("kraken-csv", "\n".join([kraken(330.0, 30.0), kraken(0.0, 0.0), kraken(40.0)]))
+    assert [row["azimuth_deg"] for row in rows] == [60.0, 90.0, 130.0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ([kraken(30.0)], "no line has a spectrum"),
+        ([kraken(30.0) + ", " + ", ".join(["0.00"] * 360)], "no line has a spectrum"),
+        ([kraken(30.0, 90.0), kraken(0.0, 0.0)], "no line has a spectrum"),
+        ([kraken(30.0, 30.0), kraken(40.0, 320.0)], "line 1 shows counter-clockwise, that of line 2 clockwise"),
+    ],
+)
+def test_an_unknown_sense_of_kraken_is_an_error(lines: list[str], says: str) -> None:
+    """No, flat, unrelated or contradicting spectra: the parameter must be set, and the message names it."""
+    with pytest.raises(DataError, match=says) as raised:
+        read("kraken-csv", "\n".join(lines))
+    assert "`sense` to clockwise" in str(raised.value)
+    assert good("kraken-csv", "\n".join(lines), sense="clockwise")[0]["azimuth_deg"] == pytest.approx(120.0)
+    assert good("kraken-csv", "\n".join(lines), sense="counter-clockwise")[0]["azimuth_deg"] == pytest.approx(60.0)
+
+
+def test_the_main_heading_of_kraken_is_the_one_that_its_field_names() -> None:
+    """Field 13 names the heading that counts: that of the GPS, or of the compass."""
+    assert good("kraken-csv", kraken(30.0, 30.0, main="GPS"))[0]["azimuth_deg"] == pytest.approx(60.0)
+    assert good("kraken-csv", kraken(30.0, 30.0, main="Compass"))[0]["azimuth_deg"] == pytest.approx(170.0)
+
+
+@pytest.mark.parametrize("text", ["1_0.5", "\N{FULLWIDTH DIGIT ONE}0.5"])
+def test_numbers_of_logs_are_plain(text: str) -> None:
+    """Underscores and digits of other scripts are faults, as in tables."""
+    line = bad("kraken-csv", f"{KRAKEN}\n{KRAKEN.replace('9.5', text, 1)}\n")
+    assert (line.line, line.column) == (2, "confidence")
+
+
+def test_xml_declarations_in_one_line() -> None:
+    """Any number of declarations may precede the elements of a line."""
+    assert (
+        len(good("kraken-xml", "<?xml version='1.0'?>" * 2000 + XML.partition("?>")[2].replace("\n", "") + "\n")) == 1
+    )
+
+
+def test_kraken_directions_by_parameter() -> None:
+    """Azimuth is heading + 360 - DoA where the DoA is counter-clockwise, heading + DoA where it is clockwise."""
     (row,) = good("kraken-csv", KRAKEN + " \n")
     assert row["azimuth_deg"] == pytest.approx(60.0)
     assert (row["sensor"], row["sensor_lat_deg"], row["sensor_lon_deg"]) == ("hill", 47.37, 8.54)
@@ -70,7 +139,7 @@ def test_kraken_directions_are_counter_clockwise() -> None:
         ("47.37", "147.37", "latitude", "got '147.37', expected a number from -90 to 90"),
         ("47.37, 8.54", "0.0, 0.0", "latitude", "got 0, 0: the station had no position"),
         (" hill", "", "station ID", "empty, expected the name of the station"),
-        (", UCA, 100, hill, 47.37, 8.54, 90.0, 90.0, GPS, R, R, R, R, 0.10, 0.20", "", None, "got 5 fields"),
+        (KRAKEN[KRAKEN.index(", UCA") :], "", None, "got 5 fields"),
         ("1712000000000", "nan", "time in ms", "got 'nan', expected a number of at least 0"),
     ],
 )
