@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,15 @@ __all__ = ["EarthPlane", "flat_errors"]
 
 _WGS84 = "EPSG:4326"
 
+_ALIGNED = 0.99
+"""Axes are those of east and north if the cosine of their angle is larger; planes may distort angles a little."""
+
 
 class EarthPlane:
     """The plane of a projected coordinate reference system, or a tangent plane about an origin.
 
-    ``crs`` is a name that pyproj accepts (``EPSG:32632``) and must be projected, in metres. Else the plane is
+    ``crs`` is a name that pyproj accepts (``EPSG:32632``) and must be projected, in metres, with y along grid north and
+    x to the right of it. One datum operation, the best available, serves all points. Without ``crs`` the plane is
     azimuthal equidistant about the origin on WGS 84: distances and directions from the origin are exact, and a
     distance d elsewhere is stretched by less than d^2 / 6 R^2. ``rotation_deg`` is the direction of the x axis,
     counter-clockwise from east. Raises UsageError where pyproj is not installed or the CRS can't be used.
@@ -33,17 +38,27 @@ class EarthPlane:
         rotation_deg: float = 0.0,
     ) -> None:
         pyproj = _pyproj()
-        projected = f"+proj=aeqd +lat_0={origin_lat_deg!r} +lon_0={origin_lon_deg!r} +datum=WGS84 +units=m +no_defs"
+        projected: Any = (
+            f"+proj=aeqd +lat_0={origin_lat_deg!r} +lon_0={origin_lon_deg!r} +datum=WGS84 +units=m +no_defs"
+        )
         if crs is not None:
             projected = _checked_crs(pyproj, crs)
-        self._forward = pyproj.Transformer.from_crs(_WGS84, projected, always_xy=True)
-        self._back = pyproj.Transformer.from_crs(projected, _WGS84, always_xy=True)
-        self._factors = pyproj.Proj(projected)
         self._turn_rad = float(np.radians(rotation_deg))
+        self._meridian_deg = 0.0
+        if crs is None:
+            self._transformer = pyproj.Transformer.from_crs(_WGS84, projected, always_xy=True)
+            self._factors = pyproj.Proj(projected)
+            return
+        self._transformer = _best_operation(pyproj, projected, crs)
+        self._factors = pyproj.Proj(projected)
+        if projected.prime_meridian is not None:
+            meridian = projected.prime_meridian  # its longitude may be in grads
+            self._meridian_deg = float(np.degrees(meridian.longitude * meridian.unit_conversion_factor))
+        self._check_axes(projected, crs)
 
     def to_plane(self, lat_deg: FloatArray, lon_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x and y (N,) in metres; NaN where a coordinate is NaN or outside the plane."""
-        east, north = _finite(self._forward.transform(_single(lon_deg), _single(lat_deg)), lon_deg.shape)
+        east, north = _finite(self._transformer.transform(_single(lon_deg), _single(lat_deg)), lon_deg.shape)
         cos, sin = np.cos(self._turn_rad), np.sin(self._turn_rad)
         return cos * east + sin * north, cos * north - sin * east
 
@@ -51,7 +66,8 @@ class EarthPlane:
         """Return latitude and longitude (N,) in degrees; NaN where a position is NaN or off the earth."""
         cos, sin = np.cos(self._turn_rad), np.sin(self._turn_rad)
         east, north = cos * x_m - sin * y_m, sin * x_m + cos * y_m
-        lon, lat = _finite(self._back.transform(_single(east), _single(north)), x_m.shape)
+        back = self._transformer.transform(_single(east), _single(north), direction="INVERSE")
+        lon, lat = _finite(back, x_m.shape)
         return lat, lon
 
     def north_rad(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
@@ -59,8 +75,28 @@ class EarthPlane:
         lat, lon = self.to_earth(x_m, y_m)
         if lat.size == 0:
             return lat  # get_factors rejects it
-        convergence = np.radians(self._factors.get_factors(lon, lat).meridian_convergence)
+        factors = self._factors.get_factors(lon - self._meridian_deg, lat)  # longitudes from the CRS's own meridian
+        convergence = np.radians(factors.meridian_convergence)
         return np.where(np.isfinite(convergence), 0.5 * np.pi + convergence - self._turn_rad, np.nan)
+
+    def _check_axes(self, crs: Any, name: str) -> None:
+        """Raise UsageError unless a step north moves along `north_rad`, and a step east to its right.
+
+        Planes of southings and westings are turned or mirrored: directions from their axes would mean something else.
+        """
+        area = crs.area_of_use
+        if area is None:
+            lat, lon = (part[0] for part in self.to_earth(np.zeros(1), np.zeros(1)))
+        else:
+            east = area.east + (360.0 if area.east < area.west else 0.0)
+            lat, lon = 0.5 * (area.south + area.north), (0.5 * (area.west + east) + 180.0) % 360.0 - 180.0
+        step = 1e-4
+        x, y = self.to_plane(np.array([lat, lat + step, lat]), np.array([lon, lon, lon + step]))
+        north, to_east = np.arctan2(y[1:] - y[0], x[1:] - x[0])
+        turned = np.array([north - self.north_rad(x[:1], y[:1])[0], north - to_east - 0.5 * np.pi])
+        if (np.cos(turned) < _ALIGNED).any():
+            axes = " and ".join(f"{axis.abbrev} ({axis.direction})" for axis in crs.axis_info[:2])
+            raise UsageError(f"{name!r} has the axes {axes}, expected east and north, as EPSG:32632")
 
 
 def flat_errors(
@@ -99,6 +135,22 @@ def _pyproj() -> Any:
             "coordinates on earth need pyproj, which is not installed: pip install 'nlosctl[geo]'"
         ) from None
     return pyproj
+
+
+def _best_operation(pyproj: Any, projected: Any, name: str) -> Any:
+    """Return the best available operation from WGS 84 to a CRS: one for all points, whatever their location.
+
+    A transformer of pyproj chooses the operation for each point by its area, so that neighbours could differ by metres.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a better one may need a grid that is not installed
+        try:
+            operations = pyproj.transformer.TransformerGroup(_WGS84, projected, always_xy=True).transformers
+        except (pyproj.exceptions.ProjError, IndexError):  # IndexError: pyproj itself, for lists without an operation
+            operations = []
+    if not operations:
+        raise UsageError(f"{name!r} has no known transformation from WGS 84; give a CRS of the earth, as EPSG:32632")
+    return operations[0]
 
 
 def _checked_crs(pyproj: Any, name: str) -> Any:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pyproj
+import pyproj.database
 import pytest
 
 from nlosctl.errors import UsageError
@@ -59,6 +60,75 @@ def test_north_is_the_direction_of_a_step_north(name: str, east: float, north: f
     x, y = plane.to_plane(np.array([lat, step_lat]), np.array([lon, step_lon]))
     found = plane.north_rad(x[:1], y[:1])[0]
     assert found == pytest.approx(math.atan2(y[1] - y[0], x[1] - x[0]), abs=2e-6)
+
+
+def worst_azimuth_error_deg(crs: str) -> float:
+    """Return the largest error of north over the area of a CRS, by geodesic steps of 10 m; 0 if the CRS is refused."""
+    try:
+        plane = EarthPlane(crs=crs)
+    except UsageError:
+        return 0.0
+    area = pyproj.CRS(crs).area_of_use
+    if area is None:
+        return 0.0
+    east = area.east + (360.0 if area.east < area.west else 0.0)
+    errors = []
+    for share in (0.2, 0.5, 0.8):
+        lat, lon = area.south + share * (area.north - area.south), area.west + share * (east - area.west)
+        step_lon, step_lat, _ = GEOD.fwd(lon, lat, 0.0, 10.0)
+        x, y = plane.to_plane(np.array([lat, step_lat]), (np.array([lon, step_lon]) + 180.0) % 360.0 - 180.0)
+        direction = math.atan2(y[1] - y[0], x[1] - x[0])
+        errors.append(abs(math.degrees(math.remainder(direction - plane.north_rad(x[:1], y[:1])[0], 2.0 * math.pi))))
+    return max(errors)
+
+
+MERIDIANS = {
+    "Paris": "EPSG:27572",
+    "Bern": "EPSG:21780",
+    "Oslo": "EPSG:27391",
+    "Ferro": "EPSG:31288",
+    "Bogota": "EPSG:21892",
+}
+
+
+@pytest.mark.parametrize("crs", [*MERIDIANS.values(), "EPSG:3031", "EPSG:32661", "EPSG:3035", "EPSG:6933", "EPSG:2154"])
+def test_north_of_a_crs_with_any_prime_meridian(crs: str) -> None:
+    """Azimuths agree with geodesics to the rotation between datums, a few thousandths of a degree."""
+    EarthPlane(crs=crs)
+    assert worst_azimuth_error_deg(crs) < 0.004
+
+
+@pytest.mark.parametrize(
+    ("crs", "says"),
+    [
+        ("EPSG:2048", "axes Y \\(west\\) and X \\(south\\)"),
+        ("EPSG:5513", "axes X \\(south\\) and Y \\(west\\)"),
+        ("EPSG:2218", "no known transformation"),
+        ("+proj=tmerc +lon_0=9 +axis=wsu +datum=WGS84 +units=m", "axes"),
+        ("IAU_2015:30110", "no known transformation"),
+    ],
+)
+def test_a_crs_without_east_and_north_is_refused(crs: str, says: str) -> None:
+    """Southings and westings, and planes of no known relation to the earth, are errors and not turned bearings."""
+    with pytest.raises(UsageError, match=says):
+        EarthPlane(crs=crs)
+
+
+def test_one_datum_operation_serves_all_points() -> None:
+    """Points outside the area of the best operation are converted by it too: there and back is exact everywhere."""
+    plane = EarthPlane(crs="EPSG:27700")
+    lat, lon = plane.to_earth(np.array([0.0, 305055.0]), np.array([0.0, 610582.0]))
+    np.testing.assert_allclose(plane.to_plane(lat, lon), [[0.0, 305055.0], [0.0, 610582.0]], atol=0.01)
+
+
+@pytest.mark.slow
+def test_north_of_every_projected_crs() -> None:
+    """Each projected CRS that pyproj knows is refused, or its azimuths agree with geodesics."""
+    infos = pyproj.database.query_crs_info(pj_types=[pyproj.enums.PJType.PROJECTED_CRS], allow_deprecated=True)
+    codes = [f"{info.auth_name}:{info.code}" for info in infos]
+    wrong = {code: error for code in codes if (error := worst_azimuth_error_deg(code)) > 0.004}
+    assert len(codes) > 5000
+    assert not wrong
 
 
 def test_the_convergence_of_utm_is_that_of_the_textbook() -> None:
