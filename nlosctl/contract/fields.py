@@ -1,7 +1,12 @@
-"""The search region: where a source may be. `nlosctl.geometry.regions` has the arrays."""
+"""The search region: where a source may be. `nlosctl.geometry.regions` has the arrays.
+
+``str`` of a region is the text that `parse_field` reads back, exactly: it determines whether two runs are equal, and
+provenance contains it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +15,7 @@ from nlosctl.errors import DataError, UsageError
 
 __all__ = ["BoxField", "CircleField", "Field", "PolygonField", "SensorsField", "parse_field"]
 
-_FORMS = "xmin,xmax,ymin,ymax or circle:x,y,r or sensors:FACTOR or polygon:FILE"
+_FORMS = "xmin,xmax,ymin,ymax or circle:x,y,r or sensors:FACTOR or polygon:FILE or polygon:x,y;x,y;..."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +28,7 @@ class BoxField:
     ymax_m: float
 
     def __str__(self) -> str:
-        return f"{self.xmin_m:g},{self.xmax_m:g},{self.ymin_m:g},{self.ymax_m:g}"
+        return _text(self.xmin_m, self.xmax_m, self.ymin_m, self.ymax_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +40,7 @@ class CircleField:
     radius_m: float
 
     def __str__(self) -> str:
-        return f"circle:{self.x_m:g},{self.y_m:g},{self.radius_m:g}"
+        return f"circle:{_text(self.x_m, self.y_m, self.radius_m)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +50,7 @@ class SensorsField:
     factor: float = 1.0
 
     def __str__(self) -> str:
-        return f"sensors:{self.factor:g}"
+        return f"sensors:{_text(self.factor)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +60,7 @@ class PolygonField:
     vertices_m: tuple[tuple[float, float], ...]
 
     def __str__(self) -> str:
-        return f"polygon of {len(self.vertices_m)} vertices"
+        return "polygon:" + ";".join(_text(*vertex) for vertex in self.vertices_m)
 
 
 Field = BoxField | CircleField | SensorsField | PolygonField
@@ -85,8 +90,14 @@ def parse_field(text: str) -> Field:
             raise UsageError(f"field {text!r} requires a factor of 0 or more")
         return SensorsField(factor=factor)
     if form == "polygon":
-        return PolygonField(vertices_m=_read_vertices(rest))
+        vertices = [_numbers(pair, text, 2) for pair in rest.split(";")] if ";" in rest else _read_vertices(rest)
+        return PolygonField(vertices_m=_closed(vertices, text))
     raise UsageError(f"field {text!r} is invalid; expected {_FORMS}")
+
+
+def _text(*numbers: float) -> str:
+    """Return numbers as the shortest text that reads back as the same numbers."""
+    return ",".join(repr(float(number)).removesuffix(".0") for number in numbers)
 
 
 def _numbers(listed: str, text: str, count: int) -> tuple[float, ...]:
@@ -99,12 +110,22 @@ def _numbers(listed: str, text: str, count: int) -> tuple[float, ...]:
     return numbers
 
 
-def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
+def _closed(vertices: Sequence[tuple[float, ...]], name: str) -> tuple[tuple[float, float], ...]:
+    """Return the vertices without a repeated first one at the end."""
+    pairs = [(x, y) for x, y in vertices]
+    if len(pairs) > 1 and pairs[0] == pairs[-1]:
+        pairs.pop()
+    if len(pairs) < 3:
+        raise DataError(f"{name}: a polygon needs at least 3 vertices, got {len(pairs)}")
+    return tuple(pairs)
+
+
+def _read_vertices(name: str) -> list[tuple[float, ...]]:
     try:
         lines = read_limited(Path(name), f"polygon file {name!r}").splitlines()
     except OSError as error:
         raise DataError(f"polygon file {name!r} cannot be read: {error.strerror}") from None
-    vertices: list[tuple[float, float]] = []
+    vertices: list[tuple[float, ...]] = []
     for number, line in enumerate(lines, start=1):
         cells = [cell.strip() for cell in line.partition("#")[0].split(",")]
         if cells == [""] or (not vertices and cells == ["x_m", "y_m"]):
@@ -118,8 +139,4 @@ def _read_vertices(name: str) -> tuple[tuple[float, float], ...]:
                 f"{name}, line {number}: a vertex must be finite and within {LARGEST_NUMBER:g}, got {line.strip()!r}"
             )
         vertices.append((x, y))
-    if len(vertices) > 1 and vertices[0] == vertices[-1]:
-        vertices.pop()
-    if len(vertices) < 3:
-        raise DataError(f"{name}: a polygon needs at least 3 vertices, got {len(vertices)}")
-    return tuple(vertices)
+    return vertices

@@ -233,6 +233,8 @@ def test_missing_and_changed_parts_are_made_again(cli: Cli, good: Path, tmp_path
         (("--format", "csv"), 'format was "parquet" and is "csv"'),
         (("--flags-out", "fout/"), "tables"),
         (("--all-rows",), "all_rows"),
+        (("--field=0,1000.0001,0,600",), "field was"),
+        (("--field=polygon:0,0;900,0;900,900",), "field was"),
     ],
 )
 def test_resume_refuses_another_run(
@@ -245,6 +247,22 @@ def test_resume_refuses_another_run(
     assert (refused.code, refused.err.count("\n")) == (1, 1)
     assert message in refused.err
     assert content(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize(
+    ("begun", "resumed"),
+    [
+        ("0,1000.0001,0,600", "0,1000.0004,0,600"),
+        ("circle:0,0,1000.00001", "circle:0,0,1000.00002"),
+        ("polygon:0,0;1000,0;1000,600", "polygon:0,0;10,0;10,6"),
+    ],
+)
+def test_resume_refuses_another_search_region(cli: Cli, good: Path, tmp_path: Path, begun: str, resumed: str) -> None:
+    """Regions are compared by their exact numbers, not by a rounded text or a number of vertices."""
+    words = ["localize", good, "--scene", SCENE, "-o", "out/", "-q"]
+    assert cli(*words, f"--field={begun}").code == 0
+    refused = cli(*words, "--resume", f"--field={resumed}")
+    assert (refused.code, "field was" in refused.err) == (1, True)
 
 
 @pytest.mark.parametrize("finished", [True, False])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from nlosctl.contract.fields import BoxField, CircleField, PolygonField, SensorsField, parse_field
 from nlosctl.errors import DataError, UsageError
@@ -16,6 +18,9 @@ from nlosctl.errors import DataError, UsageError
         ("-1,2.5,3,4e3", BoxField(xmin_m=-1.0, xmax_m=2.5, ymin_m=3.0, ymax_m=4000.0)),
         ("circle:1,-2,30", CircleField(x_m=1.0, y_m=-2.0, radius_m=30.0)),
         ("sensors:4", SensorsField(factor=4.0)),
+        ("0,1000.0001,0,600", BoxField(xmin_m=0.0, xmax_m=1000.0001, ymin_m=0.0, ymax_m=600.0)),
+        ("circle:0.123456789,1e14,3", CircleField(x_m=0.123456789, y_m=1e14, radius_m=3.0)),
+        ("polygon:0,0;10,0;10,5.00000001;0,0", PolygonField(vertices_m=((0.0, 0.0), (10.0, 0.0), (10.0, 5.00000001)))),
     ],
 )
 def test_field_texts_round_trip(text: str, field: object) -> None:
@@ -24,10 +29,18 @@ def test_field_texts_round_trip(text: str, field: object) -> None:
     assert parse_field(str(field)) == field
 
 
+@given(st.lists(st.floats(-1e15, 1e15), min_size=3, max_size=3))
+def test_the_text_of_a_region_is_exact(numbers: list[float]) -> None:
+    """A text of six digits would make different regions equal, and a run could not be repeated."""
+    x, y, size = numbers
+    region = CircleField(x_m=x, y_m=y, radius_m=abs(size) + 1e-9)
+    assert parse_field(str(region)) == region
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "1,2,3", "1,0,0,1", "0,1,2,2", "a,b,c,d", "circle:0,0,0", "circle:1,2", "sensors:-1", "sensors:x",
-     "disc:1,2,3", "nan,1,0,1", "circle:0,0,inf"],
+     "disc:1,2,3", "nan,1,0,1", "circle:0,0,inf", "polygon:0,0;1,x;2,2", "polygon:0,0;1,1;2"],
 )  # fmt: skip
 def test_invalid_field_texts_are_usage_errors(text: str) -> None:
     """Text that is not a field, or an empty field, is a usage error."""

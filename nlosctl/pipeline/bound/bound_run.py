@@ -10,7 +10,7 @@ from nlosctl.contract.run_options import SolveOptions
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.pipeline.bound.bounds import MapGrid, bounds_at_truth, bounds_on_map, result_schema
-from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata
+from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 
 __all__ = ["BoundReport", "BoundRun"]
 
@@ -66,7 +66,8 @@ class BoundRun:
 
     def provenance(self) -> dict[str, Any]:
         """Return the options that determine the results, as plain values."""
-        return {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
+        content = {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
+        return content | read_settings(self.reader.options)
 
     def choices(self) -> dict[str, Any]:
         """Return the other options that two runs must share to write equal tables: none."""

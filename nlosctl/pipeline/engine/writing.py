@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
@@ -17,7 +18,17 @@ from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_to_toml
 from nlosctl.io.writers.table_writer import provenance_text
 from nlosctl.version import __version__
 
-__all__ = ["PROVENANCE_KEY", "ChunkTables", "Report", "Run", "Sink", "describe_inputs", "file_metadata", "write_tables"]
+__all__ = [
+    "PROVENANCE_KEY",
+    "ChunkTables",
+    "Report",
+    "Run",
+    "Sink",
+    "describe_inputs",
+    "file_metadata",
+    "read_settings",
+    "write_tables",
+]
 
 PROVENANCE_KEY = "nlosctl"
 
@@ -112,6 +123,12 @@ class ChunkTables:
 
     named: Mapping[str, Any]
     rows: int
+
+
+def read_settings(options: InputOptions) -> dict[str, Any]:
+    """Return the settings of reading that determine the results, without those that have their defaults."""
+    settings = {"columns": options.columns, "constants": options.constants, "all_rows": options.all_rows}
+    return {name: value for name, value in settings.items() if value}
 
 
 def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dict[str, str]:

@@ -12,7 +12,7 @@ from scipy.special import erfc, gammaincc
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.fields import Field
+from nlosctl.contract.fields import Field, PolygonField
 from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import KINDS
@@ -178,15 +178,22 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
 
 def _unused_ranges(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str]) -> list[str]:
     names = dict.fromkeys(run.spec.name for run in runs if "range_m" not in run.spec.reads)
-    if "range_m" not in columns or report.kind == "ranges" or not names:
+    if "range_m" not in columns or report.kind == "ranges":
+        return []
+    if "range_std_m" not in columns:
+        return ["the column 'range_m' is not used: its standard deviations are missing, in a column 'range_std_m'"]
+    if not names:
         return []
     return [f"the column 'range_m' is not used by {', '.join(names)}"]
 
 
 def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:
+    region = f"polygon of {len(field.vertices_m)} vertices" if isinstance(field, PolygonField) else field
     notes = []
     for name, tally in ((run.label, report.methods[run.label]) for run in runs if run.spec.searches):
-        notes.append(f"search region of {name}: {field}; {tally.on_edge} of {tally.answered} estimates are at its edge")
+        notes.append(
+            f"search region of {name}: {region}; {tally.on_edge} of {tally.answered} estimates are at its edge"
+        )
         outside = tally.statuses[Status.OUTSIDE_FIELD.word]
         if outside:
             notes.append(

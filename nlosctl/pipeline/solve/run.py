@@ -19,7 +19,7 @@ from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
 from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
 from nlosctl.pipeline.engine.workers import map_in_processes
-from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata
+from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
@@ -90,6 +90,7 @@ class MeasurementRun:
         options = self._options
         methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
         content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
+        content |= read_settings(self.reader.options)
         if options.target_z_m is not None:
             content["target_z_m"] = options.target_z_m
         return content
@@ -126,7 +127,7 @@ class MeasurementRun:
             *remarks,
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
-            *method_remarks(self._runs, self.report, self.reader.schema.names, self._options.field),
+            *method_remarks(self._runs, self.report, self._known_columns(), self._options.field),
             *(self._causes() if self.report.refits else ()),
         ]
 
@@ -134,6 +135,10 @@ class MeasurementRun:
         from nlosctl.pipeline.solve.likely_causes import cause_remarks
 
         return cause_remarks(self.report.refits)
+
+    def _known_columns(self) -> list[str]:
+        """Return the columns of the input, and those that a constant replaces."""
+        return [*self.reader.schema.names, *self.reader.options.constants]
 
     def _optional_columns(self) -> frozenset[str]:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
