@@ -129,17 +129,23 @@ def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file:
     return tuple(by_file_name.get(name, name) for name in names)
 
 
-def coordinate_columns(names: Sequence[str], renames: Mapping[str, str]) -> list[CoordinateColumns]:
+def coordinate_columns(names: Sequence[str], renames: Mapping[str, str], file: str) -> list[CoordinateColumns]:
     """Return the latitudes and longitudes among a file's columns ``names`` that have no x and y beside them.
 
-    ``renames`` (contract's name -> file's name) are their other names.
+    ``renames`` (contract's name -> file's name) are their other names. Raises DataError for one without the other.
     """
     known = {*names, *renames}
     pairs = []
     for owner in EARTH_PLACES:
         lat, lon = (renames.get(f"{owner}_{axis}_deg", f"{owner}_{axis}_deg") for axis in ("lat", "lon"))
         x, y = f"{owner}_x_m", f"{owner}_y_m"
-        if lat in names and lon in names and x not in known and y not in known:
+        if x in known or y in known:
+            continue
+        if (lat in names) != (lon in names):
+            given, absent = (lat, lon) if lat in names else (lon, lat)
+            near = did_you_mean(absent, {*names} - {given})
+            raise DataError(f"{file}: column {given!r} needs {absent!r}{near}; give both, or neither")
+        if lat in names:
             pairs.append(CoordinateColumns(lat=lat, lon=lon, x=x, y=y, nullable=owner in ("truth", "prior")))
     return pairs
 
@@ -160,14 +166,12 @@ def plan_columns(
     missing = [
         column
         for column in table.columns
-        if column.required
-        and column.name not in mapped
-        and column.name not in constants
-        and not (column.scene_axis is not None and scene.sensors)
+        if column.required and column.name not in {*mapped, *constants}
+        if column.scene_axis is None or not scene.sensors
     ]
     if missing:
         raise DataError(_missing(missing, names, table, file))
-    for group in table.together:
+    for group in (*table.together, table.scene_axes):
         _check_group(group, mapped, file)
     return ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
 
@@ -239,13 +243,12 @@ def columns_to_read(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[st
     """Return the columns among ``names`` that a measurement needs, or that ``extra`` names or matches (``sweep_*``)."""
     if extra is None:
         return names
-    needed = {
-        mapped.name
-        for name, mapped in plan.mapped.items()
-        if not mapped.column.carried or name in ("los", "ip") or name == SNAPSHOT
-    }
+    used = ("los", "ip", SNAPSHOT)
+    needed = {given.name for name, given in plan.mapped.items() if not given.column.carried or name in used}
     if are_flags_by_method(names):
         needed.add(METHOD)
+    if plan.table.scene_axes:
+        needed |= {"sensor_lat_deg", "sensor_lon_deg"}  # checked where x and y are empty
     beginnings = tuple(name[:-1] for name in extra if name.endswith("*"))
     return tuple(name for name in names if name in needed or name in extra or name.startswith(beginnings))
 
@@ -278,8 +281,7 @@ class NameCodes:
         indices = column.indices
         if indices.null_count:
             indices = indices.fill_null(len(codes) - 1)
-        encoded: IntArray = codes[indices.to_numpy(zero_copy_only=False)]
-        return encoded
+        return np.asarray(codes[indices.to_numpy(zero_copy_only=False)])
 
     def _codes_of(self, dictionary: Any) -> IntArray:
         """Return the codes of the entries of a dictionary, and of null at the end."""

@@ -16,16 +16,8 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
-from nlosctl.io.measurements.row_checks import (
-    Fault,
-    ProblemLog,
-    ValueChecks,
-    bad_rows_of,
-    half_filled_faults,
-    indefinite_faults,
-    is_null,
-    null_mask,
-)
+from nlosctl.io.measurements.row_checks import Fault, ProblemLog, ValueChecks, bad_rows_of, is_null, null_mask
+from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots
 from nlosctl.io.measurements.survey import OpenTable
@@ -235,6 +227,10 @@ class RowConverter:
         for entries in self._plan.table.covariances:
             if all(name in mapped for name in entries):
                 faults += indefinite_faults(entries, self._plan, columns)
+        if any(name in mapped and batch.column(mapped[name].name).null_count for name in self._plan.table.scene_axes):
+            self._scene_columns.half_positions(batch, faults)
+        if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():
+            faults += missing_std_faults(self._plan, columns)
         return columns
 
     def _column(

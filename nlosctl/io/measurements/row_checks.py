@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -29,8 +28,6 @@ __all__ = [
     "as_float64",
     "bad_rows_of",
     "got",
-    "half_filled_faults",
-    "indefinite_faults",
     "is_null",
     "null_mask",
 ]
@@ -253,27 +250,6 @@ def _check_bounds(mapped: MappedColumn, values: FloatArray, numbers: FloatArray,
         beyond = np.isfinite(values) & (np.abs(numbers) > LARGEST_NUMBER)
         if beyond.any():
             faults.append(Fault(mask=beyond, column=mapped.name, describe=got(values, _NO_LARGER)))
-
-
-def half_filled_faults(group: Sequence[str], plan: ColumnPlan, columns: Mapping[str, npt.NDArray[Any]]) -> list[Fault]:
-    """Return the faults of rows with values in some, not all, of a group's ``columns`` (N,), NaN where missing."""
-    absent = np.array([np.isnan(columns[name]) for name in group])
-    half = absent.any(axis=0) & ~absent.all(axis=0)
-    describe = is_null(f"all of {', '.join(group)} or none")
-    return [
-        Fault(mask=half & missing, column=plan.mapped[name].name, describe=describe)
-        for name, missing in zip(group, absent, strict=True)
-        if (half & missing).any()
-    ]
-
-
-def indefinite_faults(entries: Sequence[str], plan: ColumnPlan, columns: Mapping[str, FloatArray]) -> list[Fault]:
-    """Return the fault of rows whose covariance, columns xx, xy and yy (N,), is not positive definite."""
-    xx, xy, yy = (columns[name] for name in entries)
-    describe = got(xy, f"a covariance whose square is below {entries[0]} times {entries[2]}")
-    with ignoring_overflow():
-        indefinite = xy * xy >= xx * yy
-    return [Fault(mask=indefinite, column=plan.mapped[entries[1]].name, describe=describe)] if indefinite.any() else []
 
 
 def as_float64(cells: Any) -> FloatArray:

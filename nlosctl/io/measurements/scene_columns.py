@@ -69,6 +69,23 @@ class SceneColumns:
 
         return describe
 
+    def half_positions(self, batch: Any, faults: list[Fault]) -> None:
+        """Add the faults of rows that have some coordinates of their sensor and would take others from the scene."""
+        names = [self._plan.mapped[axis].name for axis in self._plan.table.scene_axes]
+        absent = np.array([null_mask(batch.column(name)) for name in names])
+        half = absent.any(axis=0) & ~absent.all(axis=0)
+        describe = is_null(f"all of {', '.join(names)} or none")
+        found = [
+            Fault(mask=half & missing, column=name, describe=describe)
+            for name, missing in zip(names, absent, strict=True)
+        ]
+        for name in ("sensor_lat_deg", "sensor_lon_deg"):
+            if name in batch.schema.names:
+                other = absent.all(axis=0) & ~null_mask(batch.column(name))
+                expected = f"a number: the row has {name}; drop the columns {' and '.join(names)} to use it"
+                found.append(Fault(mask=other, column=names[0], describe=is_null(expected)))
+        faults += [fault for fault in found if fault.mask.any()]
+
     def reflectors(self, mapped: MappedColumn, cells: Any, faults: list[Fault]) -> IntArray:
         """Return the indices (N,) of reflectors in the scene, `NULL_CODE` where the cell is empty."""
         indices = self._reflectors.encode(cells)

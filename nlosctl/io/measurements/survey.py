@@ -176,7 +176,7 @@ def _planned(
     part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
     """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
-    pairs = coordinate_columns(file.names, options.columns)
+    pairs = coordinate_columns(file.names, options.columns, part.name)
     coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
     if coordinates is not None:
         file.add_step(coordinates)
