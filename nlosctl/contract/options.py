@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, TypeVar, get_type_hints
 
@@ -14,6 +15,8 @@ from nlosctl.errors import UsageError, did_you_mean
 __all__ = ["describe_options", "option", "parse_options"]
 
 OptionsT = TypeVar("OptionsT")
+
+_SHORT_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 _LARGEST_INTEGER = 2**53
 """Up to this integer, every integer is also a float and fits in an array."""
@@ -81,6 +84,8 @@ def _convert(value: Any, annotation: Any, field: dataclasses.Field[Any], owner: 
         return None
     if isinstance(value, str) and "tuple" in _type_name(annotation):
         value = [part.strip() for part in value.split(",")]
+    if "float" in _type_name(annotation):
+        value = [_full(part) for part in value] if isinstance(value, list) else _full(value)
     try:
         converted = msgspec.convert(value, annotation, strict=not isinstance(value, str | list))
     except msgspec.ValidationError:
@@ -89,6 +94,11 @@ def _convert(value: Any, annotation: Any, field: dataclasses.Field[Any], owner: 
     if not all(_within(number, field) for number in numbers):
         raise UsageError(complaint)
     return converted
+
+
+def _full(value: Any) -> Any:
+    """Return a number such as ``.1``, ``1.`` or ``+1`` in the digits that JSON requires; other values unchanged."""
+    return repr(float(value)) if isinstance(value, str) and _SHORT_NUMBER.fullmatch(value.strip()) else value
 
 
 def _within(number: Any, field: dataclasses.Field[Any]) -> bool:

@@ -118,7 +118,7 @@ def integer(text: str, name: str, low: float = -math.inf, high: float = math.inf
 
 
 def _plain(text: str) -> bool:
-    """Return whether a text has neither underscores nor other digits than 0 to 9, both of which Python accepts."""
+    """Return whether a text has no underscores and no other digits than 0 to 9; Python accepts both in numbers."""
     return text.isascii() and "_" not in text
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
+from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError
 from nlosctl.io.paths.inputs import Input
@@ -18,6 +20,8 @@ from nlosctl.pipeline.evaluate.evaluate_targets import evaluate_targets
 from nlosctl.pipeline.evaluate.fail_conditions import parse_condition
 
 __all__ = ["evaluate", "evaluation_report"]
+
+_LARGEST_EXPONENT = 300.0
 
 
 def evaluate(
@@ -49,8 +53,7 @@ def evaluate(
             raise UsageError("`truth` is for estimates; flags with their `estimates` have the truth in their rows")
         if len(given) > 1:
             raise UsageError("`estimates` goes with one file of flags; evaluate several one by one")
-        if not ospa_cutoff_m > 0.0:
-            raise UsageError(f"`ospa_cutoff_m` must be larger than 0. Got {ospa_cutoff_m:g} instead.")
+        _check_distance(ospa_order, ospa_cutoff_m)
         targets = estimates if isinstance(estimates, Input) else open_inputs([estimates], None)[0]
         evaluation = evaluate_targets(given[0], targets, order=ospa_order, cutoff_m=ospa_cutoff_m)
     else:
@@ -63,6 +66,16 @@ def evaluate(
             outputs.take(open_output(write.output, table.schema, write, paths)).write(table)
         write_report(write, evaluation_report(evaluation, reasons), outputs, Silent())
     return evaluation, reasons
+
+
+def _check_distance(order: float, cutoff_m: float) -> None:
+    """Raise UsageError unless the p-th powers of OSPA and GOSPA are finite."""
+    if not order >= 1.0 or math.isinf(order):
+        raise UsageError(f"`ospa_order` must be a finite number of at least 1. Got {order:g} instead.")
+    if not 0.0 < cutoff_m <= LARGEST_NUMBER:
+        raise UsageError(f"`ospa_cutoff_m` must be larger than 0, up to {LARGEST_NUMBER:g}. Got {cutoff_m:g} instead.")
+    if order * math.log10(cutoff_m) > _LARGEST_EXPONENT:
+        raise UsageError(f"`ospa_cutoff_m` to the power of `ospa_order`, {cutoff_m:g}^{order:g}, is too large")
 
 
 def evaluation_report(evaluation: Evaluation, failed: Sequence[str]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -180,6 +181,24 @@ def test_files_keep_their_own_scenes(cli: Cli, tmp_path: Path) -> None:
         assert both.table.column("y_m").to_pylist() == alone
     else:
         assert "scene" in both.err
+
+
+@pytest.mark.parametrize("name", [".", "./", "./."])
+@pytest.mark.parametrize("command", ["localize", "validate"])
+def test_the_current_folder_is_an_input(cli: Cli, tmp_path: Path, command: str, name: str) -> None:
+    """A folder without a name in its path is read like any other, with its scene."""
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.csv").write_text(plain_csv(crossing_rows(1)))
+    with contextlib.chdir(tmp_path / "in"):
+        outcome = cli(command, name, "-q")
+    assert outcome.code == 0, outcome.err
+
+
+def test_a_name_of_the_longest_length_is_read(cli: Cli, tmp_path: Path) -> None:
+    """The longer name of a scene beside it, which no file system allows, is not looked for."""
+    name = "a" * 251 + ".csv"
+    (tmp_path / name).write_text(plain_csv(crossing_rows(1)))
+    assert cli("localize", name, "-q").code == 0
 
 
 def test_the_scene_option_beats_the_others(cli: Cli, tmp_path: Path) -> None:

@@ -218,3 +218,11 @@ def test_outputs_have_default_permissions(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "plain").write_text("")
     assert cli("localize", GOOD, "--scene", SCENE, "-o", "e.csv").code == 0
     assert (tmp_path / "e.csv").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_overwriting_keeps_the_mode(cli: Cli, tmp_path: Path) -> None:
+    """A result that only its owner may read stays so."""
+    (tmp_path / "e.csv").write_text("old")
+    (tmp_path / "e.csv").chmod(0o600)
+    assert cli("localize", GOOD, "-q", "-o", "e.csv", "--overwrite").code == 0
+    assert stat.S_IMODE((tmp_path / "e.csv").stat().st_mode) == 0o600

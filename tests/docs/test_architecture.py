@@ -20,9 +20,9 @@ def first_column(header: str) -> list[str]:
 
 
 def test_all_rooms_are_listed() -> None:
-    """The table of packages has every folder of the package, and every module beside them except `version.py`."""
+    """The table of packages has every folder, and every module beside them except `__main__.py` and `version.py`."""
     rooms = {path.name + "/" for path in PACKAGE.iterdir() if (path / "__init__.py").is_file()}
-    modules = {path.name for path in PACKAGE.glob("*.py")} - {"__init__.py", "version.py"}
+    modules = {path.name for path in PACKAGE.glob("*.py")} - {"__init__.py", "__main__.py", "version.py"}
     assert {cell.strip("`") for cell in first_column("package")} == rooms | modules
 
 

@@ -72,6 +72,8 @@ def test_booleans_may_be_words(tmp_path: Path) -> None:
         ([2**70, None, 1], [str(2**70), None, "1"]),
         ([{"a": [1, "ü"]}, [], True], ['{"a": [1, "ü"]}', "[]", "true"]),
         ([True, None, False], [True, None, False]),
+        ([1, -(2**63), None], [1, -(2**63), None]),
+        ([1, 2**63, None], ["1", str(2**63), None]),
     ],
 )
 def test_own_columns_lose_nothing(tmp_path: Path, values: list[Any], kept: list[Any]) -> None:

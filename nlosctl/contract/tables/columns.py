@@ -96,11 +96,6 @@ class Table:
         return tuple(column.name for column in self.columns)
 
     @property
-    def scene_axes(self) -> tuple[str, ...]:
-        """The columns that the scene's sensor positions can fill: all of them, or none."""
-        return tuple(column.name for column in self.columns if column.scene_axis is not None)
-
-    @property
     def required(self) -> tuple[Column, ...]:
         """The columns that a file must have; for ``snapshot`` see docs/conventions.md."""
         return tuple(column for column in self.columns if column.required)

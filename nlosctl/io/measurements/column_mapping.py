@@ -85,6 +85,11 @@ class ColumnPlan:
     has_snapshot: bool = True
 
     @property
+    def scene_axes(self) -> tuple[str, ...]:
+        """The columns that the scene's sensor positions can fill: all of them, or none."""
+        return tuple(column.name for column in self.table.columns if column.scene_axis is not None)
+
+    @property
     def types(self) -> dict[str, ColumnType]:
         """The contract's type of each column that the file has."""
         return {mapped.name: mapped.column.type for mapped in self.mapped.values()}
@@ -163,17 +168,14 @@ def plan_columns(
     matches = {column.name: _find(column, names, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
     _check_constants(table, constants, mapped, file)
-    missing = [
-        column
-        for column in table.columns
-        if column.required and column.name not in {*mapped, *constants}
-        if column.scene_axis is None or not scene.sensors
-    ]
+    absent = [column for column in table.columns if column.required and column.name not in {*mapped, *constants}]
+    missing = [column for column in absent if column.scene_axis is None or not scene.sensors]
     if missing:
         raise DataError(_missing(missing, names, table, file))
-    for group in (*table.together, table.scene_axes):
+    plan = ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
+    for group in (*table.together, (plan.scene_axes,)):
         _check_group(group, mapped, file)
-    return ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
+    return plan
 
 
 def _find(column: Column, names: Sequence[str], file: str) -> MappedColumn | None:
@@ -203,16 +205,12 @@ def _check_group(alternatives: Sequence[Sequence[str]], mapped: Mapping[str, Map
         )
 
 
-def _check_constants(
-    table: Table, constants: Mapping[str, float], mapped: Mapping[str, MappedColumn], file: str
-) -> None:
+def _check_constants(table: Table, constants: Mapping[str, float], mapped: Mapping[str, Any], file: str) -> None:
     allowed = {column.name: column for column in table.columns if column.constant_allowed}
     for name, value in constants.items():
         if name not in allowed:
-            raise UsageError(
-                f"{table.name} take no constant {name!r}{did_you_mean(name, allowed)}; "
-                f"they take: {', '.join(allowed) or 'none'}"
-            )
+            known = f"{did_you_mean(name, allowed)}; they take: {', '.join(allowed) or 'none'}"
+            raise UsageError(f"{table.name} take no constant {name!r}{known}")
         option = f"`constants[{name!r}]`"
         if name in mapped:
             raise UsageError(f"{option} is given, but {file} has a column {mapped[name].name!r}; leave the option out")
@@ -247,7 +245,7 @@ def columns_to_read(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[st
     needed = {given.name for name, given in plan.mapped.items() if not given.column.carried or name in used}
     if are_flags_by_method(names):
         needed.add(METHOD)
-    if plan.table.scene_axes:
+    if plan.scene_axes:
         needed |= {"sensor_lat_deg", "sensor_lon_deg"}  # checked where x and y are empty
     beginnings = tuple(name[:-1] for name in extra if name.endswith("*"))
     return tuple(name for name in names if name in needed or name in extra or name.startswith(beginnings))

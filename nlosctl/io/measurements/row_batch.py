@@ -227,7 +227,7 @@ class RowConverter:
         for entries in self._plan.table.covariances:
             if all(name in mapped for name in entries):
                 faults += indefinite_faults(entries, self._plan, columns)
-        if any(name in mapped and batch.column(mapped[name].name).null_count for name in self._plan.table.scene_axes):
+        if any(name in mapped and batch.column(mapped[name].name).null_count for name in self._plan.scene_axes):
             self._scene_columns.half_positions(batch, faults)
         if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():
             faults += missing_std_faults(self._plan, columns)

@@ -71,7 +71,7 @@ class SceneColumns:
 
     def half_positions(self, batch: Any, faults: list[Fault]) -> None:
         """Add the faults of rows that have some coordinates of their sensor and would take others from the scene."""
-        names = [self._plan.mapped[axis].name for axis in self._plan.table.scene_axes]
+        names = [self._plan.mapped[axis].name for axis in self._plan.scene_axes]
         absent = np.array([null_mask(batch.column(name)) for name in names])
         half = absent.any(axis=0) & ~absent.all(axis=0)
         describe = is_null(f"all of {', '.join(names)} or none")

@@ -34,7 +34,7 @@ class NameSurvey:
         if int in kinds:
             integers = [value for value in values if type(value) is int]
             largest = max(max(integers), -min(integers))
-            self._in_int64 &= largest < 2**63
+            self._in_int64 &= min(integers) >= -(2**63) and max(integers) < 2**63
             self._in_float &= largest <= _EXACT_FLOAT
         self._kinds |= kinds
 

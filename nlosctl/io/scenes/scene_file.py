@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -21,6 +22,9 @@ __all__ = ["SCENE_KEY", "find_scene", "plane_of", "scene_from_toml", "scene_to_t
 
 SCENE_KEY = b"nlosctl.scene"
 """The metadata key of a table whose value is the scene as TOML text."""
+
+_LONGEST_NAME = 255
+"""File systems allow names of so many bytes."""
 
 _IN_METADATA = "the scene in the table's metadata"
 
@@ -267,7 +271,8 @@ def _candidates(input_path: Location | None) -> list[Location]:
     stems = [input_path.name]
     if not is_folder:
         stems = [input_path.stem.removesuffix(".csv").removesuffix(".jsonl"), input_path.name.split(".")[0]]
-    named = [input_path.with_name(f"{stem}.scene.toml") for stem in dict.fromkeys(stems)]
+    names = [f"{stem}.scene.toml" for stem in dict.fromkeys(stems) if stem]  # "." has no name
+    named = [input_path.parent / name for name in names if len(os.fsencode(name)) <= _LONGEST_NAME]
     folder = input_path if is_folder else input_path.parent
     return [*named, folder / "scene.toml"]
 

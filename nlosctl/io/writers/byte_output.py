@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import stat
 import sys
 import tempfile
 import weakref
@@ -126,12 +127,14 @@ class AtomicFile:
             self.sink.close()
 
     def keep(self) -> None:
-        """Rename the complete file to its final name; an existing file is replaced."""
+        """Rename the complete file to its final name; an existing file is replaced, and its mode kept."""
         self.complete()
         if not is_local(self._target):
             self._target.take(self._temporary)
             self._remove_temporary()
         else:
+            with suppress(FileNotFoundError):
+                self._temporary.chmod(stat.S_IMODE(self._target.stat().st_mode))
             self._temporary.replace(self._target)
 
     def discard(self) -> None:
