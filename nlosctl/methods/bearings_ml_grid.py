@@ -14,12 +14,13 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
-from nlosctl.models.bearings import sight_lines
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
-from nlosctl.solvers.bearings.grid_search import search_grid
+from nlosctl.solvers.bearings.grid_search import GridBest, search_grid
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
 
-__all__ = ["METHOD", "GridOptions", "solve"]
+__all__ = ["METHOD", "GridOptions", "finish_grid_fix", "solve"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,17 +54,17 @@ def solve(batch: BearingBatch, options: GridOptions) -> Solution:
     best = search_grid(
         lines, first.x, first.y, width_m=options.width_m, height_m=options.height_m, step_m=options.step_m
     )
+    return finish_grid_fix(batch, lines, best, first.normal, options.min_range_m)
+
+
+def finish_grid_fix(
+    batch: BearingBatch, lines: SightLines, best: GridBest, normal: SymmetricMatrix, min_range_m: float
+) -> Solution:
+    """Return the solution of the best vertices about least-squares fixes with the normal matrices ``normal`` (B,)."""
     constrained_status: npt.NDArray[np.uint8] = np.where(best.at_boundary, Status.BOUNDARY, Status.OK).astype(np.uint8)
     constrained_status[~best.exists] = Status.NO_CANDIDATE
     return finish_bearings_fix(
-        batch,
-        lines,
-        best.x,
-        best.y,
-        None,
-        first.normal,
-        min_range_m=options.min_range_m,
-        constrained_status=constrained_status,
+        batch, lines, best.x, best.y, None, normal, min_range_m=min_range_m, constrained_status=constrained_status
     )
 
 

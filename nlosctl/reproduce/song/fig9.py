@@ -8,21 +8,25 @@ from functools import partial
 import numpy as np
 
 from nlosctl.arrays import FloatArray
+from nlosctl.methods.bearings_ml_grid import finish_grid_fix
 from nlosctl.models.bearings import sight_lines
 from nlosctl.plotting.panels import LinesPanel, Panel
 from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.panels import curve
 from nlosctl.reproduce.samples import Condition, Results, Samples, conditions, rms, rms_of
 from nlosctl.reproduce.simulated import Simulated, batch_of, bound_rms_m, fixes, simulated
+from nlosctl.reproduce.song.block_search import search_blocks
 from nlosctl.reproduce.song.paper import PAPER
 from nlosctl.reproduce.verdicts import at_least, at_most
-from nlosctl.solvers.bearings.grid_search import search_grid
+from nlosctl.solvers.bearings.line_fits import fit_least_squares
 
 __all__ = ["EXPERIMENT"]
 
 _SETS = ("a", "b")
 _EPSILONS_DEG = (0.1, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
-_SMALL_DEG = 1.0
+_GRID = {"width_m": 160e3, "height_m": 200e3, "step_m": 1e3}
+"""The paper's search region, with its vertices every kilometre."""
+
 _METHODS = ("ls", "stansfield", "stansfield-focused", "ml")
 _LABELS = {
     "ls": "least squares",
@@ -34,32 +38,28 @@ _LABELS = {
 }
 
 
-def _grid(epsilon_deg: float) -> dict[str, float]:
-    """Return the paper's search region with vertices every 8 km, or a small one with 1 km for small errors."""
-    if epsilon_deg < _SMALL_DEG:
-        return {"width_m": 20e3, "height_m": 25e3, "step_m": 1e3}
-    return {"width_m": 160e3, "height_m": 200e3, "step_m": 8e3}
-
-
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
     trials = simulated("song-circle", chunk, **condition)
-    grid = _grid(float(condition["bearing_std_deg"]))
+    about_fix, about_truth = _grid_errors(trials)
     return {
         "crlb": bound_rms_m(trials),
         **{method: fixes(trials, chunk, method).error_m for method in _METHODS},
-        "ml-grid": fixes(trials, chunk, "ml-grid", **grid).error_m,
-        "grid_about_truth": _about_truth(trials, float(condition["bearing_std_deg"])),
+        "ml-grid": about_fix,
+        "grid_about_truth": about_truth,
     }
 
 
-def _about_truth(trials: Simulated, epsilon_deg: float) -> FloatArray:
-    """Return the errors (T,) of the best vertices of grids about the true position; NaN for the small grid."""
-    if epsilon_deg < _SMALL_DEG:
-        return np.full(trials.truth_m.shape[0], np.nan)
-    lines = sight_lines(batch_of(trials))
+def _grid_errors(trials: Simulated) -> tuple[FloatArray, FloatArray]:
+    """Return the errors (T,) of the paper's grid search, those of ``ml-grid``, and of one about the true position."""
+    batch = batch_of(trials)
+    lines = sight_lines(batch)
+    first = fit_least_squares(lines)
+    best = search_blocks(lines, first.x, first.y, **_GRID)
+    fix = finish_grid_fix(batch, lines, best, first.normal, 0.0).estimates
     x, y = trials.truth_m[:, 0] - lines.center_x, trials.truth_m[:, 1] - lines.center_y
-    best = search_grid(lines, x, y, **_grid(epsilon_deg))
-    return np.where(best.exists, np.hypot(best.x - x, best.y - y), np.nan)
+    near = search_blocks(lines, x, y, **_GRID)
+    about_truth = np.where(near.exists, np.hypot(near.x - x, near.y - y), np.nan)
+    return np.hypot(*(fix.position_m - trials.truth_m).T), about_truth
 
 
 def _rms_km(samples: Samples, name: str) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.models.bearings import SightLines
 
-__all__ = ["GridBest", "search_grid"]
+__all__ = ["GridBest", "search_grid", "vertex_costs"]
 
 
 _POINTS_AT_ONCE = 4096
@@ -48,7 +48,7 @@ def search_grid(
     for rows, vertices in _blocks(usable, offset_x.shape[0]):
         x = center_x[rows][:, None] + step_m * offset_x[vertices]
         y = center_y[rows][:, None] + step_m * offset_y[vertices]
-        costs = _costs(lines.take(np.repeat(rows, vertices.shape[0])), x.ravel(), y.ravel()).reshape(x.shape)
+        costs = vertex_costs(lines.take(np.repeat(rows, vertices.shape[0])), x.ravel(), y.ravel()).reshape(x.shape)
         evaluations[rows] += np.isfinite(costs).sum(axis=1)
         index = np.argmin(costs, axis=1)
         least = costs[np.arange(rows.shape[0]), index]
@@ -71,7 +71,7 @@ def _blocks(rows: IntArray, vertices: int) -> list[tuple[IntArray, IntArray]]:
     ]
 
 
-def _costs(lines: SightLines, x: FloatArray, y: FloatArray) -> FloatArray:
+def vertex_costs(lines: SightLines, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return half the chi-square (P,) at points, infinite where the scene does not allow them."""
     allowed = np.flatnonzero(~lines.outside_scene(x, y))
     cost = np.full(x.shape, np.inf)
