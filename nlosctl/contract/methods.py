@@ -53,7 +53,8 @@ class MethodSpec:
     columns that it uses. ``details`` are further columns of the flags if the batch wants details,
     ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns, the input column without
     which they have no values.
-    ``estimates`` is false for a detector that estimates nothing. ``contract_version`` is the version of this contract
+    ``remark(options)`` is what the summary states of a run. ``estimates`` is false for a detector that estimates
+    nothing. ``contract_version`` is the version of this contract
     that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
@@ -77,6 +78,7 @@ class MethodSpec:
     randomized: bool = False
     traces: bool = False
     searches: bool = False
+    remark: Callable[[Any], str] | None = None
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     contract_version: int | None = None

@@ -141,6 +141,18 @@ class TripletRays:
     doa_sine: FloatArray
     path_length_m: FloatArray
 
+    def moved(self, doa_rad: FloatArray, dod_rad: FloatArray, length_m: FloatArray) -> TripletRays:
+        """Return the triplets with these changes of the three measured values."""
+        doa_turn, dod_turn = cosine_sine(doa_rad), cosine_sine(dod_rad)
+        return TripletRays(
+            baseline_m=self.baseline_m,
+            dod_cosine=self.dod_cosine * dod_turn[0] - self.dod_sine * dod_turn[1],
+            dod_sine=self.dod_sine * dod_turn[0] + self.dod_cosine * dod_turn[1],
+            doa_cosine=self.doa_cosine * doa_turn[0] - self.doa_sine * doa_turn[1],
+            doa_sine=self.doa_sine * doa_turn[0] + self.doa_cosine * doa_turn[1],
+            path_length_m=self.path_length_m + length_m,
+        )
+
     @cached_property
     def has_ellipse(self) -> BoolArray:
         """Whether the path is longer than the baseline."""

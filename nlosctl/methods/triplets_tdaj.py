@@ -102,6 +102,19 @@ def _safe_region_columns(options: TdajOptions) -> tuple[str, ...]:
     return ("outside_safe_region",) if options.eta_m > 0.0 else ()
 
 
+def _remark(options: TdajOptions) -> str:
+    """Return for which rows the false-alarm probability holds."""
+    if options.rule == "fusion":
+        return (
+            "the false-alarm probability is guaranteed at no level with rule=fusion, because each of six differences "
+            "may exceed its threshold; a single rule or chi2 has one"
+        )
+    return (
+        "the false-alarm probability is guaranteed (to a fifth, down to 0.001) where 'blind' is false; elsewhere the "
+        "rule is not linear in the errors, and chi2 can judge"
+    )
+
+
 METHOD = MethodSpec(
     name="tdaj",
     kind="triplets",
@@ -113,6 +126,7 @@ METHOD = MethodSpec(
     cost="none: it estimates nothing",
     minimum_measurements=1,
     estimates=False,
+    remark=_remark,
     flags=("ip", "p_value", "reason", "blind"),
     flags_with=_safe_region_columns,
     details=DETAIL_COLUMNS,

@@ -195,3 +195,19 @@ def test_the_function_equals_the_command(tmp_path):
     simulated = nlosctl.simulate("shen", trials=50, number=2)
     assert isinstance(simulated, pa.Table)
     assert nlosctl.detect_ip(simulated, details=True, method="tdaj").flags.num_rows == 50
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["-m", "tdaj"], "guaranteed (to a fifth, down to 0.001) where 'blind' is false"),
+        (["-m", "tdaj", "-p", "rule=fusion"], "guaranteed at no level with rule=fusion"),
+    ],
+)
+def test_the_summary_states_which_false_alarm_probability_is_guaranteed(tmp_path, capsys, options, expected):
+    """``tdaj`` states for which rows its level holds; the calibrated methods need no such note."""
+    assert run(["detect-ip", GOOD, *options, "-o", str(tmp_path / "f.csv")]) == 0
+    assert expected in capsys.readouterr().err
+    for method in ("chi2", "joint"):
+        assert run(["detect-ip", GOOD, "-m", method, "-o", str(tmp_path / f"{method}.csv")]) == 0
+    assert "guaranteed" not in capsys.readouterr().err

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from triplet_worlds import one_path
+from scenario_draws import draw_columns
+from triplet_worlds import batch_of, one_path
 
+from nlosctl.methods import triplets_tdaj
 from nlosctl.models.error_laws import GaussianErrors
 from nlosctl.models.triplets import path_rows
 from nlosctl.reproduce.shen.detection_theory import DetectionScene
@@ -44,20 +46,57 @@ def test_fusion_uses_the_p_value_of_rank_k_plus_1():
 
 @pytest.mark.parametrize(
     ("target", "blind"),
-    [
-        ((1.0, 5.0), set()),
-        ((0.0, 5.0), {6}),
-        ((-2.5, 6.0), {1}),
-        ((2.5, 6.0), {3}),
-        ((5.0, 0.01), {1, 2, 3, 4, 5, "ellipse"}),
-    ],
+    [((1.0, 5.0), set()), ((0.0, 5.0), {6}), ((-2.5, 6.0), {1}), ((2.5, 6.0), {3}), ((5.0, 0.01), set(RULES))],
 )
 def test_blind_spots_of_direct_paths(target, blind):
     """Table I and omissions: lambda 6 at x = 0, 1 and 3 over a node, 2, 4 and 5 on the baseline."""
     rows = DetectionScene(target_m=target).direct_row()
     found = {rule for rule in RULES if blind_rows(rows, rule)[0]}
-    # Near the baseline the rays are nearly parallel, which 1 to 4 and the ellipse rule can't bear.
+    # Near the baseline the rays are nearly parallel, which 1 to 4 and the ellipse rule can't bear, and all are curved.
     assert found == blind
+
+
+@pytest.mark.parametrize(("rule", "blind_share"), [("lambda5", 0.35), ("lambda1", 0.65)])
+def test_rows_that_are_not_blind_have_the_nominal_false_alarms(rule, blind_share):
+    """In the room P_f of rows with ``blind`` false is nominal within 20 % (and three standard errors) to 1e-3."""
+    columns = draw_columns("room", 60_000, seed=3, paths=1, receivers=2, blocked_fraction=0.0)
+    batch = batch_of(columns, ~columns["truth_ip"])
+    found = triplets_tdaj.solve(batch, triplets_tdaj.TdajOptions(rule=rule)).flags.columns
+    p_value, blind = found["p_value"].ravel(), found["blind"].ravel()
+    assert 0.1 < blind.mean() < blind_share
+    for level in (0.05, 0.01, 0.001):
+        error = 3.0 * np.sqrt(level / np.count_nonzero(~blind))
+        assert np.mean(p_value[~blind] < level) == pytest.approx(level, abs=0.2 * level + error)
+    assert np.mean(p_value[blind] < 0.001) > 0.005
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rule_is_curved_where_its_values_leave_the_straight_line(rule):
+    """Compared with finite steps of one value at a time, on random paths."""
+    columns = draw_columns("shen", 300, seed=4)
+    values = {name: columns[name] for name in ("dod_rad", "doa_rad", "path_length_m")}
+    stds = {name: columns[name.replace("_rad", "_std_rad").replace("_length_m", "_length_std_m")] for name in values}
+
+    def quantity(**changes):
+        rows = path_rows(batch_of({**columns, **changes}))
+        found = rule_quantity(rows.rays, rule)
+        return found.value_m, np.sqrt(sum(weight * weight for weight in rows.weights_m(found)))
+
+    value, spread = quantity()
+    worst = np.zeros(value.shape)
+    for name, std in stds.items():
+        (ahead, wide), (back, narrow) = (quantity(**{name: values[name] + sign * 3.0 * std}) for sign in (1.0, -1.0))
+        with np.errstate(invalid="ignore"):
+            bend = np.abs(ahead + back - 2.0 * value) / (3.0 * spread)
+            change = np.maximum(np.abs(wide - spread), np.abs(narrow - spread)) / spread
+        worst = np.fmax(
+            worst, np.fmax(np.where(np.isnan(bend), np.inf, bend), np.where(np.isnan(change), np.inf, change))
+        )
+    curved = blind_rows(path_rows(batch_of(columns)), rule)
+    exists = np.isfinite(value)
+    assert curved[exists & (worst > 0.3001)].all()
+    assert (worst[exists & ~curved] < 0.3001).all()
+    assert 0.02 < np.mean(worst[exists] > 0.3) < 0.9
 
 
 @pytest.mark.parametrize("rule", RULES)

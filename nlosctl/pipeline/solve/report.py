@@ -170,6 +170,7 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
         *_unused_ranges(runs, report, columns),
         *_edge_remarks(runs, report, field),
         *_misses(report),
+        *_own_remarks(runs),
         *_no_positions(runs, report),
         *_half_ranges(runs),
         *_bad_fits(runs, report),
@@ -210,6 +211,11 @@ def _misses(report: RunReport) -> list[str]:
         for name, tally in report.methods.items()
         if tally.missed
     ]
+
+
+def _own_remarks(runs: Sequence[MethodRun]) -> list[str]:
+    """Return what the methods state of their options."""
+    return [f"{run.label}: {run.spec.remark(run.options)}" for run in runs if run.spec.remark is not None]
 
 
 def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:

@@ -11,11 +11,24 @@ from nlosctl.geometry.triplets import AXES, DIFFERENCES, Quantity, TripletRays
 from nlosctl.models.error_laws import ErrorLaw, exceedance, quantile
 from nlosctl.models.triplets import PathRows, distance_to_ellipse
 
-__all__ = ["BLIND_WITHIN", "Decision", "blind_rows", "decide", "decide_fusion", "rays_miss_by", "rule_quantity"]
+__all__ = [
+    "BLIND_WITHIN",
+    "LINEAR_WITHIN",
+    "Decision",
+    "blind_rows",
+    "decide",
+    "decide_fusion",
+    "rays_miss_by",
+    "rule_quantity",
+]
 
 
 BLIND_WITHIN = 3.0
 """A rule counts as blind where its blind spot is within so many standard deviations of the measured triplet."""
+
+
+LINEAR_WITHIN = 0.3
+"""A rule counts as linear where its curvature, and the change of its standard deviation, are smaller shares."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +109,10 @@ def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
     lambda 1, 2 (3, 4): the difference slides along the departing (arriving) ray, and is blind where that is at right
     angles to the axis; 1 to 4 and ``ellipse``: nearly parallel rays (BS2). lambda 5 (6): points 2 and 3 mirror each
     other in the baseline (its perpendicular bisector); that holds for direct paths near the baseline (the
-    bisector), too. Always where transmitter and receiver are one.
+    bisector), too. Always where transmitter and receiver are one, and where the rule is curved.
     """
     rays = rows.rays
-    single = ~(rays.baseline_m > 0.0)
+    single = ~(rays.baseline_m > 0.0) | _curved(rows, rule)
     if rule in (5, 6):
         return single | _mirrored(rows, int(rule))
     with ignoring_invalid():
@@ -112,6 +125,37 @@ def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:
     std = rows.dod_std_rad if second == 2 else rows.doa_std_rad
     flat = np.abs(along[0] if axis == "x" else along[1])
     return single | parallel | (flat <= np.sin(np.minimum(BLIND_WITHIN * std, 0.5 * np.pi)))
+
+
+def _curved(rows: PathRows, rule: int | str) -> BoolArray:
+    """Return where a rule is not linear in the errors (N,), so that its p-value is wrong in the tails.
+
+    Each of the three measured values is moved by three standard deviations to either side. The rule is curved where
+    its quantity departs from the straight line, or its standard deviation changes, by more than `LINEAR_WITHIN`, as a
+    share of what the linearization has for it.
+    """
+    quantity = rule_quantity(rows.rays, rule)
+    zero = np.zeros(rows.dod_std_rad.shape)
+    steps = [BLIND_WITHIN * std for std in (rows.doa_std_rad, rows.dod_std_rad, rows.path_length_std_m)]
+    linear = np.isfinite(quantity.value_m)
+    with ignoring_overflow():
+        std = _spread(rows, quantity)
+        for moved, step in enumerate(steps):
+            ahead, back = (
+                rule_quantity(rows.rays.moved(*(sign * step if k == moved else zero for k in range(3))), rule)
+                for sign in (1.0, -1.0)
+            )
+            bend = np.abs(ahead.value_m + back.value_m - 2.0 * quantity.value_m)
+            linear &= bend <= LINEAR_WITHIN * BLIND_WITHIN * std
+            for side in (ahead, back):
+                linear &= np.abs(_spread(rows, side) - std) <= LINEAR_WITHIN * std
+    return np.isfinite(quantity.value_m) & ~linear
+
+
+def _spread(rows: PathRows, quantity: Quantity) -> FloatArray:
+    """Return the standard deviation (N,) of a quantity by linearization, metres."""
+    w1, w2, w3 = rows.weights_m(quantity)
+    return np.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
 
 
 def _mirrored(rows: PathRows, rule: int) -> BoolArray:
