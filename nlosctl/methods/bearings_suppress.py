@@ -1,4 +1,4 @@
-"""Sequential aggregation with outlier suppression: sets of rows that agree, grown from random pairs."""
+"""Sequential aggregation with outlier suppression: sets of rows that agree, grown from pairs that cross."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     (23), so that no better crossing is missed before a fix is ok. Estimates outside the search region are pruned; if
     none is left, further random pairs are tried until one is inside. The estimate is the one with the greatest
     likelihood (23), the cost its negative logarithm in nats. The covariance is the inverse of the information, (18),
-    of the rows in the set, at the estimate.
+    of the rows in the set, at the estimate. The statuses are those of ``mixture-ml``, judged at the optimum of (23)
+    that the estimate leads to.
     """
     grouped, groups = grouped_batch(batch)
     model = outlier_model(grouped, groups, options)
@@ -126,7 +127,7 @@ METHOD = MethodSpec(
     name="suppress",
     kind="bearings",
     job="localize",
-    summary="outlier suppression as published: sets of rows that agree, grown from random pairs",
+    summary="outlier suppression: sets of rows that agree, grown from random pairs and the likeliest crossings",
     reference="Ananthasubramaniam, Madhow, Section IV-B, equations (23), (25), (27)",
     options=SuppressOptions,
     solve=solve,
