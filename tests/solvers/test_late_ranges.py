@@ -25,7 +25,7 @@ def density(excess: float, mean_m: float | None) -> float:
     circles = range_circles(range_batch([(0.0, 0.0)], [[excess + 50.0]], STD))
     rows = LateRanges.of(circles, mean_m, np.log([STRAY]))
     _, cost = rows.scores(np.array([[50.0]]), np.array([[0.0]]))
-    return float(np.exp(-cost)[0, 0] / (STD * np.sqrt(2.0 * np.pi)))
+    return float(np.exp(-cost)[0, 0] * SHARE * STRAY)
 
 
 def late_density(excess: float, mean_m: float | None) -> float:

@@ -70,8 +70,8 @@ class LateRanges(RowBlock):
     ``mean_m`` is that of the bias, None if unknown; ``stray`` (B, K) the density of a stray, times its share of the
     outliers, std and sqrt(2 pi).
 
-    As rows of a mixture they are compared with their own density as an outlier: ``half_chi_square`` is the negative
-    logarithm of the ratio of the two densities, both times std sqrt(2 pi).
+    As rows of a mixture they are compared with their own density as an outlier, which is in units of that of a stray:
+    ``half_chi_square`` is the negative logarithm of the ratio of the two, apart from ``log_direct``.
     """
 
     circles: RangeCircles
@@ -94,7 +94,7 @@ class LateRanges(RowBlock):
         return np.ones(self.circles.std_m.shape, dtype=np.int64)
 
     def scores(self, x: FloatArray, y: FloatArray) -> tuple[list[FloatArray], FloatArray]:
-        """Return that of every row, and the negative logarithm (B, P) of the product of the outliers' densities."""
+        """Return that of every row, and the negative logarithm (B, P) of the product of the densities of outliers."""
         ratios: list[FloatArray] = []
         total = np.zeros_like(x)
         for k in range(self.circles.std_m.shape[1]):
@@ -135,29 +135,28 @@ class LateRanges(RowBlock):
         return (circles.range_m[:, k, None] - np.sqrt(squared)) / circles.std_m[:, k, None]
 
     def _log_outlier(self, k: int, scaled: FloatArray) -> FloatArray:
-        """Return the logarithm (B, P) of the density of row ``k`` as an outlier, times std sqrt(2 pi)."""
+        """Return the logarithm (B, P) of the density of row ``k`` as an outlier, in units of a stray's."""
         if self.mean_m is None:
             late = log_ndtr(scaled) + _LOG_UNKNOWN - np.log(scaled + _mills(scaled) + _LEAST_BIAS)
         else:
             ratio = self.circles.std_m[:, k, None] / self.mean_m
             late = log_ndtr(scaled - ratio) + np.log(ratio) + _LOG_LATE - ratio * (scaled - 0.5 * ratio)
         np.exp(late, out=late)
-        late += self.stray[:, k, None]
-        logarithm: FloatArray = np.log(late, out=late)
+        late /= self.stray[:, k, None]
+        logarithm: FloatArray = np.log1p(late, out=late)
         return logarithm
 
     def _outlier(self, k: int, scaled: FloatArray) -> _Radial:
         """Return the negative logarithm (B,) of that density, and its derivatives by ``scaled``."""
         late = self._late(k, scaled)
         density = np.exp(-late.value)
-        total = density + self.stray[:, k]
-        share = density / total
+        share = density / (density + self.stray[:, k])
         slope = share * late.slope
         bend = share * (late.bend - late.slope * late.slope) + slope * slope
-        return _Radial(-np.log(total), slope, bend, share * late.least_bend)
+        return _Radial(-np.log1p(density / self.stray[:, k]), slope, bend, share * late.least_bend)
 
     def _late(self, k: int, scaled: FloatArray) -> _Radial:
-        """Return the same for the density of a late row."""
+        """Return the same for the density of a late row, times std sqrt(2 pi)."""
         ratio = np.zeros_like(scaled) if self.mean_m is None else self.circles.std_m[:, k] / self.mean_m
         shifted = scaled - ratio
         log_below, mills = log_ndtr(shifted), _mills(shifted)

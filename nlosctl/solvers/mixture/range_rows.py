@@ -165,7 +165,9 @@ def range_outlier_model(
     log_density = np.full(extent.shape, log(law.density_per_m)) if law.density_per_m else -np.log(extent)
     if law.bias == "positive":
         rows = LateRanges.of(circles, law.mean_m, log_density)
-        mixture = Mixture.of(rows, log_share, obstructed, groups.last, -sum_measurements(log_width), rows)
+        log_stray = np.log(rows.stray)
+        log_nlos = sum_measurements(log_stray - log_width)
+        mixture = Mixture.of(rows, log_share - log_stray, obstructed, groups.last, log_nlos, rows)
     else:
         log_direct = log_share - log_width - log_density[:, None]
         log_nlos = batch.measurements * log_density
