@@ -232,6 +232,24 @@ def test_no_fix_is_at_the_minimum_range_of_a_sensor(robust: MethodSpec) -> None:
     assert (before.status == Status.DEGENERATE).sum() > 5
 
 
+@pytest.mark.extensive
+def test_fixes_beside_massive_rivals_are_ambiguous() -> None:
+    """Eight bearings at 4 deg, a quarter outliers: at most .5 % of the ok fixes have a squared error above 100."""
+    source, batch = _random_bearings(6, 4000, 8, 4.0, 0.0)
+    generator = np.random.default_rng(7)
+    astray = generator.random(batch.bearing_rad.shape) < 0.25
+    bearing = np.where(astray, generator.uniform(-np.pi, np.pi, astray.shape), batch.bearing_rad)
+    batch = dataclasses.replace(batch, bearing_rad=np.asfortranarray(bearing))
+    batch = dataclasses.replace(batch, field=BoxField(xmin_m=-500.0, xmax_m=500.0, ymin_m=-500.0, ymax_m=500.0))
+    found = _best(bearings_mixture_ml.METHOD, batch)
+    dx, dy = (found.position_m - source).T
+    xx, xy, yy = found.covariance_m2.T
+    nees = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
+    ok = found.status == Status.OK
+    assert ok.mean() > 0.65
+    assert np.mean(nees[ok] > 100.0) <= 0.005
+
+
 def test_uncertain_crossings_are_degenerate(robust: MethodSpec) -> None:
     """Rays that nearly coincide: a standard deviation beyond the farthest sensor is degenerate, as for ml."""
     batch = bearing_batch([[(0.0, 0.0), (0.0, 5.0), (0.0, 10.0)]], np.radians([[0.3, 0.0, -0.3]]), np.radians(1.0))

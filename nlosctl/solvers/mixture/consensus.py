@@ -15,7 +15,7 @@ from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 
-__all__ = ["Rival", "find_rival", "log_evidence", "outlier_gain"]
+__all__ = ["Rival", "find_rival", "log_evidence", "outlier_gain", "rival_mass"]
 
 _BEYOND_EDGE = 2.0
 """A fix on the edge of the search region stays if the mode outside is at most this many nats more likely."""
@@ -56,6 +56,21 @@ def log_evidence(
     with ignoring_overflow(), ignoring_division():
         share = log(tau) - 0.5 * np.log(hessian.determinant) - np.log(area_m2)
     return evidence + np.where(share < 0.0, share, 0.0)
+
+
+def rival_mass(fixes: RankedFixes, area_m2: FloatArray) -> FloatArray:
+    """Return the posterior mass (B,) of all other modes of each snapshot in units of the best's: peaks times volumes.
+
+    A volume is at most the area (B,) of the search region.
+    """
+    count = fixes.cost.shape[1]
+    with ignoring_overflow():
+        volume = np.minimum(tau * np.sqrt(fixes.covariance.determinant), area_m2[:, None])
+        mass = np.exp(fixes.cost[:, :1] - fixes.cost) * volume / volume[:, :1]
+    total = np.zeros(area_m2.shape)
+    for t in range(1, count):
+        total += np.where(mass[:, t] > 0.0, mass[:, t], 0.0)
+    return total
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import radians
+from math import exp, radians
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, StatusArray
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, outlier_gain
+from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, outlier_gain, rival_mass
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
@@ -56,10 +56,12 @@ def judge_robust_fixes(
     outside: OutsideSearch | None,
     *,
     too_few: bool,
+    distinct: bool = False,
 ) -> Judgement:
     """Return the statuses of a block of fixes, by `log_evidence`, `find_rival`, `verdicts` and `ranked_status`.
 
-    ``too_few``: the block has fewer rows than the method needs.
+    ``too_few``: the block has fewer rows than the method needs. ``distinct``: the fixes are different modes, so that
+    the best is ambiguous where the others together have nearly its mass.
     """
     fixes, probability, used = found.fixes, found.probability, found.used
     gain = outlier_gain(radians(options.field_of_view_deg))
@@ -68,6 +70,9 @@ def judge_robust_fixes(
     further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), used)
     further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
     further[Status.NO_CONSENSUS] = evidence < options.least_evidence
+    if distinct:
+        mass = rival_mass(fixes, model.region.area_m2)
+        further[Status.AMBIGUOUS] = mass >= exp(-options.ambiguous_within)
     unordered = groups.unordered(options.path_prior)
     if outside is not None:
         rival = find_rival(

@@ -108,6 +108,7 @@ def ranked_status(
                 others = np.where(np.isfinite(fixes.cost), fixes.n_used, 0)[:, 1:].max(axis=1)
                 rivalled = (others > _CHANCE) & (others >= fixes.n_used[:, 0] - ambiguous_rows)
                 status[unordered & rivalled] = Status.AMBIGUOUS
+    status[further.get(Status.AMBIGUOUS, [])] = Status.AMBIGUOUS
     if at_boundary is not None:
         status[at_boundary] = Status.BOUNDARY
     for word in (Status.INFEASIBLE, Status.DEGENERATE):
