@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,10 @@ from nlosctl.reproduce.shen.detection_theory import (
     Order,
     blind_spots,
     detection_probability,
+    mean_detection_probability,
+    outage_probabilities,
+    reflector_grid,
+    rule_moments,
     scene_detection_probability,
 )
 from nlosctl.reproduce.shen.paper import PAPER
@@ -29,6 +34,8 @@ _WHERE = "Section IV-C, Fig. 4"
 _LEVEL = 0.05
 _RULES = (*(f"lambda{rule}" for rule in range(1, 7)), "chi2")
 _BLIND = 0.5
+_ETA_M = 0.5
+_POINTS = 100
 _CLASSES = {"P_d below 0.5": 0.5, "0.5 to 0.9": 0.9, "above 0.9": 1.1}
 
 
@@ -146,6 +153,20 @@ def _outline(spots: Sequence[Spot], label: str, style: int) -> Series:
     return Series(label=label, x=points[:, 0], y=points[:, 1], style=style, marker=False)
 
 
+def _mean_p_d(results: Results, *, rule: int) -> float:
+    """Return (32) by the theory, which needs no samples."""
+    return mean_detection_probability(SCENE, rule, _LEVEL, x_m=REGION_M[:2], y_m=REGION_M[2:], points=_POINTS)
+
+
+def _outage(results: Results, *, outside: bool) -> float:
+    """Return (36) of lambda 5 with delta' = eta, over both orders, by the theory."""
+    grid = reflector_grid(REGION_M[:2], REGION_M[2:], _POINTS)
+    moments = [rule_moments(SCENE.indirect_rows(grid, order), 5) for order in ORDERS]
+    mean, std = (np.concatenate(parts) for parts in zip(*moments, strict=True))
+    known = np.isfinite(mean) & np.isfinite(std)
+    return outage_probabilities(mean[known], std[known], _ETA_M, _ETA_M)[outside]
+
+
 EXPERIMENT = Experiment(
     name="shen-fig4",
     paper=PAPER,
@@ -191,7 +212,23 @@ EXPERIMENT = Experiment(
             for rule in _RULES[:6]
         ),
     ),
-    comparisons=(Comparison(text="The same of chi2", ours=at(_blind_share, rule="chi2")),),
+    comparisons=(
+        Comparison(text="The same of chi2", ours=at(_blind_share, rule="chi2")),
+        *(
+            Comparison(
+                text=f"Mean P_d (32) over reflectors of the region, both orders, P_f = 0.05: lambda {rule[-1]}",
+                ours=partial(_mean_p_d, rule=int(rule[-1])),
+            )
+            for rule in _RULES[:6]
+        ),
+        *(
+            Comparison(
+                text=f"Outage (36), lambda 5, eta = delta' = {_ETA_M:g} m: share flagged {place} the safe region",
+                ours=partial(_outage, outside=outside),
+            )
+            for outside, place in ((False, "inside"), (True, "outside"))
+        ),
+    ),
     panels=_panels,
     trials=5760,
     quick_trials=1440,
