@@ -25,6 +25,9 @@ __all__ = ["Candidates", "Gates", "find_candidates", "usual_sensors"]
 _ROUNDS = 10
 _STEPS_PER_ROUND = 2
 _MAX_COMBINATIONS = 256
+_COMBINATIONS_PER_CANDIDATE = 10
+"""Combinations of echoes that are tried, at most, for each of the candidates that may be kept."""
+
 _DOUBTFUL_STD = 2.0
 """An echo farther than this from its target, in standard deviations, may be clutter: the sensor may have missed it."""
 
@@ -204,14 +207,15 @@ def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntA
     """Return combinations of the echoes within the gate of each candidate, and the points to fit them from.
 
     A candidate's own echo is the first choice of a sensor; a sensor whose echo fits badly may also have none. A
-    candidate has at most ``_MAX_COMBINATIONS`` of them, and fewer where there would be more than ``gates.most`` in
-    all (then the last value is False).
+    candidate has at most ``_MAX_COMBINATIONS`` of them, and fewer where there would be too many for ``gates.most``
+    candidates in all (then the last value is False).
     """
     near = _choices(echoes, candidates, gates)
     count = near.sum(axis=2).prod(axis=1, dtype=np.float64)
     several = np.flatnonzero(count > 1)
     total = float(np.minimum(count, _MAX_COMBINATIONS).sum())
-    most = _MAX_COMBINATIONS if total <= gates.most else max(1, (gates.most - count.shape[0]) // max(1, several.size))
+    budget = _COMBINATIONS_PER_CANDIDATE * gates.most
+    most = _MAX_COMBINATIONS if total <= budget else max(1, (budget - count.shape[0]) // max(1, several.size))
     rows, source = [candidates.echo], [np.arange(count.shape[0])]
     for number in several:
         own = candidates.echo[number]
@@ -226,7 +230,7 @@ def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntA
     enough = np.flatnonzero((all_rows != _NOTHING).sum(axis=1) >= gates.min_sensors)
     echo, first = _unique_rows(all_rows[enough])
     origin = origin[enough][first]
-    return echo, candidates.x[origin], candidates.y[origin], total <= gates.most
+    return echo, candidates.x[origin], candidates.y[origin], total <= budget
 
 
 def _choices(echoes: Echoes, candidates: Candidates, gates: Gates) -> BoolArray:
