@@ -76,6 +76,13 @@ def test_bootstraps_with_several_paths(sensors: int, paths: int, alpha: float, l
     assert least == 1 or path_bootstrap_failure(sensors, pairs, alpha, least - 1) > 1e-3
 
 
+def test_bootstraps_of_thousands_of_sensors() -> None:
+    """Of 3000 sensors with 4 paths nearly the share (1 - alpha)^2 / 16 of the pairs is right: powers of the rest."""
+    pairs, right = math.comb(3000, 2) * 16, (0.75 / 4.0) ** 2
+    assert path_bootstrap_failure(3000, pairs, 0.25, 50) == pytest.approx((1.0 - right) ** 50, rel=0.01)
+    assert abs(count_path_bootstraps(3000, pairs, 0.25, 1e-3) - math.log(1e-3) / math.log1p(-right)) < 2.0
+
+
 def test_all_pairs_are_different_and_differ_by_seed() -> None:
     """The pairs of a snapshot are a permutation of all pairs, drawn from the seed of the snapshot."""
     first, second = shuffled_pairs(np.array([1, 2, 1], dtype=np.uint64), 6, 5000)

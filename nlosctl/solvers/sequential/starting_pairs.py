@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from functools import lru_cache
 
 import numpy as np
 
@@ -71,13 +72,20 @@ def path_bootstrap_failure(sensors: int, pairs: int, alpha: float, bootstraps: i
         return 1.0
     total = 0.0
     for direct in range(2, sensors + 1):
-        weight = math.comb(sensors, direct) * (1.0 - alpha) ** direct * alpha ** (sensors - direct)
         good = math.comb(direct, 2)
         if bootstraps <= pairs - good:
-            total += weight * math.prod((pairs - bootstraps - index) / (pairs - index) for index in range(good))
+            weight = direct * math.log1p(-alpha) + (sensors - direct) * math.log(alpha)
+            missed = _log_combinations(pairs - bootstraps, good) - _log_combinations(pairs, good)
+            total += math.exp(_log_combinations(sensors, direct) + weight + missed)
     return total / (1.0 - few_direct_sensors(sensors, alpha))
 
 
+def _log_combinations(of: int, taken: int) -> float:
+    """Return the logarithm of C(of, taken), which may be too large for a float."""
+    return math.lgamma(of + 1) - math.lgamma(taken + 1) - math.lgamma(of - taken + 1)
+
+
+@lru_cache(maxsize=1024)
 def count_path_bootstraps(sensors: int, pairs: int, alpha: float, failure_probability: float) -> int:
     """Return the least number of bootstraps for which `path_bootstrap_failure` is small enough; at most all pairs."""
     counts = range(1, pairs + 1)
