@@ -8,7 +8,7 @@ DEV := .venv/dev-$(notdir $(PYTHON))
 LOCK := requirements/dev.lock
 
 .PHONY: demo test test-fast format schemas reference figures fixtures benchmark benchmark-peers benchmark-quick \
-	benchmark-compare papers clean coverage reliability mutants lock audit test-minimum test-newest test-package
+	benchmark-compare papers clean coverage reliability mutants chosen-mutants lock audit test-minimum test-newest test-package
 
 # The oldest runtime dependencies that pyproject.toml allows.
 MINIMUM := numpy==2.0.* scipy==1.13.* pyarrow==18.* typer==0.26.* rich==13.8.* msgspec==0.19.*
@@ -88,6 +88,9 @@ mutants: $(DEV) ## mutation test of geometry/ and methods/ (an hour or two the f
 	$(BIN)/python -m pip install --quiet -c $(LOCK) mutmut==3.8.1
 	$(BIN)/mutmut run
 	$(BIN)/mutmut results
+
+chosen-mutants: $(DEV) ## faults of meaning, one by one: the fast tests must notice each
+	$(BIN)/python tests/reliability/chosen_mutants.py
 
 lock: $(DEV) ## resolve the development dependencies again
 	$(BIN)/python -m pip install --quiet uv

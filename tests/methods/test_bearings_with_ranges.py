@@ -126,3 +126,28 @@ def test_residuals_are_measured_minus_predicted(module: ModuleType) -> None:
     np.testing.assert_allclose(columns["residual_rad"][answered], turned[answered], atol=1e-9)
     expected = batch.range_m - np.hypot(away[..., 0], away[..., 1])
     np.testing.assert_allclose(columns["residual_m"][answered], expected[answered], atol=1e-6)
+
+
+@pytest.mark.parametrize("noise", ["gaussian", "lognormal"])
+def test_suppress_rejects_a_row_whose_range_alone_is_wrong(noise: str) -> None:
+    """A row with the right bearing and a range 30 % too long is an outlier; without ranges it is used."""
+    sensors = np.array([(-50.0, -40.0), (60.0, -45.0), (55.0, 50.0), (-60.0, 45.0), (0.0, -70.0)])
+    source = np.array([12.0, 7.0])
+    away = source - sensors
+    ranges = np.hypot(*away.T)
+    ranges[2] *= 1.3
+    batch = bearing_batch(
+        [sensors],
+        [np.arctan2(away[:, 1], away[:, 0])],
+        0.02,
+        range_m=np.asfortranarray(ranges[None]),
+        range_std_m=np.asfortranarray(0.02 * ranges[None]),
+        field=CircleField(x_m=0.0, y_m=0.0, radius_m=100.0),
+    )
+    method = bearings_suppress.METHOD
+    both, alone = (
+        method.solve(batch, method.options(range_noise=noise, use_ranges=use)).flags.used[0].tolist()
+        for use in (True, False)
+    )
+    assert both == [True, True, False, True, True]
+    assert alone == [True] * 5

@@ -108,10 +108,14 @@ def test_los_probabilities_are_shares(module: Any) -> None:
 
 @pytest.mark.parametrize("module", MODULES, ids=["bearings", "suppress", "ranges"])
 def test_a_rival_within_two_nats_makes_a_fix_ambiguous(module: Any) -> None:
-    """By default a fix is ambiguous if, and only if, the next mode is at most 2 nats worse."""
+    """By default a fix is ambiguous if the next mode is at most 2 nats worse, without a consensus too, and else ok.
+
+    For ``mixture-ml`` on bearings many weaker modes together may make it ambiguous too.
+    """
     std = 10.0 if module is ranges_mixture_ml else 4.0
     batch, _, _ = draw(module, 1500, 0.4, std=std, sensors=5, seed=3)
-    estimates = solve(module, batch, alpha=0.4).estimates
+    everything = {"least_evidence": -1e3} if "least_evidence" in module.METHOD.options.__dataclass_fields__ else {}
+    estimates = solve(module, batch, alpha=0.4, **everything).estimates
     first, second = (estimates.alternative == rank for rank in (0, 1))
     lead = np.full(batch.size, np.inf)
     lead[estimates.row[second]] = estimates.cost[second]
@@ -121,4 +125,7 @@ def test_a_rival_within_two_nats_makes_a_fix_ambiguous(module: Any) -> None:
     fixed = status <= 1
     assert (fixed & (lead > 0.6) & (lead < 1.9)).sum() >= 10
     assert (fixed & (lead > 2.1) & (lead < 5.0)).sum() >= 10
-    np.testing.assert_array_equal(status[fixed] == 1, lead[fixed] <= 2.0)
+    close = fixed & (lead <= 2.0)
+    assert (status[close] == 1).all()
+    if module is not bearings_mixture_ml:
+        assert (status[fixed & ~close] == 0).all()
