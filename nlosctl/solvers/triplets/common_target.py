@@ -33,6 +33,8 @@ _CROSSINGS = 4
 """So many crossings of rays of two paths are refined, the likeliest."""
 _SHIFTS = 4
 """The departing ray of each path crosses the arriving rays of so many others."""
+_MOST_CROSSINGS = 240
+"""With more crossings, of fewer others, but of one at least."""
 _FIRSTS = 4
 """So many sets, the likeliest, are each extended by a further target."""
 _CONSIDERED = 48
@@ -96,7 +98,8 @@ def _crossings(problem: TripletProblem) -> tuple[FloatArray, FloatArray]:
     rank = np.argsort(problem.path_length_m, axis=1, kind="stable")
     all_x: list[FloatArray] = []
     all_y: list[FloatArray] = []
-    for shift in range(1, min(_SHIFTS, rank.shape[1] - 1) + 1):
+    shifts = min(_SHIFTS, max(1, _MOST_CROSSINGS // rank.shape[1]), rank.shape[1] - 1)
+    for shift in range(1, shifts + 1):
         cosine, sine, rx_x, rx_y = (
             np.roll(np.take_along_axis(values, rank, axis=1), -shift, axis=1)
             for values in (problem.doa_cosine, problem.doa_sine, problem.rx_x, problem.rx_y)
