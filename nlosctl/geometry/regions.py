@@ -7,14 +7,29 @@ for each snapshot.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import RowBlock
 
-__all__ = ["BoxRegion", "CircleRegion", "PolygonRegion", "Region"]
+__all__ = ["BoxRegion", "CircleRegion", "Disc", "PolygonRegion", "Region"]
+
+
+class Disc(NamedTuple):
+    """Discs; each array (B,)."""
+
+    x: FloatArray
+    y: FloatArray
+    radius: FloatArray
+
+    @classmethod
+    def about(cls, region: Region, rows: IntArray) -> Disc:
+        """Return the discs about the bounds of some rows of a region; their radius is not zero."""
+        xmin, xmax, ymin, ymax = (bound[rows] for bound in region.bounds_m)
+        radius = np.maximum(0.5 * np.hypot(xmax - xmin, ymax - ymin), np.finfo(np.float64).tiny ** 0.25)
+        return cls(0.5 * (xmin + xmax), 0.5 * (ymin + ymax), radius)
 
 
 class Region(Protocol):

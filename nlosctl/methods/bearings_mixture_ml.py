@@ -8,6 +8,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.contract.statuses import Status
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
@@ -15,7 +16,7 @@ from nlosctl.solvers.mixture.modes import find_modes
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, has_several_paths, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, MixtureModeOptions
 from nlosctl.solvers.mixture.outside import OutsideSearch
-from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
+from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
 from nlosctl.solvers.optimization.split_batches import solve_parts
 
@@ -67,17 +68,19 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         fixes, probability, probability > 0.5, best, modes.settled, modes.at_boundary, modes.candidates
     )
     judged = judge_robust_fixes(model, groups, options, found, outside, too_few=candidates.count == 0, distinct=True)
-    fixes, status, probability = judged.fixes, judged.status, judged.probability
+    fixes, status = judged.fixes, judged.status
     if options.covariance == "posterior":
-        covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
+        covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance)
         fixes = replace(fixes, covariance=covariance)
     lines = model.lines
     estimates = ranked_estimates(fixes, status, lines.center_x, lines.center_y, options.covariance)
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    x, y = fixes.x[:, 0], fixes.y[:, 0]
-    numbers = {"los_probability": probability, **lines.residuals(grouped, x, y)}
-    return Solution(estimates=estimates, flags=ranked_flags(status, groups, judged.used, numbers))
+    probability = direct_probability(
+        model.mixture, modes, model.region, candidates, judged.probability, status != Status.OUTSIDE_FIELD
+    )
+    numbers = lines.residuals(grouped, fixes.x[:, 0], fixes.y[:, 0])
+    return Solution(estimates=estimates, flags=ranked_flags(status, groups, judged.used, probability, numbers))
 
 
 METHOD = MethodSpec(

@@ -96,9 +96,9 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    x, y = judged.fixes.x[:, 0], judged.fixes.y[:, 0]
-    numbers = {"los_probability": judged.probability, **lines.residuals(grouped, x, y)}
-    return Solution(estimates=estimates, flags=ranked_flags(judged.status, groups, judged.used, numbers))
+    numbers = lines.residuals(grouped, judged.fixes.x[:, 0], judged.fixes.y[:, 0])
+    flags = ranked_flags(judged.status, groups, judged.used, judged.probability, numbers)
+    return Solution(estimates=estimates, flags=flags)
 
 
 def _initial_pairs(groups: PathGroups, options: SuppressOptions) -> tuple[IntArray, FloatArray]:

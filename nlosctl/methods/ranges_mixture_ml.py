@@ -12,7 +12,7 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.mixture.modes import find_modes
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
-from nlosctl.solvers.mixture.posterior_grid import posterior_covariance
+from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.range_rows import BiasLaw, RangeCandidates, grouped_ranges, range_outlier_model
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
 
@@ -86,17 +86,14 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         most=options.max_modes,
         gap=options.mode_gap * batch.measurements,
     )
-    fixes, probability = rank_modes(model.mixture, modes)
+    fixes, at_best = rank_modes(model.mixture, modes)
     x, y, best = fixes.x[:, 0], fixes.y[:, 0], modes.hessian.at(slice(None), 0)
-    evidence = model.log_evidence(fixes.cost[:, 0], probability, best)
+    evidence = model.log_evidence(fixes.cost[:, 0], at_best, best)
     further = {
         Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > _CHANCE),
         Status.DEGENERATE: model.uncertain(x, y, fixes.covariance.at(slice(None), 0)),
     }
     kind = "posterior" if options.bias == "positive" else options.covariance
-    if kind == "posterior":
-        covariance = posterior_covariance(model.mixture, modes, candidates.allowed)
-        fixes = replace(fixes, covariance=covariance)
     status = ranked_status(
         fixes,
         modes.candidates,
@@ -108,12 +105,18 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         further=further,
     )
     status[candidates.degenerate] = Status.TOO_FEW
+    if kind == "posterior":
+        covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance)
+        fixes = replace(fixes, covariance=covariance)
     circles = model.circles
     estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, kind)
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    numbers = {"los_probability": probability, "residual_m": circles.residual_m(x, y)}
-    return Solution(estimates=estimates, flags=ranked_flags(status, groups, probability > 0.5, numbers))
+    probability = direct_probability(
+        model.mixture, modes, model.region, candidates, at_best, status != Status.OUTSIDE_FIELD
+    )
+    numbers = {"residual_m": circles.residual_m(x, y)}
+    return Solution(estimates=estimates, flags=ranked_flags(status, groups, at_best > 0.5, probability, numbers))
 
 
 METHOD = MethodSpec(

@@ -110,7 +110,7 @@ ESTIMATES = Table(
             name="covariance_kind",
             type="text",
             nullable=True,
-            meaning="what the covariance accounts for, inliers or posterior (robust methods)",
+            meaning="what the covariance allows for (robust methods): inliers, or posterior: rows used wrongly too",
         ),
         Column(
             name="existence_probability",
@@ -174,7 +174,7 @@ FLAGS = Table(
             name="los_probability",
             type="number",
             nullable=True,
-            meaning="probability that the row agrees with its stated path",
+            meaning="probability of los, given all rows, alpha and a source in the search region (los: over a half)",
         ),
         Column(name="ip", type="boolean", nullable=True, meaning="whether the path is indirect (triplets)"),
         Column(

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.lines import side_of_line
+from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.mirror_rows import Focusing, MirrorRows
@@ -109,6 +111,50 @@ class DirectBearings(RowBlock):
             impossible |= _beyond(self.lines.mirrors, k, x, y)
         np.copyto(half_chi_square, np.inf, where=impossible)
         return half_chi_square
+
+    def ridges(self, disc: Disc) -> FloatArray:
+        """Return the density (B, K) on the ray of the points of `sample_ridge`; 0 for rows seen on a circle.
+
+        The points of a row with a range are about the end of the ray.
+        """
+        if self.lines.focusing is not None:
+            return np.zeros(self.weight.shape)
+        ridge = np.sqrt(self.weight / np.pi)
+        along = 2.0 / self._squared_reach(disc)
+        if self.precision is not None and self.measured_m is not None:
+            power = 2.0 if self.lognormal else 1.0
+            end = self.precision / (np.sqrt(2.0 * np.pi) * self.measured_m**power)
+            along = np.where(self.precision > 0.0, end, along)
+        return ridge * along
+
+    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Return the density over that (B, P), ``ratio`` itself."""
+        return ratio
+
+    def sample_ridge(
+        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return points (N,) about the ray of row ``k`` of a snapshot, as the bearing's error is distributed."""
+        at = snapshot, k
+        angle = normal * np.sqrt(0.5 / self.weight[at])
+        range_m = np.sqrt(v * self._squared_reach(disc)[at])
+        if self.precision is not None and self.measured_m is not None:
+            precision, measured = self.precision[at], self.measured_m[at]
+            with ignoring_division():
+                scaled = ndtri(v) / precision
+                end = measured * np.exp(scaled) if self.lognormal else measured + scaled
+            range_m = np.where(precision > 0.0, end, range_m)
+        along, across = range_m * np.cos(angle), range_m * np.sin(angle)
+        cosine, sine = self.lines.cosine[at], self.lines.sine[at]
+        x, y = self.lines.origin_x[at], self.lines.origin_y[at]
+        return x + cosine * along - sine * across, y + sine * along + cosine * across
+
+    def _squared_reach(self, disc: Disc) -> FloatArray:
+        """Return the squared distance (B, K) of the origins from the farthest points of the discs."""
+        reach = np.hypot(self.lines.origin_x - disc.x[:, None], self.lines.origin_y - disc.y[:, None])
+        reach += disc.radius[:, None]
+        reach *= reach
+        return reach
 
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""

@@ -25,8 +25,10 @@ from scipy.special import erfcx, log_ndtr
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
 __all__ = ["LateRanges"]
@@ -92,6 +94,21 @@ class LateRanges(RowBlock):
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) of each row: one."""
         return np.ones(self.circles.std_m.shape, dtype=np.int64)
+
+    def ridges(self, disc: Disc) -> FloatArray:
+        """Return the density (B, K) on the circle of the points of `sample_ridge`."""
+        return ring_density(self.circles)
+
+    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Return the density over that (B, P), that of a direct row."""
+        scaled = self._scaled(k, x, y)
+        return np.exp(-0.5 * scaled * scaled)
+
+    def sample_ridge(
+        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return points (N,) about the circle of row ``k`` of a snapshot, as the range's error is distributed."""
+        return sample_ring(self.circles, disc, snapshot, k, normal, v)
 
     def scores(self, x: FloatArray, y: FloatArray) -> tuple[list[FloatArray], FloatArray]:
         """Return that of every row, and the negative logarithm (B, P) of the product of the densities of outliers."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
@@ -36,6 +37,20 @@ class MixtureRows(Protocol):
 
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) that each row measures."""
+        ...
+
+    def ridges(self, disc: Disc) -> FloatArray:
+        """Return the density (B, K) of the points of `sample_ridge` where they are densest, 0 without points."""
+        ...
+
+    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Return the density (B, P) over that; ``ratio`` is exp(-half chi-square)."""
+        ...
+
+    def sample_ridge(
+        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return points (N,) in a disc from normal deviates of row ``k``'s error and uniform numbers along it."""
         ...
 
     def take(self, rows: IntArray) -> MixtureRows:
@@ -106,8 +121,16 @@ class Mixture(RowBlock):
         """Return the mixtures of some snapshots, in rising order, each named once: all of them are this itself."""
         return self if rows.shape[0] == self.obstructed.shape[0] else self.take(rows)
 
-    def score(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the cost (B, P) of points (B, P): the negative log-likelihood in nats, within a few per cent."""
+    @property
+    def groups(self) -> IntArray | int:
+        """The number of groups, of each snapshot where it differs."""
+        return self.count if self.last is None else np.count_nonzero(self.last, axis=1)
+
+    def score(self, x: FloatArray, y: FloatArray, terms: list[FloatArray] | None = None) -> FloatArray:
+        """Return the cost (B, P) of points (B, P): the negative log-likelihood in nats, within a few per cent.
+
+        The terms of the rows, w_l p_l / u_l (B, P), are appended to ``terms``.
+        """
         logarithm = np.zeros_like(x)
         product = np.ones_like(x)
         obstructed = self.obstructed[:, None]
@@ -117,6 +140,8 @@ class Mixture(RowBlock):
             direct = self.rows.half_chi_square(k, x, y) if ratios is None else ratios[0][k]
             np.subtract(self.log_direct[:, k, None], direct, out=direct)
             np.exp(direct, out=direct)
+            if terms is not None:
+                terms.append(direct.copy())
             direct += group
             if self.last is None:
                 product *= direct

@@ -69,7 +69,7 @@ class MixtureModeOptions:
     """Modes of a mixture likelihood: their largest number, initial estimates and covariance."""
 
     covariance: Literal["inliers", "posterior"] = option(
-        "inliers", meaning="of the inlier rows (too small with outliers), or calibrated, from a posterior grid"
+        "inliers", meaning="of the inlier rows (too small with outliers), or calibrated, of the whole posterior"
     )
     max_modes: int = option(20, minimum=1, maximum=100, meaning="largest number of modes; each is an alternative")
     max_pairs: int = option(5000, minimum=1, meaning="pairs of rows crossed; a random subset if there are more")

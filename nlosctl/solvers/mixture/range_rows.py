@@ -15,7 +15,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.circles import cross_circles
-from nlosctl.geometry.regions import BoxRegion, Region
+from nlosctl.geometry.regions import BoxRegion, Disc, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.models.search_regions import search_region
@@ -24,6 +24,7 @@ from nlosctl.solvers.mixture.consensus import log_evidence
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
+from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
 __all__ = ["BiasLaw", "DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
@@ -62,6 +63,20 @@ class DirectRanges(RowBlock):
         half_chi_square *= sqrt(0.5) / self.circles.std_m[:, k, None]
         half_chi_square *= half_chi_square
         return half_chi_square
+
+    def ridges(self, disc: Disc) -> FloatArray:
+        """Return the density (B, K) on the circle of the points of `sample_ridge`."""
+        return ring_density(self.circles)
+
+    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Return the density over that (B, P), ``ratio`` itself."""
+        return ratio
+
+    def sample_ridge(
+        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return points (N,) about the circle of row ``k`` of a snapshot, as the range's error is distributed."""
+        return sample_ring(self.circles, disc, snapshot, k, normal, v)
 
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), and its derivatives."""

@@ -160,20 +160,20 @@ def _sound(covariance: SymmetricMatrix) -> BoolArray:
     return sound
 
 
-def ranked_flags(status: StatusArray, groups: PathGroups, los: BoolArray, numbers: Mapping[str, FloatArray]) -> Flags:
-    """Return the flags of the best fix: ``los`` (B, K), which is also ``used``, and columns of numbers (B, K).
+def ranked_flags(
+    status: StatusArray, groups: PathGroups, used: BoolArray, probability: FloatArray, numbers: Mapping[str, FloatArray]
+) -> Flags:
+    """Return the flags of the best fix, which uses the rows ``used`` (B, K), with columns of numbers (B, K).
 
-    The input is in the order of the groups, the result in that of the file. A snapshot without a position uses no row
-    and has no values; without a consensus there is no source that a row may be direct from.
+    ``los`` is whether a row's probability (B, K) to be direct exceeds a half. The input is in the order of the groups,
+    the result in that of the file. A snapshot without a position uses no row and has no values;
+    without a consensus there is no source that a row may be direct from.
     """
-    los = restore_rows(los, groups)
     answered = has_position(status)[:, None]
-    flag_values = np.full(los.shape, None, dtype=object)
-    np.copyto(flag_values, los, where=np.broadcast_to(answered, los.shape))
-    columns: dict[str, npt.NDArray[np.generic]] = {"los": flag_values}
+    judged = answered & (status != Status.NO_CONSENSUS)[:, None]
+    probability = np.where(judged, restore_rows(probability, groups), np.nan)
+    los = np.full(probability.shape, None, dtype=object)
+    np.copyto(los, probability > 0.5, where=np.broadcast_to(judged, los.shape))
+    columns: dict[str, npt.NDArray[np.generic]] = {"los": los, "los_probability": probability}
     columns.update({name: np.where(answered, restore_rows(values, groups), np.nan) for name, values in numbers.items()})
-    apart = status == Status.NO_CONSENSUS
-    flag_values[apart] = None
-    if "los_probability" in numbers:
-        columns["los_probability"][apart] = np.nan
-    return Flags(used=los & answered, columns=columns)
+    return Flags(used=restore_rows(used, groups) & answered, columns=columns)

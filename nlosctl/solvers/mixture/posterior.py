@@ -1,0 +1,167 @@
+"""The posterior of a position, integrated over the search region: second moments, and which rows are direct.
+
+The prior is flat within the region. Points of a proposal that resembles the posterior are weighted by posterior over
+proposal (importance sampling with the balance heuristic, of low-discrepancy points).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
+from nlosctl.geometry.regions import Region
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.modes import Modes
+from nlosctl.solvers.mixture.proposal import MOST_POINTS, Proposal, RowCandidates, make_proposal
+
+__all__ = ["direct_probability", "posterior_covariance"]
+
+
+_FIRST = 256
+"""A snapshot has at first so many points; half as many are added until its second moment settles."""
+
+_SETTLED = 0.065
+"""The trace of the second moment has settled if its standard error would be at most this share were the points
+random; it is about a quarter of that."""
+
+_POINTS_OF_ROWS = 64
+"""Number of points for the probabilities of the rows."""
+
+_POINTS = 32768
+"""Number of points at once, so that temporaries stay in the cache."""
+
+
+def posterior_covariance(
+    mixture: Mixture, modes: Modes, region: Region, candidates: RowCandidates, inliers: SymmetricMatrix
+) -> SymmetricMatrix:
+    """Return the second moments (B, T) of the posterior about each mode, in square metres; NaN for missing modes.
+
+    Each is of the whole posterior, so that the moment about the best mode includes the chance that the source is near
+    another mode, on a single ray, or anywhere. ``inliers`` (B, T) replaces those that are not positive definite.
+    """
+    with_mode = np.flatnonzero(np.isfinite(modes.cost[:, 0]))
+    moments = np.full((6, modes.cost.shape[0]), np.nan)
+    for rows in _sections(with_mode, max(_FIRST, candidates.count)):
+        moments[:, rows] = _settle(make_proposal(mixture, modes, region, rows, candidates), modes, rows, candidates)
+    with ignoring_division():
+        mean_x, mean_y, xx, xy, yy = ((part / moments[0])[:, None] for part in moments[1:])
+    dx, dy = modes.x - modes.x[:, :1], modes.y - modes.y[:, :1]  # moments are about the best mode: shift them
+    about = SymmetricMatrix(
+        xx - 2.0 * dx * mean_x + dx * dx, xy - dx * mean_y - dy * mean_x + dx * dy, yy - 2.0 * dy * mean_y + dy * dy
+    )
+    with ignoring_overflow():
+        definite = (about.determinant > 0.0) & (about.trace > 0.0)
+    return about.where(definite, inliers)
+
+
+def direct_probability(
+    mixture: Mixture, modes: Modes, region: Region, candidates: RowCandidates, at_best: FloatArray, among: BoolArray
+) -> FloatArray:
+    """Return each row's probability (B, K) to be direct, integrated over the position.
+
+    ``at_best`` (B, K), the probability at the best fix, stays where there is no mode and in snapshots not ``among``
+    (B,) those to be integrated.
+    """
+    probability = at_best.copy(order="F")
+    for rows in _sections(np.flatnonzero(np.isfinite(modes.cost[:, 0]) & among), _POINTS_OF_ROWS):
+        proposal = make_proposal(mixture, modes, region, rows, None)
+        weighted = _weigh(proposal, modes, rows, candidates, 0, _POINTS_OF_ROWS)
+        mass = _sum(weighted.weight)
+        for k, share in enumerate(_share_direct(proposal.mixture, weighted.direct)):
+            mean = _sum(share, weighted.weight) / np.where(mass > 0.0, mass, 1.0)
+            probability[rows, k] = np.where(mass > 0.0, mean, probability[rows, k])
+    return probability
+
+
+def _share_direct(mixture: Mixture, terms: list[FloatArray]) -> list[FloatArray]:
+    """Return the rows' probabilities to be direct at points, from their terms (B, P) there."""
+    obstructed = mixture.obstructed[:, None]
+    if mixture.last is None:
+        return [term / (term + obstructed) for term in terms]
+    evidence: list[FloatArray] = []
+    group = obstructed
+    for k, term in enumerate(terms):
+        evidence.append(term + group)
+        group = np.where(mixture.last[:, k, None], obstructed, evidence[k])
+    for k in range(mixture.count - 2, -1, -1):
+        evidence[k] = np.where(mixture.last[:, k, None], evidence[k], evidence[k + 1])
+    return [term / total for term, total in zip(terms, evidence, strict=True)]
+
+
+def _sections(rows: IntArray, points: int) -> Iterator[IntArray]:
+    step = max(1, _POINTS // points)
+    for first in range(0, rows.shape[0], step):
+        yield rows[first : first + step]
+
+
+def _settle(proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCandidates) -> FloatArray:
+    """Return mass and moments up to the second (6, B) about the best mode, with as many points as each needs."""
+    moments, squares = np.zeros((6, rows.shape[0])), np.zeros((3, rows.shape[0]))
+    moving, count = np.arange(rows.shape[0]), 0
+    while moving.size and count < MOST_POINTS:
+        new = min(max(_FIRST, count // 2), MOST_POINTS - count)
+        part = proposal if moving.size == rows.shape[0] else proposal.take(moving)
+        weighted = _weigh(part, modes, rows[moving], candidates, count, new)
+        added, scatter = weighted.moments()
+        moments[:, moving] += added
+        squares[:, moving] += scatter
+        count += new
+        mass, trace = moments[0, moving], moments[3, moving] + moments[5, moving]
+        with ignoring_division():
+            mean = trace / mass
+            of_trace, of_both, of_mass = squares[:, moving]
+            variance = of_trace - 2.0 * mean * of_both + mean * mean * of_mass
+            moving = moving[~(variance <= (_SETTLED * trace) ** 2)]
+    return moments
+
+
+@dataclass(frozen=True)
+class _Weighted:
+    """Points (B, P) about the best mode with their weights, and the rows' terms there."""
+
+    x: FloatArray
+    y: FloatArray
+    weight: FloatArray
+    direct: list[FloatArray]
+
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Return mass and moments up to the second (6, B), and sums (3, B) for the variance of their ratio.
+
+        These are sums of squared weights times the squared distance from the best mode to the powers 2, 1 and 0.
+        """
+        x, y = self.weight * self.x, self.weight * self.y
+        moments = [_sum(self.weight), _sum(x), _sum(y), _sum(x, self.x), _sum(x, self.y), _sum(y, self.y)]
+        x *= self.x
+        y *= self.y
+        x += y
+        squares = [_sum(x, x), _sum(x, self.weight), _sum(self.weight, self.weight)]
+        return np.stack(moments), np.stack(squares)
+
+
+def _weigh(
+    proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCandidates, first: int, count: int
+) -> _Weighted:
+    """Return ``count`` points after the ``first`` of some snapshots, weighted by posterior over proposal."""
+    x, y, share = proposal.sample(first, count)
+    direct: list[FloatArray] = []
+    with ignoring_overflow():
+        cost = proposal.mixture.score(x, y, direct)
+        np.subtract(modes.cost[rows, :1], cost, out=cost)
+        weight = np.exp(cost)
+        weight /= proposal.density(x, y, direct, share)
+    outside = ~(candidates.allowed(rows, x, y) & np.isfinite(weight))
+    x, y = x - modes.x[rows, :1], y - modes.y[rows, :1]
+    for values in (weight, x, y):
+        values[outside] = 0.0
+    return _Weighted(x, y, weight, direct)
+
+
+def _sum(values: FloatArray, other: FloatArray | None = None) -> FloatArray:
+    """Return the sums (B,) over the points of values, or of products of two; the same bits in any block."""
+    if other is None:
+        return np.asarray(np.einsum("bp->b", values))
+    return np.asarray(np.einsum("bp,bp->b", values, other))

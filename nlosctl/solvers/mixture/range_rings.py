@@ -1,0 +1,34 @@
+"""The rings of ranges: points about their circles, as the error of a direct row is distributed, and their density."""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+
+import numpy as np
+
+from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.geometry.regions import Disc
+from nlosctl.models.ranges import RangeCircles
+
+__all__ = ["ring_density", "sample_ring"]
+
+
+def ring_density(circles: RangeCircles) -> FloatArray:
+    """Return the density (B, K) of the points of `sample_ring` on the circles."""
+    return 1.0 / (circles.std_m * sqrt(2.0 * pi) * 2.0 * pi * circles.range_m)
+
+
+def sample_ring(
+    circles: RangeCircles, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return points (N,) about the circle of row ``k`` of a snapshot, from normal deviates and uniform numbers.
+
+    The first are deviates of the range, the second turn about the sensor, from the direction of the disc's centre.
+    """
+    at = snapshot, k
+    x, y = circles.sensor_x[at], circles.sensor_y[at]
+    distance = circles.range_m[at] + circles.std_m[at] * normal
+    if circles.height is not None:
+        distance = np.sqrt(np.maximum(distance * distance - circles.height[at] ** 2, 0.0))
+    angle = np.arctan2(disc.y[snapshot] - y, disc.x[snapshot] - x) + 2.0 * pi * v
+    return x + distance * np.cos(angle), y + distance * np.sin(angle)
