@@ -50,9 +50,10 @@ class MethodRun:
 class MethodTally:
     """Counts of one method: statuses, verdicts of its flags, and residuals larger than their stds explain.
 
-    ``located`` snapshots have a fix; they have ``rows_of_fixes`` rows, of them ``rows_used``. ``tested`` fits have a
-    p-value. ``judged`` rows have a flag with a p-value. In ``missed`` snapshots a random search may have had no right
-    initial estimate, with probabilities whose sum is ``miss_probability``.
+    ``located`` snapshots have a fix; they have ``rows_of_fixes`` rows, of them ``rows_used``. Those of them with one
+    path per sensor have ``lone_rows`` that take part, of them ``lone_rows_used``, where the method has `alpha`.
+    ``tested`` fits have a p-value. ``judged`` rows have a flag with a p-value. In ``missed`` snapshots a random search
+    may have had no right initial estimate, with probabilities whose sum is ``miss_probability``.
     """
 
     statuses: Counter[str] = field(default_factory=Counter)
@@ -60,6 +61,8 @@ class MethodTally:
     badly_fitted: int = 0
     rows_used: int = 0
     rows_of_fixes: int = 0
+    lone_rows: int = 0
+    lone_rows_used: int = 0
     on_edge: int = 0
     located: int = 0
     judged: int = 0
@@ -69,7 +72,7 @@ class MethodTally:
 
     _COUNTED: ClassVar[tuple[str, ...]] = (
         *("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge", "located", "judged"),
-        *("missed", "miss_probability"),
+        *("missed", "miss_probability", "lone_rows", "lone_rows_used"),
     )
 
     def add_verdicts(self, columns: Mapping[str, Any]) -> None:

@@ -173,6 +173,7 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
         *_own_remarks(runs),
         *_no_positions(runs, report),
         *_half_ranges(runs),
+        *_outlier_shares(runs, report),
         *_bad_fits(runs, report),
     ]
 
@@ -238,6 +239,15 @@ def _half_ranges(runs: Sequence[MethodRun]) -> list[str]:
         "the documented accuracy is that of scattered ranges that are the sum of all legs; ranges that are delays "
         "times c / 2 are harder: fewer snapshots are identified exactly"
     ]
+
+
+def _outlier_shares(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
+    counted = [(run, report.methods[run.label]) for run in runs if report.methods[run.label].lone_rows]
+    if not counted:
+        return []
+    from nlosctl.pipeline.solve.outlier_shares import share_remark
+
+    return [line for run, tally in counted for line in share_remark(run, tally)]
 
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:

@@ -243,11 +243,19 @@ class MeasurementRun:
                 tally.add_estimates(solution.estimates, number)
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
+        self._count_lone_rows(chunk, solution, report)
         if self.reader.kind == "triplets":
             report.refits.update(self._refits(chunk, report))
         if frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
+
+    def _count_lone_rows(self, chunk: Chunk, solution: ChunkSolution, report: RunReport) -> None:
+        methods = [(n, report.methods[run.label]) for n, run in enumerate(self._runs) if hasattr(run.options, "alpha")]
+        if methods and solution.estimates is not None:
+            from nlosctl.pipeline.solve.outlier_shares import count_lone_rows
+
+            count_lone_rows(methods, chunk, solution.estimates)
 
     def _refits(self, chunk: Chunk, report: RunReport) -> dict[str, int]:
         from nlosctl.pipeline.solve.likely_causes import fit_after_changes, most_are_bad
