@@ -28,7 +28,7 @@ number is in that range up to three standard errors, *not reproduced* if it is n
 nor the other, if three standard errors could move it across a limit, or are so large that almost any number would
 agree. It is *no numbers in the text* if the text has no statement that could be wrong: most of the papers' figures
 are curves without a table. Rows in italics are not from the papers: they show the methods that we recommend instead,
-on the same trials.
+on the same trials, or other worlds that fit the text.
 
 We worked from scans turned into text. Their figures are not in it: what a figure shows is known from captions and
 from what the text says about it. Formulas can have lost or changed signs and indices there, so that an error listed

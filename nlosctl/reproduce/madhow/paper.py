@@ -85,7 +85,8 @@ PAPER = Paper(
         "The bearing error of Fig. 8: 2, 4 and 6 degrees.",
         "The SNR of 12 dB of the ranges: 15.85, an error of 2.1 % of the range.",
         "The worlds of Fig. 10 and Fig. 11: the captions state which walls reflect and block, not where walls, "
-        "receivers and sources are.",
+        "receivers and sources are. Whether R4 is eliminated depends on that: random worlds that fit "
+        "the caption of Fig. 10 stand beside ours.",
     ),
     errata=(
         Erratum(
