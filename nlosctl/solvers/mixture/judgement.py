@@ -61,7 +61,7 @@ def judge_robust_fixes(
     """Return the statuses of a block of fixes, by `log_evidence`, `find_rival`, `verdicts` and `ranked_status`.
 
     ``too_few``: the block has fewer rows than the method needs. ``distinct``: the fixes are different modes, so that
-    the best is ambiguous where the others together have nearly its mass.
+    the best is ambiguous where the others together have its mass, or, if it leaves out a row, nearly its mass.
     """
     fixes, probability, used = found.fixes, found.probability, found.used
     gain = outlier_gain(radians(options.field_of_view_deg))
@@ -72,7 +72,8 @@ def judge_robust_fixes(
     further[Status.NO_CONSENSUS] = evidence < options.least_evidence
     if distinct:
         mass = rival_mass(fixes, model.region.area_m2)
-        further[Status.AMBIGUOUS] = mass >= exp(-options.ambiguous_within)
+        leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
+        further[Status.AMBIGUOUS] = mass >= np.where(leaves_out, exp(-options.ambiguous_within), 1.0)
     unordered = groups.unordered(options.path_prior)
     if outside is not None:
         rival = find_rival(
