@@ -108,10 +108,11 @@ def test_sensor_positions_come_from_the_scene() -> None:
 
 
 def test_a_null_position_is_filled_by_row(tmp_path: Path) -> None:
-    """A null cell is filled from the scene, a given one is kept."""
+    """An empty position is filled from the scene, a given one is kept."""
     scene = Scene(sensors=(Sensor(name="s1", position=(7.0, 8.0)),))
-    path = save(bearings([1, 1], sensor_x_m=[3.0, None]), tmp_path / "a.parquet")
-    assert whole(read([path], scene=scene)).columns["sensor_x_m"].tolist() == [3.0, 7.0]
+    path = save(bearings([1, 1], sensor_x_m=[3.0, None], sensor_y_m=[4.0, None]), tmp_path / "a.parquet")
+    columns = whole(read([path], scene=scene)).columns
+    assert (columns["sensor_x_m"].tolist(), columns["sensor_y_m"].tolist()) == ([3.0, 7.0], [4.0, 8.0])
 
 
 def test_renamed_and_constant_columns(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def made(name: str) -> pa.Table:
     if name == "bearings":
         return nlosctl.simulate("song-flat", trials=30)
     if name == "walls":
-        return nlosctl.simulate("madhow-walls", trials=20)
+        return nlosctl.simulate("madhow-walls", trials=20, source="D")
     if name == "horizon":
         return nlosctl.simulate("over-the-horizon", trials=5)
     if name == "swept":
