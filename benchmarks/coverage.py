@@ -1,8 +1,8 @@
 """Is a fix with status `ok` worth its covariance? Every method that estimates positions, over random geometry.
 
-Prints the tables of docs/reliability.md: ``python benchmarks/coverage.py [SNAPSHOTS]`` (default 2000 for each row of a
-table). It uses the functions of the package alone, so that another checkout can be measured with the same worlds:
-``PYTHONPATH=CHECKOUT python benchmarks/coverage.py``.
+Prints the table of docs/reliability.md: ``python benchmarks/coverage.py [SNAPSHOTS]`` (default 2000 for each row), and
+the tables of docs/outliers.md on a wrong ``alpha`` and std: ``python benchmarks/coverage.py prices``. It uses the
+functions of the package alone, so that another checkout can be measured: ``PYTHONPATH=CHECKOUT python ...``.
 """
 
 from __future__ import annotations
@@ -83,9 +83,15 @@ def bearings_worlds() -> Iterator[tuple[World, tuple[str, ...]]]:
         yield World(f"8 sensors, 4 deg, outliers {share:g}", "random", world, options={"alpha": share}), robust
 
 
-def measure(world: World, method: str, snapshots: int) -> dict[str, float]:
-    """Return share of `ok`, coverage and share of NEES over 100 among `ok`, median error and 95 % point."""
+def measure(world: World, method: str, snapshots: int, std_factor: float = 1.0) -> dict[str, float]:
+    """Return share of `ok`, coverage and share of NEES over 100 among `ok`, median error and 95 % point.
+
+    The method is told ``std_factor`` times the true standard deviations.
+    """
     table = nlosctl.simulate(world.scenario, trials=snapshots, seed=1, **world.parameters)
+    if std_factor != 1.0:
+        index = table.column_names.index("bearing_std_rad")
+        table = table.set_column(index, "bearing_std_rad", pa.compute.multiply(table["bearing_std_rad"], std_factor))
     options = {"field_of_view_deg": 360.0, **world.options} if method in ("mixture-ml", "suppress") else {}
     estimates = nlosctl.localize(table, method=method, field=world.region, **options).estimates
     estimates = pa.table(estimates)
@@ -125,6 +131,24 @@ def lines(snapshots: int) -> Iterator[str]:
             )
 
 
+def price_lines(snapshots: int) -> Iterator[str]:
+    """Yield rows of `ok` share / 95 % point of the error in m / coverage: by ``alpha``, then by factors of the stds."""
+    clean = {"sensors": 8, "mirrors": 0, "bearing_std_deg": (2.0, 2.0)}
+
+    def cells(share: float, alpha: float, std_factor: float) -> str:
+        options = {"alpha": alpha, "covariance": "posterior"}
+        world = World("", "random", clean | {"outlier_fraction": share}, options=options)
+        got = measure(world, "mixture-ml", snapshots, std_factor)
+        return f"{got['ok']:.2f} / {got['p95']:.0f} / {got['coverage']:.2f}"
+
+    for share in (0.0, 0.1, 0.25, 0.4):
+        yield f"| {share:g} | " + " | ".join(cells(share, alpha, 1.0) for alpha in (0.05, 0.1, 0.25, 0.4, 0.5)) + " |"
+    for share in (0.1, 0.25):
+        yield f"| {share:g} | " + " | ".join(cells(share, 0.25, factor) for factor in (0.25, 0.5, 1.0, 2.0, 4.0)) + " |"
+
+
 if __name__ == "__main__":
-    for line in lines(int(sys.argv[1]) if len(sys.argv) > 1 else 2000):
+    wanted = price_lines if "prices" in sys.argv else lines
+    number = next((int(word) for word in sys.argv[1:] if word.isdigit()), 2000)
+    for line in wanted(number):
         print(line, flush=True)
