@@ -8,7 +8,6 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.contract.statuses import Status
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
@@ -76,9 +75,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     estimates = ranked_estimates(fixes, status, lines.center_x, lines.center_y, options.covariance)
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    probability = direct_probability(
-        model.mixture, modes, model.region, candidates, judged.probability, status != Status.OUTSIDE_FIELD
-    )
+    probability = direct_probability(model.mixture, modes, model.region, candidates, judged.probability, status)
     numbers = lines.residuals(grouped, fixes.x[:, 0], fixes.y[:, 0])
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, judged.used, probability, numbers))
 

@@ -112,9 +112,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, kind)
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    probability = direct_probability(
-        model.mixture, modes, model.region, candidates, at_best, status != Status.OUTSIDE_FIELD
-    )
+    probability = direct_probability(model.mixture, modes, model.region, candidates, at_best, status)
     numbers = {"residual_m": circles.residual_m(x, y)}
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, at_best > 0.5, probability, numbers))
 

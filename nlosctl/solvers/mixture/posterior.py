@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
+from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_division, ignoring_overflow
+from nlosctl.contract.statuses import Status
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
@@ -28,8 +29,9 @@ _SETTLED = 0.065
 """The trace of the second moment has settled if its standard error would be at most this share were the points
 random; it is about a quarter of that."""
 
-_POINTS_OF_ROWS = 64
-"""Number of points for the probabilities of the rows."""
+_POINTS_OF_ROWS = 32
+_POINTS_OF_AMBIGUOUS = 256
+"""Numbers of points for the probabilities of the rows, and where several modes carry mass."""
 
 _POINTS = 32768
 """Number of points at once, so that temporaries stay in the cache."""
@@ -59,21 +61,23 @@ def posterior_covariance(
 
 
 def direct_probability(
-    mixture: Mixture, modes: Modes, region: Region, candidates: RowCandidates, at_best: FloatArray, among: BoolArray
+    mixture: Mixture, modes: Modes, region: Region, candidates: RowCandidates, at_best: FloatArray, status: StatusArray
 ) -> FloatArray:
     """Return each row's probability (B, K) to be direct, integrated over the position.
 
-    ``at_best`` (B, K), the probability at the best fix, stays where there is no mode and in snapshots not ``among``
-    (B,) those to be integrated.
+    ``at_best`` (B, K), the probability at the best fix, stays where there is no mode, or the fix is outside the region.
     """
     probability = at_best.copy(order="F")
-    for rows in _sections(np.flatnonzero(np.isfinite(modes.cost[:, 0]) & among), _POINTS_OF_ROWS):
-        proposal = make_proposal(mixture, modes, region, rows, None)
-        weighted = _weigh(proposal, modes, rows, candidates, 0, _POINTS_OF_ROWS)
-        mass = _sum(weighted.weight)
-        for k, share in enumerate(_share_direct(proposal.mixture, weighted.direct)):
-            mean = _sum(share, weighted.weight) / np.where(mass > 0.0, mass, 1.0)
-            probability[rows, k] = np.where(mass > 0.0, mean, probability[rows, k])
+    integrated = np.isfinite(modes.cost[:, 0]) & (status != Status.OUTSIDE_FIELD)
+    ambiguous = status == Status.AMBIGUOUS
+    for points, among in ((_POINTS_OF_ROWS, ~ambiguous), (_POINTS_OF_AMBIGUOUS, ambiguous)):
+        for rows in _sections(np.flatnonzero(integrated & among), points):
+            proposal = make_proposal(mixture, modes, region, rows, None)
+            weighted = _weigh(proposal, modes, rows, candidates, 0, points)
+            mass = _sum(weighted.weight)
+            for k, share in enumerate(_share_direct(proposal.mixture, weighted.direct)):
+                mean = _sum(share, weighted.weight) / np.where(mass > 0.0, mass, 1.0)
+                probability[rows, k] = np.where(mass > 0.0, mean, probability[rows, k])
     return probability
 
 
