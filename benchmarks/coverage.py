@@ -86,7 +86,7 @@ def bearings_worlds() -> Iterator[tuple[World, tuple[str, ...]]]:
 def measure(world: World, method: str, snapshots: int, std_factor: float = 1.0) -> dict[str, float]:
     """Return share of `ok`, coverage and share of NEES over 100 among `ok`, median error and 95 % point.
 
-    The method is told ``std_factor`` times the true standard deviations.
+    The stds of the input are ``std_factor`` times the true ones.
     """
     table = nlosctl.simulate(world.scenario, trials=snapshots, seed=1, **world.parameters)
     if std_factor != 1.0:
