@@ -95,6 +95,11 @@ def test_the_p_value_is_the_chi_squares_tail(degrees: int) -> None:
     np.testing.assert_allclose(got, chi2.sf(values, degrees), rtol=1e-11)
 
 
+def test_a_chi_square_below_zero_by_rounding_is_a_perfect_fit() -> None:
+    """A residual after a linearized step may be below zero by rounding: its p-value is 1, without a warning."""
+    assert chi_square_p_value(np.full(3, -1e-17), np.array([1, 2, 50])).tolist() == [1.0, 1.0, 1.0]
+
+
 def test_a_hopeless_fit_has_p_value_zero() -> None:
     """A chi-square beyond all floats has the p-value 0, one without degrees of freedom none."""
     degrees = np.array([1, 2, 7, 41, 0, -1])

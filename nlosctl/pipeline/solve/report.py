@@ -138,7 +138,7 @@ def chi_square_p_value(chi_square: FloatArray, degrees: IntArray) -> FloatArray:
     p_value = np.full(chi_square.shape, np.nan)
     for count in np.flatnonzero(np.bincount(np.clip(degrees, 0, _CLOSED_FORM_DEGREES + 1))):
         mine = degrees == count if count <= _CLOSED_FORM_DEGREES else degrees > _CLOSED_FORM_DEGREES
-        half = 0.5 * chi_square[mine]
+        half = np.maximum(0.5 * chi_square[mine], 0.0)  # a fit by rounding may be better than perfect
         if count > _CLOSED_FORM_DEGREES:
             p_value[mine] = gammaincc(0.5 * degrees[mine], half)
         elif count > 0:
