@@ -65,15 +65,7 @@ def judge_robust_fixes(
     """
     fixes, probability, used = found.fixes, found.probability, found.used
     gain = outlier_gain(radians(options.field_of_view_deg))
-    evidence = log_evidence(model.mixture, found.mode.cost, probability, found.mode.hessian, model.region.area_m2, gain)
-    x, y = fixes.x[:, 0], fixes.y[:, 0]
-    further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), used)
-    further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
-    further[Status.NO_CONSENSUS] = evidence < options.least_evidence
-    if distinct:
-        mass = rival_mass(fixes, model.region.area_m2)
-        leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
-        further[Status.AMBIGUOUS] = mass >= np.where(leaves_out, exp(-options.ambiguous_within), 1.0)
+    further = _beside_likelihood(model, options, found, gain, distinct=distinct)
     unordered = groups.unordered(options.path_prior)
     if outside is not None:
         rival = find_rival(
@@ -104,3 +96,21 @@ def judge_robust_fixes(
     else:
         mark_behind(status, model.lines)
     return Judgement(status, fixes, probability, used)
+
+
+def _beside_likelihood(
+    model: OutlierModel, options: BearingOutlierOptions, found: FixesToJudge, gain: float, *, distinct: bool
+) -> dict[Status, BoolArray]:
+    """Return the snapshots (B,) of each status that the scene, the evidence or the mass of other modes imposes."""
+    fixes, used, mode = found.fixes, found.used, found.mode
+    x, y = fixes.x[:, 0], fixes.y[:, 0]
+    area_m2 = model.region.area_m2
+    further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), used)
+    further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
+    evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, area_m2, gain)
+    further[Status.NO_CONSENSUS] = evidence < options.least_evidence
+    if distinct:
+        leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
+        least = np.where(leaves_out, exp(-options.ambiguous_within), 1.0)
+        further[Status.AMBIGUOUS] = rival_mass(fixes, area_m2) >= least
+    return further
