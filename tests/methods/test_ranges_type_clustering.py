@@ -14,7 +14,7 @@ from nlosctl.contract.fields import BoxField
 from nlosctl.methods import ranges_extended_tca, ranges_tca
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import read_echoes
-from nlosctl.solvers.echoes.structured_sets import StructuredSets, cluster_echoes, cut_at_elbow
+from nlosctl.solvers.echoes.structured_sets import cluster_echoes
 from nlosctl.solvers.echoes.type_sets import Gate
 
 
@@ -71,14 +71,6 @@ def test_points_are_chosen_about_the_mean_of_the_points_twice(seed: int) -> None
     kept = plain(world)[0].unique("points")
     sets, places = clustered(world, "points")
     np.testing.assert_allclose(sets.spread_m[list(places)], [one.spread for one in kept], rtol=1e-9, atol=1e-9)
-
-
-def test_the_elbow_compares_with_the_mean_spread_before_it() -> None:
-    """Equation (7): a spread of 8 m exceeds the mean of 0 and 4 m by 6 m, and the last one by 4 m."""
-    numbers = np.arange(8).reshape(4, 2)
-    sets = StructuredSets(np.array([0.0, 4.0, 8.0, 9.0]), numbers, numbers)
-    for eta, count in ((5.0, 2), (3.9, 1), (6.1, 4)):
-        assert cut_at_elbow(sets, iter(range(4)), eta) == list(range(count))
 
 
 def clustered(world: EchoWorld, unique: str):  # type: ignore[no-untyped-def]

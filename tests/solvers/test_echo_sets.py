@@ -12,7 +12,9 @@ from nlosctl.solvers.echoes.structured_sets import StructuredSets, build_sets, c
 from nlosctl.solvers.echoes.type_sets import CrossingTable, Seeds
 
 
-@pytest.mark.parametrize(("spreads", "chosen"), [([0.0, 4.0, 8.0], [0, 1]), ([0.0, 4.0, 6.9], [0, 1, 2])])
+@pytest.mark.parametrize(
+    ("spreads", "chosen"), [([0.0, 4.0, 8.0], [0, 1]), ([0.0, 4.0, 6.9], [0, 1, 2]), ([0.0, 9.0, 9.0], [0])]
+)
 def test_the_elbow_compares_with_the_mean_of_the_spreads_before(spreads: list[float], chosen: list[int]) -> None:
     """(7): 8 m is 6 m above the mean of 0 and 4 m, though only 4 m above the last; the elbow is 5 m."""
     nothing = np.zeros((3, 1), dtype=np.int64)
