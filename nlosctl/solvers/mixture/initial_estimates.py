@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 
@@ -22,7 +23,7 @@ mode, up to this slack (nats)."""
 
 
 @dataclass(frozen=True)
-class Mode:
+class Mode(RowBlock):
     """A mode (B,) of each snapshot about the local origin, with the second derivatives of its cost; NaN where none."""
 
     x: FloatArray

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -73,16 +74,15 @@ def find_modes(
     followed, nor those in the basin of a known mode. ``outside`` notes the candidates outside the search region.
     """
     size = mixture.obstructed.shape[0]
-    search = _Search(mixture, allowed, _Descents.empty(size, most), outside)
+    search = _Search(mixture, allowed, most, outside)
     if points > 0:
         section = max(1, _SECTION // points)
         for first in range(0, size, section):
             rows = np.arange(first, min(first + section, size))
             search.run(score_candidates(mixture, candidates, allowed, rows, points, outside), rows, gap)
         if outside is not None:
-            outside.follow(mixture, search.descents.cost.min(axis=1))
-        search.repeat_within_region()
-    return _rank(search.descents)
+            outside.follow(mixture, search.least_cost)
+    return search.finish()
 
 
 def score_candidates(
@@ -108,66 +108,53 @@ def score_candidates(
     return Scores(*(np.concatenate([part[number].T for part in scored], axis=1).T for number in range(3)))
 
 
-@dataclass(frozen=True)
-class _Descents:
-    """The descents (B, T): initial points, whether usable, and final points, of infinite cost if invalid.
+class _Descents(NamedTuple):
+    """Descents (N,) of some snapshots: where they began and ended; of infinite cost where the end is not valid.
 
-    ``settled`` marks final points that are smooth minima, ``at_boundary`` (B,) snapshots constrained to the search
-    region.
+    ``settled`` marks ends that are smooth minima.
     """
 
+    snapshot: IntArray
     start_x: FloatArray
     start_y: FloatArray
-    usable: BoolArray
     x: FloatArray
     y: FloatArray
     cost: FloatArray
     hessian: SymmetricMatrix
     settled: BoolArray
-    at_boundary: BoolArray
 
     @classmethod
-    def empty(cls, size: int, most: int) -> _Descents:
-        start_x, start_y, x, y = (np.full((size, most), np.nan) for _ in range(4))
-        usable, settled = (np.zeros((size, most), dtype=bool) for _ in range(2))
-        cost, at_boundary = np.full((size, most), np.inf), np.zeros(size, dtype=bool)
+    def join(cls, parts: list[_Descents]) -> _Descents:
+        """Return the descents of several lists in one."""
+        entries = zip(*(part.hessian for part in parts), strict=True)
         return cls(
-            start_x, start_y, usable, x, y, cost, SymmetricMatrix.full((size, most), np.nan), settled, at_boundary
+            np.concatenate([part.snapshot for part in parts]),
+            np.concatenate([part.start_x for part in parts]),
+            np.concatenate([part.start_y for part in parts]),
+            np.concatenate([part.x for part in parts]),
+            np.concatenate([part.y for part in parts]),
+            np.concatenate([part.cost for part in parts]),
+            SymmetricMatrix(*(np.concatenate(entry) for entry in entries)),
+            np.concatenate([part.settled for part in parts]),
         )
 
-    def begin(self, snapshot: IntArray, index: IntArray, x: FloatArray, y: FloatArray) -> None:
-        """Record initial points (N,) of some snapshots."""
-        self.start_x[snapshot, index], self.start_y[snapshot, index] = x, y
-        self.usable[snapshot, index] = True
 
-    def finish(
-        self, end: Minimum, least_cost: FloatArray, snapshot: IntArray, index: IntArray, inside: BoolArray
-    ) -> None:
-        """Record final points (N,), if they are ``inside`` the search region."""
-        good = np.isfinite(end.cost) & inside
-        self.cost[snapshot, index] = np.where(good, end.cost + least_cost, np.inf)
-        self.settled[snapshot, index] = good & end.converged
-        self.x[snapshot, index], self.y[snapshot, index] = end.point
-        self.hessian.put((snapshot, index), end.hessian)
-
-    def first(self, snapshot: IntArray) -> Mode:
-        """Return the modes of the first descents of some snapshots; NaN where they did not settle."""
-        settled = self.settled[snapshot, 0]
-
-        def settle(values: FloatArray) -> FloatArray:
-            return np.where(settled, values[snapshot, 0], np.nan)
-
-        return Mode(settle(self.x), settle(self.y), settle(self.cost), self.hessian.map(settle))
-
-
-@dataclass(frozen=True)
 class _Search:
-    """The mixtures of a block, the search region inside and outside, and the descents so far."""
+    """The descents of a block of mixtures so far, with the search region inside and outside.
 
-    mixture: Mixture
-    allowed: Allowed
-    descents: _Descents
-    outside: OutsideSearch | None
+    ``known`` (B,) are the modes of the first descents, NaN where they did not settle, and ``least_cost`` (B,) the cost
+    of the best mode; ``candidates`` (B,) marks snapshots with any descent, ``at_boundary`` (B,) those constrained to
+    the search region.
+    """
+
+    def __init__(self, mixture: Mixture, allowed: Allowed, most: int, outside: OutsideSearch | None) -> None:
+        self.mixture, self.allowed, self.most, self.outside = mixture, allowed, most, outside
+        size = mixture.obstructed.shape[0]
+        x, y, cost = (np.full(size, np.nan) for _ in range(3))
+        self.known = Mode(x, y, cost, SymmetricMatrix.full(size, np.nan))
+        self.least_cost = np.full(size, np.inf)
+        self.candidates, self.at_boundary = (np.zeros(size, dtype=bool) for _ in range(2))
+        self._parts: list[_Descents] = []
 
     def run(self, scores: Scores, rows: IntArray, gap: float) -> None:
         """Follow the best candidate of each of the snapshots ``rows``, then others that don't lead to its mode."""
@@ -175,48 +162,61 @@ class _Search:
         some = np.flatnonzero(np.isfinite(best))
         rows, scores, index, best = rows[some], scores.take(some), index[some], best[some]
         self._follow_best(rows, *scores.at(index))
-        more = self.descents.cost.shape[1] - 1
-        if more:
+        if self.most > 1:
             scores.leave_out(index)
-            leave_out_slope(scores, self.descents.first(rows))
-            self._follow_others(choose_starts(self.mixture, rows, scores, best + gap, more))
+            leave_out_slope(scores, self.known.take(rows))
+            self._follow_others(choose_starts(self.mixture, rows, scores, best + gap, self.most - 1))
 
-    def repeat_within_region(self) -> None:
-        """Repeat the descents, constrained to the search region, where every descent left it."""
-        descents = self.descents
-        lost: BoolArray = np.any(descents.usable, axis=1) & ~np.any(np.isfinite(descents.cost), axis=1)
-        snapshot, index = np.nonzero(descents.usable & lost[:, None])
-        if snapshot.size:
-            descents.at_boundary[lost] = True
-            problem = _Bounded(self.mixture.take(snapshot), snapshot, self.allowed)
-            end = minimize(problem, descents.start_x[snapshot, index], descents.start_y[snapshot, index])
-            self._finish(end, snapshot, index)
+    def finish(self) -> Modes:
+        """Repeat the descents, constrained to the search region, where every one left it; return all modes."""
+        if not self._parts:
+            nothing = np.zeros(0)
+            self._follow_best(nothing.astype(np.int64), nothing, nothing)
+        found = _Descents.join(self._parts)
+        lost = self.candidates & ~np.isfinite(self.least_cost)
+        again = np.flatnonzero(lost[found.snapshot])
+        if again.size:
+            self.at_boundary[lost] = True
+            snapshot, x, y = found.snapshot[again], found.start_x[again], found.start_y[again]
+            end = minimize(_Bounded(self.mixture.take(snapshot), snapshot, self.allowed), x, y)
+            found = _Descents.join([found, self._ends(end, snapshot, x, y)])
+        return _rank(found, self.candidates, self.at_boundary)
 
     def _follow_best(self, rows: IntArray, x: FloatArray, y: FloatArray) -> None:
-        index = np.zeros_like(rows)
-        self.descents.begin(rows, index, x, y)
-        self._finish(minimize(self.mixture.take_rows(rows), x, y), rows, index)
+        self.candidates[rows] = True
+        ends = self._note(minimize(self.mixture.take_rows(rows), x, y), rows, x, y)
+        settled = rows_of(ends, np.flatnonzero(ends.settled))
+        for known, values in zip((self.known.x, self.known.y, self.known.cost), settled[3:6], strict=True):
+            known[settled.snapshot] = values
+        self.known.hessian.put(settled.snapshot, settled.hessian)
 
     def _follow_others(self, starts: Starts) -> None:
         """Follow initial points, each until it is clear that it leads to the known mode."""
-        snapshot, index = starts.snapshot, starts.index + 1
-        self.descents.begin(snapshot, index, starts.x, starts.y)
-        known = self.descents.first(snapshot)
+        known = self.known.take(starts.snapshot)
 
         def leads_to_known(rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
             squared = known.hessian.take(rows).quadratic_form(x - known.x[rows], y - known.y[rows])
             return squared < _ATTRACTED * _ATTRACTED
 
-        end = minimize(self.mixture.take(snapshot), starts.x, starts.y, give_up=leads_to_known)
-        new = np.flatnonzero(~leads_to_known(np.arange(snapshot.shape[0]), end.x, end.y))
-        self._finish(rows_of(end, new), snapshot[new], index[new])
+        end = minimize(self.mixture.take(starts.snapshot), starts.x, starts.y, give_up=leads_to_known)
+        new = np.flatnonzero(~leads_to_known(np.arange(starts.snapshot.shape[0]), end.x, end.y))
+        self._note(rows_of(end, new), starts.snapshot[new], starts.x[new], starts.y[new])
 
-    def _finish(self, end: Minimum, snapshot: IntArray, index: IntArray) -> None:
+    def _note(self, end: Minimum, snapshot: IntArray, x: FloatArray, y: FloatArray) -> _Descents:
+        """Keep and return the descents (N,) from x, y; each of those that left the region is noted outside."""
+        ends = self._ends(end, snapshot, x, y)
+        np.minimum.at(self.least_cost, snapshot, ends.cost)
+        self._parts.append(ends)
+        return ends
+
+    def _ends(self, end: Minimum, snapshot: IntArray, x: FloatArray, y: FloatArray) -> _Descents:
         inside = self.allowed(snapshot, end.x[:, None], end.y[:, None])[:, 0]
         least_cost = self.mixture.least_cost[snapshot]
-        self.descents.finish(end, least_cost, snapshot, index, inside)
         if self.outside is not None:
             self.outside.note_ends(end, least_cost, snapshot, inside)
+        good = np.isfinite(end.cost) & inside
+        cost = np.where(good, end.cost + least_cost, np.inf)
+        return _Descents(snapshot, x, y, end.x, end.y, cost, end.hessian, good & end.converged)
 
 
 @dataclass(frozen=True)
@@ -233,33 +233,38 @@ class _Bounded(RowBlock):
         return at._replace(cost=np.where(inside, at.cost, np.inf))
 
 
-def _rank(descents: _Descents) -> Modes:
-    """Return the modes by rising cost, without repetitions."""
-    x, y, hessian, cost = _sort(descents.x, descents.y, descents.hessian, descents.cost)
-    repeated = np.zeros(cost.shape, dtype=bool)
-    for t in range(cost.shape[1] - 1):
-        if not np.isfinite(cost[:, t + 1]).any():
-            break
-        dx, dy = x[:, t + 1 :] - x[:, t, None], y[:, t + 1 :] - y[:, t, None]
-        repeated[:, t + 1 :] |= hessian.at(slice(None), t, None).quadratic_form(dx, dy) < _SAME * _SAME
-    cost[repeated] = np.inf
-    x, y, hessian, cost = _sort(x, y, hessian, cost)
-    best = (descents.x == x[:, :1]) & (descents.y == y[:, :1])
-    settled: BoolArray = (best & descents.settled).any(axis=1)
-    return Modes(x, y, cost, hessian, settled, np.asarray(descents.usable.any(axis=1)), descents.at_boundary)
+def _rank(found: _Descents, candidates: BoolArray, at_boundary: BoolArray) -> Modes:
+    """Return the ends by rising cost, without repetitions.
 
-
-def _sort(
-    x: FloatArray, y: FloatArray, hessian: SymmetricMatrix, cost: FloatArray
-) -> tuple[FloatArray, FloatArray, SymmetricMatrix, FloatArray]:
-    """Return modes (B, T) by rising cost.
-
-    Modes that are equally likely up to rounding are ordered by distance: both crossings of two circles are equally
+    Ends that are equally likely up to rounding are ordered by distance: both crossings of two circles are equally
     likely if every other row is an outlier.
     """
-    order = np.lexsort((x * x + y * y, np.round(cost, _TIE_DIGITS)), axis=1)
+    found = rows_of(found, np.flatnonzero(np.isfinite(found.cost)))
+    distance = found.x * found.x + found.y * found.y
+    found = rows_of(found, np.lexsort((distance, np.round(found.cost, _TIE_DIGITS), found.snapshot)))
+    x, y, cost, hessian = _spread(found, candidates.shape[0])
+    several = np.flatnonzero(np.isfinite(cost[:, 1:]).any(axis=1))
+    repeated = np.zeros(cost.shape, dtype=bool)
+    for t in range(cost.shape[1] - 1):
+        at = several, slice(t + 1, None)
+        dx, dy = x[at] - x[several, t, None], y[at] - y[several, t, None]
+        repeated[at] |= hessian.at(several, t, None).quadratic_form(dx, dy) < _SAME * _SAME
+    settled = np.zeros(candidates.shape, dtype=bool)
+    is_best = (found.x == x[found.snapshot, 0]) & (found.y == y[found.snapshot, 0])
+    settled[found.snapshot[is_best & found.settled]] = True
+    new = np.flatnonzero(~repeated[np.isfinite(cost)])
+    x, y, cost, hessian = _spread(rows_of(found, new), candidates.shape[0])
+    return Modes(x, y, cost, hessian, settled, candidates, at_boundary)
 
-    def sort(values: FloatArray) -> FloatArray:
-        return np.take_along_axis(values, order, axis=1)
 
-    return sort(x), sort(y), hessian.map(sort), sort(cost)
+def _spread(found: _Descents, size: int) -> tuple[FloatArray, FloatArray, FloatArray, SymmetricMatrix]:
+    """Return x, y, cost and second derivatives (B, T) of descents that are sorted by snapshot."""
+    number = np.bincount(found.snapshot, minlength=size)
+    index = np.arange(found.snapshot.shape[0]) - np.repeat(np.cumsum(number) - number, number)
+    shape = max(1, int(number.max(initial=0))), size
+    x, y, cost = (np.full(shape, value).T for value in (np.nan, np.nan, np.inf))
+    hessian = SymmetricMatrix(*(np.full(shape, np.nan).T for _ in found.hessian))
+    at = found.snapshot, index
+    x[at], y[at], cost[at] = found.x, found.y, found.cost
+    hessian.put(at, found.hessian)
+    return x, y, cost, hessian
