@@ -77,7 +77,7 @@ def convert(
             opened = _table(inputs, read, write, outputs, paths)
         with opened as source:
             if write.scene_out is not None:
-                outputs.write_text(write.scene_out, source.scene or "")
+                outputs.write_text(write.scene_out, source.scene or "", overwrite=write.overwrite)
             common: dict[str, Any] = {"overwrite": write.overwrite, "inputs": paths, "metadata": source.metadata}
             loses_scene = False
             if exporter is not None:

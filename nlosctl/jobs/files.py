@@ -124,4 +124,4 @@ def bad_row_writer(
 def write_report(write: OutputOptions, report: Mapping[str, Any], outputs: OutputSet, console: Console) -> None:
     """Write a report as JSON to its file, one of ``outputs``; the caller handles ``-``."""
     if write.report is not None and write.report != "-":
-        outputs.write_text(write.report, console.worded(json_text(report)))
+        outputs.write_text(write.report, console.worded(json_text(report)), overwrite=write.overwrite)

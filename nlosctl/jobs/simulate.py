@@ -45,5 +45,5 @@ def simulate(
             rows += table.num_rows
             progress(rows, None)
         if write.scene_out is not None:
-            outputs.write_text(write.scene_out, scene_to_toml(simulation.scene))
+            outputs.write_text(write.scene_out, scene_to_toml(simulation.scene), overwrite=write.overwrite)
     return simulation, rows

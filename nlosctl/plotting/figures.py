@@ -164,4 +164,4 @@ def save_figure(
     or can't be written.
     """
     check_targets([str(target)], overwrite=overwrite, inputs=inputs)
-    write_bytes(str(target), figure_bytes(figure, picture_format(str(target), format)))
+    write_bytes(str(target), figure_bytes(figure, picture_format(str(target), format)), overwrite=overwrite)

@@ -37,16 +37,16 @@ ours.
 """
 
 
-def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
+def write_page(path: Path, outcomes: Sequence[Outcome], *, overwrite: bool) -> None:
     """Write the page to ``path`` and copy the pictures to a folder ``figures`` beside it.
 
-    Raises DataError if it can't be written.
+    Raises DataError if it can't be written, or exists without ``overwrite``.
     """
     _copy_pictures(path, outcomes)
     parts = [_HEAD.format(version=f"nlosctl {__version__}"), _summary(outcomes)]
     for _, group in groupby(outcomes, key=lambda outcome: outcome.experiment.paper.name):
         parts.append(_paper(list(group)))
-    write_text(str(path), "\n".join(parts))
+    write_text(str(path), "\n".join(parts), overwrite=overwrite)
 
 
 def _copy_pictures(path: Path, outcomes: Sequence[Outcome]) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from nlosctl.errors import DataError, MissingExtraError
 from nlosctl.io.results.array_file import write_arrays
+from nlosctl.io.writers.locks import WriterLock
 from nlosctl.reproduce.experiment import Experiment
 from nlosctl.reproduce.outcome import ClaimRow, claim_rows, figure_columns
 from nlosctl.reproduce.samples import Results
@@ -46,8 +48,31 @@ def run_experiment(
 ) -> Outcome:
     """Sample the trials, or read them from ``folder``, and write the figure's numbers and picture there.
 
-    Raises DataError if ``folder`` has samples of another seed, number of trials or version, without ``overwrite``.
+    Raises DataError if ``folder`` has samples of another seed, number of trials or version, without ``overwrite``, or
+    if another run of the experiment writes there.
     """
+    with _locked(folder, experiment.name):
+        return _run(
+            experiment, seed=seed, trials=trials, folder=folder, overwrite=overwrite, jobs=jobs, progress=progress
+        )
+
+
+def _locked(folder: Path | None, name: str) -> AbstractContextManager[object]:
+    if folder is None:
+        return nullcontext()
+    return WriterLock(folder / f".{name}.lock", f"{folder}, {name}")
+
+
+def _run(
+    experiment: Experiment,
+    *,
+    seed: int,
+    trials: int,
+    folder: Path | None,
+    overwrite: bool,
+    jobs: int,
+    progress: Callable[[int, int | None], None],
+) -> Outcome:
     store = None
     if folder is not None:
         store = SampleStore(folder, experiment, experiment.fingerprint(seed, trials, __version__))

@@ -121,7 +121,7 @@ def reproduce(
     if page is not None:
         from nlosctl.reproduce.page import write_page
 
-        write_page(Path(page), outcomes)
+        write_page(Path(page), outcomes, overwrite=write.overwrite)
     _print(outcomes, json)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-__all__ = ["make_manifest", "plan_of_manifest", "record_of", "records_of_manifest", "sealed_record"]
+__all__ = ["make_manifest", "plan_difference", "plan_of_manifest", "record_of", "records_of_manifest", "sealed_record"]
 
 _OWN = ("table", "rows", "report")
 _SEAL = "sha256"
@@ -90,3 +90,26 @@ def sealed_record(record: Mapping[str, Any]) -> dict[str, Any]:
 def _seal(record: Mapping[str, Any]) -> str:
     as_read = json.loads(json.dumps(record))
     return hashlib.sha256(json.dumps(as_read, sort_keys=True).encode()).hexdigest()
+
+
+def plan_difference(before: Any, now: Any, where: str = "") -> str | None:
+    """Return a message about the first difference of two plans, or None."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in [*before, *(key for key in now if key not in before)]:
+            difference = plan_difference(before.get(key), now.get(key), f"{where}.{key}" if where else key)
+            if difference is not None:
+                return difference
+        return None
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        for index, (earlier, later) in enumerate(zip(before, now, strict=True)):
+            name = later.get("name", index) if isinstance(later, dict) else index
+            difference = plan_difference(earlier, later, f"{where}[{name}]")
+            if difference is not None:
+                return difference
+        return None
+    return None if before == now else f"{where} was {_short(before)} and is {_short(now)}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 80 else f"{text[:77]}..."

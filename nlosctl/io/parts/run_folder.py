@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import PurePosixPath
 from typing import Any
 
 from nlosctl.errors import DataError, in_one_line
-from nlosctl.io.parts.manifest import make_manifest, plan_of_manifest, record_of, records_of_manifest, sealed_record
+from nlosctl.io.parts.manifest import (
+    make_manifest,
+    plan_difference,
+    plan_of_manifest,
+    record_of,
+    records_of_manifest,
+    sealed_record,
+)
 from nlosctl.io.paths.locations import Location, is_local, location
-from nlosctl.io.writers.byte_output import write_text, writing
+from nlosctl.io.writers.byte_output import try_lock, write_text, writing
+from nlosctl.io.writers.locks import WriterLock
 
 __all__ = ["MANIFEST", "RunFolder", "describe_file"]
 
 MANIFEST = "_manifest.json"
 _STATE = "_unfinished"
 _PLAN = "plan.json"
+_LOCK = "_lock"
 _STORE_CLOCK_NS = 1_000_000_000
 """Stores report times to the second, or no time (0)."""
 
@@ -42,19 +51,34 @@ class RunFolder:
         self.roots = {table: str(location(root)) for table, root in roots.items()}
         self.main = location(next(iter(self.roots.values())))
         self._state = self.main / _STATE
+        self._replaces_manifest = False
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs out of the folders, which are made if they are missing; stores have no locks.
+
+        Raises DataError if another run writes into one of them.
+        """
+        for root in self.roots.values():
+            with writing(root):
+                _check_root(location(root))
+        with ExitStack() as stack:
+            for folder in map(location, self.roots.values()):
+                if is_local(folder):
+                    with writing(str(folder)):
+                        stack.enter_context(WriterLock(folder / _LOCK, str(folder)))
+            yield
 
     def open(
         self, plan: Mapping[str, Any], modified: Mapping[str, int], *, resume: bool, overwrite: bool
     ) -> dict[int, dict[str, Any]]:
-        """Prepare the folders and return the records of the parts that are complete, by number.
+        """Prepare the folders and return the records of the parts that are complete, by number; `locked` has them.
 
         ``plan`` is all that the results depend on, as plain values, its ``parts`` their names; ``modified`` is the time
         of the last change of each input (ns). Raises DataError if a folder contains something else, or (with
         ``resume``) was started with another plan or on other inputs.
         """
-        for root in self.roots.values():
-            with writing(root):
-                _check_root(location(root))
+        self._replaces_manifest = overwrite or resume
         try:
             with writing(str(self.main)):
                 return self._opened(plan, modified, resume=resume, overwrite=overwrite)
@@ -82,7 +106,7 @@ class RunFolder:
     def keep(self, number: int, record: Mapping[str, Any]) -> None:
         """Record that a part is complete, if a run was started."""
         if self._state.is_dir():
-            write_text(str(self._record_path(number)), json.dumps(sealed_record(record)))
+            write_text(str(self._record_path(number)), json.dumps(sealed_record(record)), overwrite=True)
 
     def finish(
         self, plan: Mapping[str, Any], records: Mapping[int, Mapping[str, Any]], report: Mapping[str, Any]
@@ -94,14 +118,15 @@ class RunFolder:
             for table, root in reversed(self.roots.items()):
                 manifest = make_manifest(table, plan, parts, report, is_main=location(root) == self.main)
                 text = json.dumps(manifest, indent=2, ensure_ascii=False)
-                write_text(str(location(root) / MANIFEST), text + "\n")
+                write_text(str(location(root) / MANIFEST), text + "\n", overwrite=self._replaces_manifest)
             self._forget_state()
 
     def _begin(self, plan: Mapping[str, Any], modified: Mapping[str, int]) -> None:
         for root in self.roots.values():
             location(root).mkdir(exist_ok=True)
         self._state.mkdir(exist_ok=True)
-        write_text(str(self._state / _PLAN), json.dumps({"plan": plan, "modified": dict(modified)}))
+        content = json.dumps({"plan": plan, "modified": dict(modified)})
+        write_text(str(self._state / _PLAN), content, overwrite=True)
 
     def _earlier_plan(self) -> dict[str, Any] | None:
         """Return the plan of the run in the folder, finished or not, or None without one."""
@@ -118,7 +143,7 @@ class RunFolder:
     def _resumed(
         self, earlier: dict[str, Any], plan: dict[str, Any], modified: dict[str, int]
     ) -> dict[int, dict[str, Any]]:
-        difference = _difference(earlier, plan) or self._changed_input(modified)
+        difference = plan_difference(earlier, plan) or self._changed_input(modified)
         if difference is not None:
             raise DataError(
                 f"{self.main}: `resume`: {difference}; run it with the same options on the same inputs, or start "
@@ -131,6 +156,9 @@ class RunFolder:
                 self.keep(number, record)
             for root in self.roots.values():
                 (location(root) / MANIFEST).unlink(missing_ok=True)
+                for name in (name for number, name in enumerate(plan["parts"]) if number not in records):
+                    if _inside(location(root), name):
+                        (location(root) / name).unlink(missing_ok=True)
             self.remove_temporary_files(plan.get("parts", []))
         return records
 
@@ -182,17 +210,17 @@ class RunFolder:
         self._forget_state()
 
     def remove_temporary_files(self, parts: Sequence[str]) -> None:
-        """Remove the temporary files of these parts that a stopped process has left behind."""
+        """Remove the temporary files of these parts whose process has ended."""
         for root in map(location, self.roots.values()):
             paths = [root / name for name in parts if _inside(root, name)]
             begins = {f".{path.name[:100]}." for path in paths}
             for folder in dict.fromkeys(path.parent for path in paths):
                 for left in _entries(folder):
                     if left.name.endswith(".part") and left.name.startswith(tuple(begins)):
-                        left.unlink(missing_ok=True)
+                        _remove_if_left(left)
         for left in _entries(self._state):
             if left.name.startswith(".") and left.name.endswith(".part"):
-                left.unlink(missing_ok=True)
+                _remove_if_left(left)
 
     def _forget_state(self) -> None:
         if self._state.is_dir():
@@ -226,9 +254,18 @@ def _entries(folder: Location) -> list[Location]:
     return [*folder.iterdir()] if folder.is_dir() else []
 
 
+def _remove_if_left(path: Location) -> None:
+    """Remove a temporary file unless it is locked, which its process does as long as it runs."""
+    if is_local(path):
+        with suppress(FileNotFoundError), path.open("rb") as file:
+            if not try_lock(file.fileno()):
+                return
+    path.unlink(missing_ok=True)
+
+
 def _refuse_other_files(root: Location) -> None:
     if root.is_dir():
-        others = sorted(path.name for path in root.iterdir() if path.name != _STATE)
+        others = sorted(path.name for path in root.iterdir() if path.name not in (_STATE, _LOCK))
         if others:
             raise DataError(f"{root}: the folder contains other files ({others[0]!r}); name an empty or a new one")
 
@@ -254,26 +291,3 @@ def _remove_empty_folders(root: Location, name: str) -> None:
     for folder in list(PurePosixPath(name).parents)[:-1]:
         with suppress(OSError):
             (root / str(folder)).rmdir()
-
-
-def _difference(before: Any, now: Any, where: str = "") -> str | None:
-    """Return a message about the first difference of two plans, or None."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in [*before, *(key for key in now if key not in before)]:
-            difference = _difference(before.get(key), now.get(key), f"{where}.{key}" if where else key)
-            if difference is not None:
-                return difference
-        return None
-    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        for index, (earlier, later) in enumerate(zip(before, now, strict=True)):
-            name = later.get("name", index) if isinstance(later, dict) else index
-            difference = _difference(earlier, later, f"{where}[{name}]")
-            if difference is not None:
-                return difference
-        return None
-    return None if before == now else f"{where} was {_short(before)} and is {_short(now)}"
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -142,10 +142,10 @@ class OutputSet:
         self._outputs.append(output)
         return output
 
-    def write_text(self, target: str, text: str) -> None:
+    def write_text(self, target: str, text: str, *, overwrite: bool) -> None:
         """Write a small text file as a member of the set; check the target first with `check_targets`."""
         with writing(target):
-            self.take(ByteOutput(target)).sink.write(text.encode("utf-8"))
+            self.take(ByteOutput(target, overwrite=overwrite)).sink.write(text.encode("utf-8"))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

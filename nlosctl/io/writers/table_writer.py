@@ -33,8 +33,9 @@ class TableWriter:
     Standard output receives the rows immediately (Parquet: at the end). ``schema`` is the Arrow schema of the file.
     ``metadata`` is written in formats that can store it; ``set_metadata`` adds to it, for Parquet until the end.
 
-    Raises DataError if the file exists (without ``overwrite``), is one of ``inputs``, or can't be written, and
-    UsageError for an unknown extension. A closed pipe is a BrokenPipeError, which the caller handles silently.
+    Raises DataError if the file exists (without ``overwrite``; with ``repeats``, if it has another content in the
+    end), is one of ``inputs``, or can't be written, and UsageError for an unknown extension. A closed pipe is a
+    BrokenPipeError, which the caller handles silently.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class TableWriter:
         *,
         format: FileFormat | None = None,
         overwrite: bool = False,
+        repeats: bool = False,
         inputs: Sequence[Location] = (),
         metadata: Mapping[str, str] | None = None,
         stdout: IO[bytes] | None = None,
@@ -53,7 +55,7 @@ class TableWriter:
         self.rows = 0
         self.schema = pa.schema([column.with_type(plain_type(column.type)) for column in schema])
         self._metadata = dict(metadata or {})
-        self._output = ByteOutput(target, stdout)
+        self._output = ByteOutput(target, stdout, overwrite=overwrite, repeats=repeats)
         self._group_rows = group_rows or size("group_rows")
         self._format = _format_for(target, format)
         self._buffered: list[Any] = []
@@ -61,7 +63,7 @@ class TableWriter:
         self._sink: Any = None
         self._encoder: Encoder | None = None
         self._closed = False
-        check_targets([target], overwrite=overwrite, inputs=inputs)
+        check_targets([target], overwrite=overwrite or repeats, inputs=inputs)
 
     def __enter__(self) -> TableWriter:
         self._sink = self._output.__enter__().sink

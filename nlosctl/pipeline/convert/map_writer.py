@@ -62,7 +62,7 @@ class MapWriter:
         assert isinstance(spec, ExporterSpec)  # noqa: S101 - what the registry says
         self._spec, self.rows = spec, 0
         self._options = parse_options(spec.options, parameters, f"exporter {spec.name!r}")
-        self._output = ByteOutput(target)
+        self._output = ByteOutput(target, overwrite=overwrite)
         self._frame = frame or _frame_of(metadata or {})
         self._writer: PlacesWriter | None = None
         self._completed = False

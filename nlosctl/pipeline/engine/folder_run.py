@@ -58,8 +58,14 @@ class FolderRun:
         """Write every missing part, then the manifests; the run's report covers all parts.
 
         Without ``engine``, ``jobs`` processes of this machine do the work. ``progress`` receives the number of rows
-        done. Raises the errors of `RunFolder.open` and of the parts.
+        done. Raises DataError if another run writes into a folder, and the errors of `RunFolder.open` and of the parts.
         """
+        with self._folder.locked():
+            self._write(engine, jobs, resume=resume, overwrite=overwrite, progress=progress)
+
+    def _write(
+        self, engine: Engine | None, jobs: int, *, resume: bool, overwrite: bool, progress: Callable[[int], None]
+    ) -> None:
         described = describe_inputs(self._inputs, {}, with_hash=self._with_hash)
         plan = self._plan(described)
         records = self._folder.open(plan, self._modified(), resume=resume, overwrite=overwrite)
@@ -68,7 +74,7 @@ class FolderRun:
             order.add(self._positions[number][0], records[number]["span"])
         missing = [number for number in range(len(self._names)) if number not in records]
         rows = _rows(records.values())
-        work = self._work()
+        work = self._work(overwrite=overwrite)
         made = _made_here(work, missing, jobs) if engine is None else _made_by(engine, work, missing)
         with closing(made):
             for number, record in made if missing else ():
@@ -79,7 +85,7 @@ class FolderRun:
         self._count(records)
         self._folder.finish(plan, records, self._run.report.as_dict())
 
-    def _work(self) -> PartWork:
+    def _work(self, *, overwrite: bool) -> PartWork:
         reader = self._run.reader
         return PartWork(
             command=self._command,
@@ -92,6 +98,7 @@ class FolderRun:
             positions=self._positions,
             format=self._format,
             with_hash=self._with_hash,
+            overwrite=overwrite,
         )
 
     def _plan(self, described: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -41,6 +41,7 @@ class PartWork:
     positions: tuple[tuple[int, int], ...]
     format: FileFormat
     with_hash: bool
+    overwrite: bool
 
     def make(self, number: int, jobs: int = 1) -> dict[str, Any]:
         """Write the files of one part, keep its record, and return it.
@@ -111,5 +112,10 @@ class PartWork:
         target = location(self.roots[table]) / self.names[number]
         target.parent.mkdir(parents=True, exist_ok=True)
         return TableWriter(
-            str(target), schema, format=self.format, overwrite=True, metadata={} if table == BAD_ROWS else metadata
+            str(target),
+            schema,
+            format=self.format,
+            overwrite=self.overwrite,
+            repeats=True,
+            metadata={} if table == BAD_ROWS else metadata,
         )
