@@ -100,6 +100,8 @@ class RangeBatch(Batch):
     ``sensor`` numbers the sensors, ``path`` the measurements of one sensor (-1: not numbered). ``sensor_xy_m``,
     ``range_m`` and ``range_std_m`` are in metres; all are finite, ranges and stds positive. ``sensor_height_m`` is
     the sensor's height above the plane of the targets: 0 for ranges in the plane, else the ranges are slant ranges.
+    ``reflector`` is an index into ``scene.reflectors``, or -1 for the direct path; None if no row has one. Only methods
+    that read ``reflector`` (see `MethodSpec.reads`) get rows that have one.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -108,6 +110,7 @@ class RangeBatch(Batch):
         "range_m": ("range_m",),
         "range_std_m": ("range_std_m",),
         "path": ("path",),
+        "reflector": ("reflector",),
         "sensor_height_m": ("sensor_height_m",),
     }
     ABSENT: ClassVar[Mapping[str, float]] = {"sensor_height_m": 0.0}
@@ -118,6 +121,7 @@ class RangeBatch(Batch):
     range_std_m: FloatArray
     path: IntArray
     sensor_height_m: FloatArray
+    reflector: IntArray | None = None
 
     @property
     def measurements(self) -> int:

@@ -68,6 +68,16 @@ class ReflectedPath:
             inverse = 1.0 / self.tube_width_m
             return self.sine * inverse, -self.cosine * inverse
 
+    def front_radius_m(self) -> FloatArray:
+        """Return the radius of the wave front at the source, as a wave from the sensor has it: width over its slope.
+
+        The second derivatives of the length by the source's position are (I - u u') over it, u the direction from the
+        reflection point. Negative beyond a focus, infinite behind a mirror that makes the wave plane.
+        """
+        normal = self.hit_x * np.cos(self.bearing_rad) + self.hit_y * np.sin(self.bearing_rad)
+        with ignoring_division():
+            return np.asarray(self.tube_width_m / (1.0 - 2.0 * self.first_leg_m / normal))
+
 
 def ray_tube_width(first_leg_m: FloatArray, second_leg_m: FloatArray, normal_m: FloatArray) -> FloatArray:
     """Return the width per radian of a ray tube after both legs; ``normal_m`` is radius times cos(incidence).

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
@@ -92,6 +94,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     further = {
         Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > _CHANCE),
         Status.DEGENERATE: model.uncertain(x, y, fixes.covariance.at(slice(None), 0)),
+        Status.INFEASIBLE: np.any(model.circles.unseen(x, y) & (at_best > 0.5), axis=1),
     }
     kind = "posterior" if options.bias == "positive" else options.covariance
     status = ranked_status(
@@ -131,4 +134,5 @@ METHOD = MethodSpec(
     searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
+    reads=frozenset({"reflector"}),
 )

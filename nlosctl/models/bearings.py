@@ -23,7 +23,7 @@ from nlosctl.geometry.lines import reflect_direction, reflect_points, side_of_li
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
-from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls
+from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls, unseen_rows
 
 __all__ = ["RayResiduals", "SightLines", "predict_bearings", "sight_lines"]
 
@@ -199,17 +199,8 @@ class SightLines(RowBlock):
 
     def unseen(self, x: FloatArray, y: FloatArray, paths: ReflectedPath | None = None) -> BoolArray:
         """Return to which rows (B, K) a point (B,) cannot be visible in the scene."""
-        unseen = np.zeros(self.origin_x.shape, dtype=bool, order="F")
-        if self.mirrors is not None:
-            unseen |= self.mirrors.beyond(x, y)
-        for direct in self.direct:
-            direct.place_in(unseen, direct.pick_from(unseen) | direct.outside(x, y))
-        if self.circles is not None:
-            paths = self.circles.paths_from(x, y) if paths is None else paths
-            self.circles.place_in(unseen, self.circles.outside(x, y, paths))
-        if self.walls is not None:
-            unseen |= self.walls.unseen(self.origin_x, self.origin_y, x, y)
-        return unseen
+        parts = (self.mirrors, self.direct, self.circles, self.walls)
+        return unseen_rows(self.origin_x, self.origin_y, *parts, x, y, paths)
 
 
 def sight_lines(batch: BearingBatch) -> SightLines:

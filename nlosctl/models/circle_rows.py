@@ -1,11 +1,12 @@
-"""Bearings seen by reflection on circles: the true path of each row, its residual and gradient.
+"""Rows seen by reflection on circles: the true path of each row; of bearings the residual and gradient.
 
 Song, Willett, Zhou 2013, Section 3. The rows of a block (B, K) that name a circle are stored as flat arrays (N,).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -17,7 +18,15 @@ from nlosctl.geometry.short_arc import short_arc_point
 from nlosctl.geometry.visibility import clears_blocker, elevation, horizon_elevation, sees_by_reflection
 from nlosctl.models.selected_rows import SelectedRows
 
-__all__ = ["CircleRows", "circle_table", "likeliest_points", "locate_circle_rows", "misplaced_sensors"]
+__all__ = [
+    "CirclePaths",
+    "CircleRows",
+    "circle_table",
+    "likeliest_points",
+    "locate_circle_paths",
+    "locate_circle_rows",
+    "misplaced_sensors",
+]
 
 
 _GROUND_TOLERANCE = 1e-6
@@ -25,8 +34,8 @@ _GROUND_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
-class CircleRows(SelectedRows):
-    """N rows of a block that are seen by reflection on a circle.
+class CirclePaths(SelectedRows):
+    """N rows of a block whose wave is reflected by a circle.
 
     ``blocker_radius`` is NaN where the circle has none: then any of up to four paths may be the row's.
     ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker. ``takes_any_path``
@@ -36,7 +45,6 @@ class CircleRows(SelectedRows):
     radius: FloatArray
     blocker_radius: FloatArray
     least_elevation_rad: FloatArray
-    bearing_rad: FloatArray
     takes_any_path: BoolArray
 
     @property
@@ -47,9 +55,8 @@ class CircleRows(SelectedRows):
     def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath:
         """Return the path (N,) of each row from points (B,).
 
-        From a sensor on the blocker that on the short arc, the only one that can be free (Lemma 3). Without a blocker
-        the one nearest to the row's bearing, from a sensor above the blocker the nearest of those that are free (of
-        all where none is). NaN where the point or the sensor is not inside the circle.
+        From a sensor on the blocker that on the short arc, the only one that can be free (Lemma 3). Of several possible
+        paths that of `choose_points`. NaN where the point or the sensor is not inside the circle.
         """
         source_x, source_y = self.about_circle(x, y)
         geometry = (self.sensor_x, self.sensor_y, source_x, source_y, self.radius)
@@ -57,18 +64,43 @@ class CircleRows(SelectedRows):
         if not several.any():
             hit_x, hit_y = short_arc_point(*geometry)
         elif several.all():
-            hit_x, hit_y = _nearest_point(self.bearing_rad, self.blocker_radius, *geometry)
+            hit_x, hit_y = self.choose_points(several, *geometry)
         else:
             hit_x, hit_y = np.empty_like(source_x), np.empty_like(source_y)
-            hit_x[several], hit_y[several] = _nearest_point(
-                self.bearing_rad[several], self.blocker_radius[several], *(part[several] for part in geometry)
-            )
+            hit_x[several], hit_y[several] = self.choose_points(several, *(part[several] for part in geometry))
             hit_x[~several], hit_y[~several] = short_arc_point(*(part[~several] for part in geometry))
         return reflect_at(hit_x, hit_y, self.sensor_x, self.sensor_y, source_x, source_y)
 
-    def residual_rad(self, path: ReflectedPath) -> FloatArray:
-        """Return measured minus predicted bearing (N,), in (-pi, pi]."""
-        return wrap_angle(self.bearing_rad - path.bearing_rad)
+    def choose_points(
+        self,
+        rows: BoolArray,
+        sensor_x: FloatArray,
+        sensor_y: FloatArray,
+        source_x: FloatArray,
+        source_y: FloatArray,
+        radius: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the reflection points (n,) of some ``rows`` (N,) with several possible paths: of the likeliest."""
+        return likeliest_points(sensor_x, sensor_y, source_x, source_y, radius, self.blocker_radius[rows])
+
+    def of_measurement(self, k: int) -> Self:
+        """Return the rows of measurement ``k``: views, as rows are ordered by measurement."""
+        mine = slice(*np.searchsorted(self.measurement, (k, k + 1)))
+        return replace(self, **{name: array[mine] for name, array in vars(self).items() if name != "shape"})
+
+    def alone(self, rows: IntArray) -> Self:
+        """Return some rows (n,), each in a snapshot of its own."""
+        arrays = {name: array[rows] for name, array in vars(self).items() if name != "shape"}
+        return replace(self, **{**arrays, "shape": (rows.shape[0], 1), "snapshot": np.arange(rows.shape[0])})
+
+    def lengths_from(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the lengths (N, P) of the paths of the rows from points (B, P), as those of `paths_from`."""
+        size, points = self.snapshot.shape[0], x.shape[1]
+        arrays = {name: np.repeat(array, points) for name, array in vars(self).items() if name != "shape"}
+        arrays["snapshot"] = np.arange(size * points)
+        wide = replace(self, **arrays)  # type: ignore[arg-type]
+        path = wide.paths_from(x[self.snapshot].ravel(), y[self.snapshot].ravel())
+        return path.length_m.reshape(size, points)
 
     def outside(self, x: FloatArray, y: FloatArray, path: ReflectedPath) -> BoolArray:
         """Return which rows (N,) can't see their point (B,): not in the circle, or not in A2 where it has a blocker.
@@ -80,6 +112,30 @@ class CircleRows(SelectedRows):
         seen = sees_by_reflection(self.sensor_x, self.sensor_y, source_x, source_y, path, *limits)
         return ~np.where(self.has_choice, np.isfinite(path.bearing_rad), seen)
 
+
+@dataclass(frozen=True)
+class CircleRows(CirclePaths):
+    """N rows of bearings that are seen by reflection on a circle."""
+
+    bearing_rad: FloatArray
+
+    def choose_points(
+        self,
+        rows: BoolArray,
+        sensor_x: FloatArray,
+        sensor_y: FloatArray,
+        source_x: FloatArray,
+        source_y: FloatArray,
+        radius: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the points (n,) seen nearest to the bearings, free ones before blocked ones."""
+        geometry = (sensor_x, sensor_y, source_x, source_y, radius)
+        return _nearest_point(self.bearing_rad[rows], self.blocker_radius[rows], *geometry)
+
+    def residual_rad(self, path: ReflectedPath) -> FloatArray:
+        """Return measured minus predicted bearing (N,), in (-pi, pi]."""
+        return wrap_angle(self.bearing_rad - path.bearing_rad)
+
     def under_horizon(self) -> BoolArray:
         """Return which rows (N,) have a bearing under their horizon, from where no wave can come."""
         return elevation(self.sensor_x, self.sensor_y, self.bearing_rad) < self.least_elevation_rad
@@ -88,6 +144,14 @@ class CircleRows(SelectedRows):
 def locate_circle_rows(
     scene: Scene, reflector: IntArray, sensor_x: FloatArray, sensor_y: FloatArray, bearing_rad: FloatArray
 ) -> CircleRows | None:
+    """Return the circle rows of a block (B, K) of bearings; as `locate_circle_paths`."""
+    paths = locate_circle_paths(scene, reflector, sensor_x, sensor_y)
+    return None if paths is None else CircleRows(**vars(paths), bearing_rad=paths.pick_from(bearing_rad))
+
+
+def locate_circle_paths(
+    scene: Scene, reflector: IntArray, sensor_x: FloatArray, sensor_y: FloatArray
+) -> CirclePaths | None:
     """Return the circle rows of a block (B, K), centres in the scene's coordinates, or None if it has no such rows.
 
     Rows whose sensor is not inside the circle, or under the blocker, get a sensor that is NaN: no path leads to it.
@@ -103,7 +167,7 @@ def locate_circle_rows(
     outside, under = misplaced_sensors(distance, radius, blocker)
     impossible = outside | under
     horizon = horizon_elevation(distance, blocker)
-    return CircleRows(
+    return CirclePaths(
         shape=reflector.shape,
         snapshot=snapshot,
         measurement=measurement,
@@ -114,7 +178,6 @@ def locate_circle_rows(
         radius=radius,
         blocker_radius=blocker,
         least_elevation_rad=np.fmax(horizon, least),
-        bearing_rad=bearing_rad[index],
         takes_any_path=np.isnan(blocker) | (distance > blocker * (1.0 + _GROUND_TOLERANCE)),
     )
 

@@ -87,19 +87,23 @@ def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Be
 
 def _range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Information:
     circles = range_circles(batch)
-    matrix = circles.information(x - circles.center_x, y - circles.center_y)
-    return Information(matrix, np.full(x.shape, batch.measurements, dtype=np.int64))
+    local_x, local_y = x - circles.center_x, y - circles.center_y
+    seen = ~circles.unseen(local_x, local_y)
+    informative = replace(circles, std_m=np.where(seen, circles.std_m, np.inf))
+    return Information(informative.information(local_x, local_y), np.count_nonzero(seen, axis=1))
 
 
 def _ranges_seen_from(batch: RangeBatch, x: FloatArray, y: FloatArray) -> RangeBatch:
     shape = (x.shape[0], batch.measurements)
-    names = ("sensor", "sensor_xy_m", "range_std_m", "path", "sensor_height_m")
+    names = ("sensor", "sensor_xy_m", "range_std_m", "path", "reflector", "sensor_height_m")
     seen: dict[str, Any] = {
         name: np.asfortranarray(np.broadcast_to(array, (*shape, *array.shape[2:])))
         for name, array in ((name, getattr(batch, name)) for name in names)
+        if array is not None
     }
     source_xy = np.broadcast_to(np.stack([x, y], axis=1)[:, None, :], (*shape, 2))
-    range_m = np.asfortranarray(predict_ranges(seen["sensor_xy_m"], seen["sensor_height_m"], source_xy))
+    path = (seen.get("reflector"), batch.scene)
+    range_m = np.asfortranarray(predict_ranges(seen["sensor_xy_m"], seen["sensor_height_m"], source_xy, *path))
     return RangeBatch(scene=batch.scene, seed=np.zeros(x.shape, dtype=np.uint64), range_m=range_m, **seen)
 
 

@@ -40,6 +40,13 @@ class MirrorRows(RowBlock):
             side = side_of_line(x[:, None], y[:, None], self.point_x, self.point_y, self.angle_rad)
             return np.asarray(side * self.sensor_side_m <= 0.0)
 
+    def row_beyond(self, k: int, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Return the same of row ``k`` for points (B,) or (B, P)."""
+        parts = (self.point_x[:, k], self.point_y[:, k], self.angle_rad[:, k], self.sensor_side_m[:, k])
+        point_x, point_y, angle, sensor_side = (part if x.ndim == 1 else part[:, None] for part in parts)
+        beyond: BoolArray = side_of_line(x, y, point_x, point_y, angle) * sensor_side <= 0.0
+        return beyond
+
 
 @dataclass(frozen=True)
 class Focusing(RowBlock):

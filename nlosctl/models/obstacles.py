@@ -9,11 +9,14 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.lines import crosses_segment
 from nlosctl.geometry.visibility import sees_directly
+from nlosctl.models.circle_rows import CirclePaths
+from nlosctl.models.mirror_rows import MirrorRows
 from nlosctl.models.selected_rows import SelectedRows
 
-__all__ = ["DirectRows", "WallRows", "hidden_by_walls", "locate_direct_rows", "locate_walls"]
+__all__ = ["DirectRows", "WallRows", "hidden_by_walls", "locate_direct_rows", "locate_walls", "unseen_rows"]
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,33 @@ def locate_walls(scene: Scene, reflector: IntArray, center_x: FloatArray, center
         if isinstance(wall, SegmentReflector)
     }
     return WallRows(ends, reflector, center_x, center_y) if ends else None
+
+
+def unseen_rows(
+    origin_x: FloatArray,
+    origin_y: FloatArray,
+    mirrors: MirrorRows | None,
+    direct: tuple[DirectRows, ...],
+    circles: CirclePaths | None,
+    walls: WallRows | None,
+    x: FloatArray,
+    y: FloatArray,
+    paths: ReflectedPath | None = None,
+) -> BoolArray:
+    """Return to which rows (B, K), with unfolded origins, a point (B,) can't be visible by any part of the scene.
+
+    All coordinates are about the local origins; ``paths`` are those of ``circles`` from the points, if known.
+    """
+    unseen = np.zeros(origin_x.shape, dtype=bool, order="F")
+    if mirrors is not None:
+        unseen |= mirrors.beyond(x, y)
+    for rows in direct:
+        rows.place_in(unseen, rows.pick_from(unseen) | rows.outside(x, y))
+    if circles is not None:
+        circles.place_in(unseen, circles.outside(x, y, circles.paths_from(x, y) if paths is None else paths))
+    if walls is not None:
+        unseen |= walls.unseen(origin_x, origin_y, x, y)
+    return unseen
 
 
 def hidden_by_walls(

@@ -64,6 +64,22 @@ _RANGE = (
     ),
 )
 
+_PATH = (
+    Column(
+        name="path",
+        type="integer",
+        nullable=True,
+        meaning="number of the path, for several measurements of one sensor in one snapshot (resolved multipath)",
+    ),
+    Column(
+        name="reflector",
+        type="text",
+        nullable=True,
+        names_reflector=True,
+        meaning="reflector of the scene on the path; empty or absent for the direct path",
+    ),
+)
+
 _PRIOR_POSITION = (
     Column(name="prior_x_m", type="number", unit="m", nullable=True, meaning="prior position of the source"),
     Column(name="prior_y_m", type="number", unit="m", nullable=True, meaning="prior position of the source"),
@@ -127,19 +143,7 @@ BEARINGS = Table(
             meaning="standard deviation of the bearing error",
             spellings=(Spelling(name="bearing_std_deg", scale=DEGREE),),
         ),
-        Column(
-            name="path",
-            type="integer",
-            nullable=True,
-            meaning="number of the path, for several measurements of one sensor in one snapshot (resolved multipath)",
-        ),
-        Column(
-            name="reflector",
-            type="text",
-            nullable=True,
-            names_reflector=True,
-            meaning="reflector of the scene on the path; empty or absent for the direct path",
-        ),
+        *_PATH,
         *_RANGE,
         *_PRIOR_POSITION,
         _PRIOR_STD,
@@ -163,12 +167,7 @@ RANGES = Table(
             unit="m",
             meaning="sensor height, for slant ranges to targets at a height of their own (target_z_m)",
         ),
-        Column(
-            name="path",
-            type="integer",
-            nullable=True,
-            meaning="number of the path, for several measurements of one sensor in one snapshot (resolved multipath)",
-        ),
+        *_PATH,
         *_TRUTH,
         Column(
             name="truth_target",

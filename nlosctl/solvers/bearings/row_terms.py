@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.blocks import RowBlock
-from nlosctl.geometry.lines import side_of_line
 from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.models.mirror_rows import Focusing, MirrorRows
+from nlosctl.models.mirror_rows import Focusing
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
 __all__ = ["DirectBearings", "squared_tube_ratio", "tube_width_m"]
@@ -108,7 +107,7 @@ class DirectBearings(RowBlock):
             )
             half_chi_square += 0.5 * scaled * scaled
         if self.lines.mirrors is not None:
-            impossible |= _beyond(self.lines.mirrors, k, x, y)
+            impossible |= self.lines.mirrors.row_beyond(k, x, y)
         np.copyto(half_chi_square, np.inf, where=impossible)
         return half_chi_square
 
@@ -164,7 +163,7 @@ class DirectBearings(RowBlock):
         impossible = lines.cosine[:, k] * dx + lines.sine[:, k] * dy <= 0.0
         impossible |= dx * dx + dy * dy < self.squared_minimum
         if lines.mirrors is not None:
-            impossible |= _beyond(lines.mirrors, k, x, y)
+            impossible |= lines.mirrors.row_beyond(k, x, y)
         np.copyto(row.half_chi_square, np.inf, where=impossible)
         return row
 
@@ -223,13 +222,6 @@ class DirectBearings(RowBlock):
             row.gauss + SymmetricMatrix.outer(x, y, weight=gain),
             hessian,
         )
-
-
-def _beyond(mirrors: MirrorRows, k: int, x: FloatArray, y: FloatArray) -> BoolArray:
-    parts = (mirrors.point_x[:, k], mirrors.point_y[:, k], mirrors.angle_rad[:, k], mirrors.sensor_side_m[:, k])
-    point_x, point_y, angle, sensor_side = (part if x.ndim == 1 else part[:, None] for part in parts)
-    beyond: BoolArray = side_of_line(x, y, point_x, point_y, angle) * sensor_side <= 0.0
-    return beyond
 
 
 def squared_tube_ratio(focusing: Focusing, k: int, range_m: FloatArray) -> FloatArray:

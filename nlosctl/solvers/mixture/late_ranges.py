@@ -57,9 +57,9 @@ class _Radial(NamedTuple):
     bend: FloatArray
     least_bend: FloatArray
 
-    def in_plane(self, distance: FloatArray, u: FloatArray, v: FloatArray) -> RowDerivatives:
-        """Return the derivatives by x and y; (u, v) is the gradient of the distance."""
-        around = -self.slope / distance
+    def in_plane(self, radius_m: FloatArray, u: FloatArray, v: FloatArray) -> RowDerivatives:
+        """Return the derivatives by x and y; (u, v) is the gradient of the distance, (I - u u') / radius its second."""
+        around = -self.slope / radius_m
         hessian = SymmetricMatrix.outer(u, v, weight=self.bend - around).add_to_diagonal(around)
         gradient = (-self.slope * u, -self.slope * v)
         return RowDerivatives(self.value, gradient, SymmetricMatrix.outer(u, v, weight=self.least_bend), hessian)
@@ -127,11 +127,9 @@ class LateRanges(RowBlock):
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return the same as ``half_chi_square`` at points (B,), and its derivatives, with those of the outlier."""
         circles, precision = self.circles, 1.0 / self.circles.std_m[:, k]
-        dx, dy = x - circles.sensor_x[:, k], y - circles.sensor_y[:, k]
-        height = 0.0 if circles.height is None else circles.height[:, k]
-        distance = np.maximum(np.sqrt(dx * dx + dy * dy + height * height), np.finfo(np.float64).tiny)
-        along = dx / distance, dy / distance
-        scaled = (circles.range_m[:, k] - distance) * precision
+        path = circles.path(k, x, y)
+        radius, along = path.radius_m, (path.along_x, path.along_y)
+        scaled = (circles.range_m[:, k] - path.length_m) * precision
         value, slope, bend, least_bend = self._outlier(k, scaled)
         squared = precision * precision
         outlier = _Radial(value, slope * precision, bend * squared, least_bend * squared)
@@ -141,15 +139,12 @@ class LateRanges(RowBlock):
             (1.0 - bend) * squared,
             (1.0 - least_bend) * squared,
         )
-        return dataclasses.replace(ratio.in_plane(distance, *along), outlier=outlier.in_plane(distance, *along))
+        return dataclasses.replace(ratio.in_plane(radius, *along), outlier=outlier.in_plane(radius, *along))
 
     def _scaled(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the excess of row ``k`` over the distance of points (B, P), in standard deviations."""
         circles = self.circles
-        squared = (x - circles.sensor_x[:, k, None]) ** 2 + (y - circles.sensor_y[:, k, None]) ** 2
-        if circles.height is not None:
-            squared += circles.height[:, k, None] ** 2
-        return (circles.range_m[:, k, None] - np.sqrt(squared)) / circles.std_m[:, k, None]
+        return (circles.range_m[:, k, None] - circles.length_m(k, x, y)) / circles.std_m[:, k, None]
 
     def _log_outlier(self, k: int, scaled: FloatArray) -> FloatArray:
         """Return the logarithm (B, P) of the density of row ``k`` as an outlier, in units of a stray's."""

@@ -14,8 +14,11 @@ __all__ = ["ring_density", "sample_ring"]
 
 
 def ring_density(circles: RangeCircles) -> FloatArray:
-    """Return the density (B, K) of the points of `sample_ring` on the circles."""
-    return 1.0 / (circles.std_m * sqrt(2.0 * pi) * 2.0 * pi * circles.range_m)
+    """Return the density (B, K) of the points of `sample_ring` on the circles; 0 for rows by a circle."""
+    density = 1.0 / (circles.std_m * sqrt(2.0 * pi) * 2.0 * pi * circles.range_m)
+    if circles.circles is not None:
+        circles.circles.place_in(density, np.zeros(circles.circles.snapshot.shape))
+    return density
 
 
 def sample_ring(

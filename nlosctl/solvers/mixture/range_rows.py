@@ -26,6 +26,7 @@ from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
 from nlosctl.solvers.optimization.problem import RowDerivatives
+from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_by_circle, pairs_by_circle
 
 __all__ = ["BiasLaw", "DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
 
@@ -51,14 +52,8 @@ class DirectRanges(RowBlock):
         return np.ones(self.circles.range_m.shape, dtype=np.int64)
 
     def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return half the chi-square of row ``k`` at points (B, P)."""
-        half_chi_square, across = x - self.circles.sensor_x[:, k, None], y - self.circles.sensor_y[:, k, None]
-        half_chi_square *= half_chi_square
-        across *= across
-        half_chi_square += across
-        if self.circles.height is not None:
-            half_chi_square += self.circles.height[:, k, None] ** 2
-        np.sqrt(half_chi_square, out=half_chi_square)
+        """Return half the chi-square of row ``k`` at points (B, P); half a million where it can't be direct."""
+        half_chi_square = self.circles.length_m(k, x, y)
         half_chi_square -= self.circles.range_m[:, k, None]
         half_chi_square *= sqrt(0.5) / self.circles.std_m[:, k, None]
         half_chi_square *= half_chi_square
@@ -80,14 +75,11 @@ class DirectRanges(RowBlock):
 
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), and its derivatives."""
-        part = self.circles
-        dx, dy = x - part.sensor_x[:, k], y - part.sensor_y[:, k]
-        height = 0.0 if part.height is None else part.height[:, k]
-        distance = np.maximum(np.sqrt(dx * dx + dy * dy + height * height), np.finfo(np.float64).tiny)
-        precision = 1.0 / part.std_m[:, k]
-        scaled = (distance - part.range_m[:, k]) * precision
-        u, v = dx / distance, dy / distance
-        gain, bend = precision * precision, scaled * precision / distance
+        path = self.circles.path(k, x, y)
+        precision = 1.0 / self.circles.std_m[:, k]
+        scaled = (path.length_m - self.circles.range_m[:, k]) * precision
+        u, v = path.along_x, path.along_y
+        gain, bend = precision * precision, scaled * precision / path.radius_m
         gauss = SymmetricMatrix.outer(u, v, weight=gain)
         hessian = SymmetricMatrix(
             gauss.xx + bend * (1.0 - u * u), gauss.xy - bend * u * v, gauss.yy + bend * (1.0 - v * v)
@@ -143,10 +135,14 @@ def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
     """
     alone = np.where(batch.path < 0, np.arange(batch.measurements), -1)
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_height_m, alone]
+    keys += [] if batch.reflector is None else [batch.reflector]
     groups = group_paths(keys, batch.path)
-    names = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "sensor_height_m")
-    arrays: dict[str, Any] = {name: sort_rows(getattr(batch, name), groups) for name in names}
-    return dataclasses.replace(batch, **arrays), groups
+    names = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "reflector", "sensor_height_m")
+    arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
+    sorted_arrays: dict[str, Any] = {
+        name: sort_rows(array, groups) for name, array in arrays.items() if array is not None
+    }
+    return dataclasses.replace(batch, **sorted_arrays), groups
 
 
 @dataclass(frozen=True)
@@ -226,17 +222,16 @@ class RangeCandidates:
     def of(cls, batch: RangeBatch, model: RangeOutlierModel, max_pairs: int) -> RangeCandidates:
         """Return the candidates of a grouped batch with its model."""
         first, second = choose_pairs(batch.seed, batch.measurements, max_pairs)
-        x, y = model.circles.sensor_x, model.circles.sensor_y
-        away = np.maximum(np.abs(x - x[:, :1]), np.abs(y - y[:, :1]))
-        return cls(model, first, second, max_measurements(away) == 0.0)
+        return cls(model, first, second, model.circles.single_origin())
 
     @property
     def count(self) -> int:
         """The number of candidates of each snapshot."""
-        return 2 * int(self.first.shape[-1])
+        each = 2 if self.model.circles.circles is None else MOST_CROSSINGS
+        return each * int(self.first.shape[-1])
 
     def points(self, rows: IntArray) -> Candidates:
-        """Return the candidates of some snapshots; circles that miss each other have one between them."""
+        """Return the candidates of some snapshots; ranges that never agree have one where they do most nearly."""
         circles = self.model.circles
         first, second = (index if index.ndim == 1 else index[rows] for index in (self.first, self.second))
         squared = circles.squared_in_plane()
@@ -252,8 +247,25 @@ class RangeCandidates:
         points = cross_circles(centers[0], radii[0], centers[1], radii[1], gap_tolerance=np.inf)
         may = (gather(self.model.share, first) > 0.0) & (gather(self.model.share, second) > 0.0)
         may &= gather(self.model.leader, first) != gather(self.model.leader, second)
-        x, y = (np.concatenate([points[..., 0, axis], points[..., 1, axis]], axis=1) for axis in (0, 1))
-        return Candidates(x, y, np.isfinite(x) & np.concatenate([may, may], axis=1))
+        if circles.circles is not None:
+            points = self._with_crossings_by_circle(points, rows, first, second)
+        each = points.shape[-2]
+        x, y = (np.concatenate([points[..., n, axis] for n in range(each)], axis=1) for axis in (0, 1))
+        return Candidates(x, y, np.isfinite(x) & np.concatenate([may] * each, axis=1))
+
+    def _with_crossings_by_circle(
+        self, points: FloatArray, rows: IntArray, first: IntArray, second: IntArray
+    ) -> FloatArray:
+        """Return points (b, P, 2, 2) as (b, P, `MOST_CROSSINGS`, 2), those of pairs with a row by a circle replaced."""
+        circles = self.model.circles.take(rows)
+        shape = points.shape[:2]
+        first, second = (np.broadcast_to(index, shape) for index in (first, second))
+        wide = np.full((*shape, MOST_CROSSINGS, 2), np.nan)
+        wide[:, :, :2] = points
+        at = pairs_by_circle(circles, first, second)
+        if at[0].size:
+            wide[at] = np.stack(cross_by_circle(circles, at[0], first[at], second[at]), axis=-1)
+        return wide
 
     def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return which points (b, P) of some snapshots are in the search region."""
