@@ -15,18 +15,16 @@ from nlosctl.pipeline.solve.method_runs import MethodRun
 __all__ = ["refuse_reflected_ranges"]
 
 
-def refuse_reflected_ranges(chunk: Chunk, kind: str, scene: Scene, runs: Sequence[MethodRun]) -> None:
+def refuse_reflected_ranges(chunk: Chunk, scene: Scene, runs: Sequence[MethodRun]) -> None:
     """Raise UsageError, naming the first such row, if rows that take part need what a method can't do.
 
     ``chunk`` has the column ``sensor_height_m`` if its ranges are slant ranges.
     """
-    if kind != "ranges" or not scene.reflectors:
-        return
     reflector = np.where(chunk.left_out, -1, chunk.columns["reflector"])
     reflected = np.flatnonzero(reflector >= 0)
     unable = [run.spec.name for run in runs if "reflector" not in run.spec.reads]
     if reflected.size and unable:
-        able = ", ".join(_methods_that_can(kind))
+        able = ", ".join(_methods_that_can())
         raise UsageError(
             f"{_cell(chunk, int(reflected[0]), scene)}, but {', '.join(dict.fromkeys(unable))} takes every range as "
             f"direct; localize by {able}, or leave such rows out (los false)"
@@ -47,6 +45,6 @@ def _cell(chunk: Chunk, row: int, scene: Scene) -> str:
     return f"{chunk.source}, snapshot {snapshot}, column 'reflector': got {name!r}"
 
 
-def _methods_that_can(kind: str) -> list[str]:
-    specs = [registry.load(entry) for entry in registry.entries() if entry.kind == kind]
+def _methods_that_can() -> list[str]:
+    specs = [registry.load(entry) for entry in registry.entries() if entry.kind == "ranges"]
     return [spec.name for spec in specs if "reflector" in spec.reads]

@@ -23,7 +23,6 @@ from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_m
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
-from nlosctl.pipeline.solve.reflected_ranges import refuse_reflected_ranges
 from nlosctl.pipeline.solve.report import RunReport, heights_remark, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
@@ -212,7 +211,10 @@ class MeasurementRun:
         write, target_z_m = self._write, self._options.target_z_m
         if target_z_m is not None:
             chunk = with_sensor_heights(chunk, target_z_m)
-        refuse_reflected_ranges(chunk, self.reader.kind, self.reader.scene, self._runs)
+        if self.reader.kind == "ranges" and self.reader.scene.reflectors:
+            from nlosctl.pipeline.solve.reflected_ranges import refuse_reflected_ranges
+
+            refuse_reflected_ranges(chunk, self.reader.scene, self._runs)
         solution = self._solver.solve(chunk, self._seeds(chunk))
         named: dict[str, Any] = {}
         if "estimates" in self._layouts and solution.estimates is not None:
