@@ -81,7 +81,7 @@ class RangeCircles(RowBlock):
     def horizontal_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the distance (B, K) in the plane of points (B,), about the local origin, from the sensors.
 
-        Of reflected rows the length of the path; NaN where there is none.
+        Of reflected rows the length of the path; NaN where no path exists.
         """
         distance = np.hypot(x[:, None] - self.sensor_x, y[:, None] - self.sensor_y)
         if self.circles is not None:
@@ -113,7 +113,7 @@ class RangeCircles(RowBlock):
     def path(self, k: int, x: FloatArray, y: FloatArray) -> RangePath:
         """Return the path of row ``k`` to points (B,).
 
-        Where there is none (beyond the row's mirror, outside of its circle) a thousand stds too long for the range.
+        Where no path exists (beyond the row's mirror, outside of its circle) a thousand stds too long for the range.
         """
         dx, dy = x - self.sensor_x[:, k], y - self.sensor_y[:, k]
         height = 0.0 if self.height is None else self.height[:, k]

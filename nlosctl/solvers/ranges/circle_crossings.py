@@ -61,7 +61,7 @@ class _Curve:
 
 
 def pairs_by_circle(circles: RangeCircles, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the indices (n,) of snapshots and of pairs of which a row is by a circle; ``first``, ``second`` (B, P)."""
+    """Return the indices (n,) of snapshots and of pairs with a row by a circle; ``first``, ``second`` (B, P)."""
     bent = np.zeros(circles.range_m.shape, dtype=bool)
     if circles.circles is not None:
         circles.circles.place_in(bent, np.ones(circles.circles.snapshot.shape, dtype=bool))
