@@ -10,8 +10,8 @@ from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.evaluation_arrays import TruthTable
 from nlosctl.io.results.tables import score_table
+from nlosctl.io.results.truth_table import TruthTable
 from nlosctl.io.writers.output_set import OutputSet, check_targets
 from nlosctl.jobs.console import Silent
 from nlosctl.jobs.files import open_inputs, open_output, write_report
@@ -54,10 +54,10 @@ def evaluate(
         if len(given) > 1:
             raise UsageError("`estimates` goes with one file of flags; evaluate several one by one")
         _check_distance(ospa_order, ospa_cutoff_m)
-        targets = estimates if isinstance(estimates, Input) else open_inputs([estimates], None)[0]
+        targets = [estimates] if isinstance(estimates, Input) else open_inputs([estimates], None)
         evaluation = evaluate_targets(given[0], targets, order=ospa_order, cutoff_m=ospa_cutoff_m)
     else:
-        truth_table = None if truth is None else TruthTable(open_inputs([truth], None)[0])
+        truth_table = None if truth is None else TruthTable(open_inputs([truth], None))
         evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=best_alternative)
     reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
     with OutputSet() as outputs:

@@ -58,7 +58,7 @@ CONTENTS = {
         row=5, column="sensor_x_m", got=("7070593.979 m",), expected=("6671000 m",), cure=(ASIDE,)
     ),
     "bad_snapshot_comes_back.csv": Content(
-        row=13, column="snapshot", got=("0 ", "row 1)"), expected=("together",), cure=("ORDER BY snapshot", "duckdb")
+        row=13, column="snapshot", got=("0 ", "row 1)"), expected=("together",), cure=("ORDER BY", "duckdb")
     ),
     "bad_triplets_degrees_as_radians.csv": Content(
         column="dod_rad", got=("17 of 18",), expected=("6.283",), cure=("dod_deg",)

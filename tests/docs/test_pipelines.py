@@ -16,7 +16,7 @@ from doc_pages import read_page, run_shell
 pytestmark = pytest.mark.process
 
 PAGE = read_page("docs/pipelines.md")
-DATA, PIPE, MAKE, XARGS, DUCKDB, CALIBRATION = PAGE.commands
+DATA, PIPE, MAKE, XARGS, FOLDER, DUCKDB, CALIBRATION = PAGE.commands
 WORKFLOW = ".github/workflows/fixes.yml"
 
 
@@ -115,6 +115,16 @@ def test_find_and_xargs(folder: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in (folder / "each").iterdir()) == [f"day{k}.parquet" for k in (1, 2, 3)]
     run_checked(XARGS, with_bad_row(folder, tmp_path), code=123)
     assert sorted(path.name for path in (tmp_path / "each").iterdir()) == ["day1.parquet", "day3.parquet"]
+
+
+def test_one_run_for_all_files(folder: Path) -> None:
+    """The run over all files writes the estimates of the runs per file."""
+    run_checked(XARGS, folder)
+    run_checked(FOLDER, folder)
+    for day in (1, 2, 3):
+        one = pyarrow.parquet.read_table(folder / "each" / f"day{day}.parquet")
+        several = pyarrow.parquet.read_table(folder / "folder" / f"day{day}.parquet")
+        assert several.select(one.column_names).equals(one)
 
 
 def need_duckdb(folder: Path) -> None:

@@ -92,12 +92,12 @@ def test_own_columns_of_two_types_meet(tmp_path: Path, one: Any, other: Any, kep
 @pytest.mark.parametrize(
     ("name", "renames", "hint"),
     [
-        ("a.parquet", {}, """duckdb -c "COPY (SELECT * FROM '{folder}/a.parquet' ORDER BY snapshot) TO"""),
-        ("a.parquet", {"snapshot": "id"}, "ORDER BY id) TO"),
-        ("a.parquet", {"snapshot": "the id"}, """ORDER BY "the id") TO"""),
+        ("a.parquet", {}, r"""duckdb -c "COPY (SELECT * FROM '{folder}/a.parquet' ORDER BY \"snapshot\") TO"""),
+        ("a.parquet", {"snapshot": "id"}, r"""ORDER BY \"id\") TO"""),
+        ("a.parquet", {"snapshot": "the id"}, r"""ORDER BY \"the id\") TO"""),
         ("it's.parquet", {}, "it''s.parquet' ORDER BY"),
         ("a.arrow", {}, "sort the rows by 'snapshot'"),
-        ("", {}, "FROM '{folder}/**/*.parquet' ORDER BY"),
+        ("", {}, "FROM '{folder}/part.parquet' ORDER BY"),
     ],
 )
 def test_a_message_shows_how_to_sort(tmp_path: Path, name: str, renames: dict[str, str], hint: str) -> None:

@@ -24,6 +24,7 @@ def validate(
     debug: Debug = False,
 ) -> int:
     """Check files of measurements: columns, values, scene, order of snapshots. Exit 1 if there is a fault."""
+    from nlosctl.io.measurements.returned_ids import rejoined_remark
     from nlosctl.io.writers.output_set import OutputSet
     from nlosctl.jobs.files import Destination, open_measurements
 
@@ -48,7 +49,7 @@ def validate(
             "scene_sensors": len(reader.scene.sensors),
             "scene_reflectors": len(reader.scene.reflectors),
             "columns": list(reader.column_names),
-            "remarks": list(reader.report.remarks),
+            "remarks": [*reader.report.remarks, *rejoined_remark(reader.report.rejoined)],
         }
     if json:
         print_json(result)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 
@@ -291,6 +289,7 @@ TRUTH = Table(
     title="Truth: the true position of the source of each snapshot",
     columns=(
         Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
-        *(dataclasses.replace(column, required=True) for column in TRUTH_POSITION[:2]),
+        Column(name="source", type="text", nullable=True, meaning="input of the snapshot, as in the estimates"),
+        *TRUTH_POSITION,
     ),
 )

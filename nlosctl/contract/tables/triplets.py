@@ -58,7 +58,7 @@ _DOA = _direction("doa", "direction of arrival: from the receiver towards the in
 TRIPLETS = Table(
     name="triplets",
     title="Triplets: direction of departure, direction of arrival and length of paths via a target",
-    row_key=("path",),
+    row_key=("path", "tx_x_m", "tx_y_m", "rx_x_m", "rx_y_m"),
     measurement_name="path",
     columns=(
         SNAPSHOT,

@@ -14,12 +14,14 @@ from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.tables import SWEEP_PREFIX
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import METHOD
+from nlosctl.io.measurements.returned_ids import APART
 from nlosctl.io.measurements.row_batch import RowBatch, RowTally
 from nlosctl.io.measurements.row_checks import BadRow, Problem
 from nlosctl.io.readers.base import plain
 
 __all__ = ["drop_duplicates", "find_duplicates", "refuse_several_methods"]
 
+_CURE = "drop one, or number them in a 'path' column"
 _Words = npt.NDArray[np.uint64]
 
 _SHIFT = np.uint64(29)
@@ -93,10 +95,11 @@ def drop_duplicates(batches: Sequence[RowBatch], whole: RowBatch, row_key: Seque
     rows = []
     for index, earlier in list(zip(repeated.tolist(), first.tolist(), strict=True))[: tally.log.wanted()]:
         number = int(np.searchsorted(ends, index, side="right"))
-        batch = batches[number]
+        batch, before = batches[number], batches[int(np.searchsorted(ends, earlier, side="right"))].file
+        same = before == batch.file
         fault = (
-            f"duplicate measurement: same snapshot, {', '.join(names)} as row {whole.rows[earlier]}; "
-            f"drop one, or number them in a 'path' column"
+            f"duplicate measurement: same snapshot, {', '.join(names)} as {'' if same else f'{before}, '}"
+            f"row {whole.rows[earlier]}; {_CURE if same else APART}"
         )
         problem = Problem(
             file=batch.file,

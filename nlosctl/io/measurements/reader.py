@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,17 +16,15 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import SNAPSHOT, NameCodes, are_flags_by_method
 from nlosctl.io.measurements.duplicates import drop_duplicates, refuse_several_methods
 from nlosctl.io.measurements.part_boundaries import PartBoundaries
+from nlosctl.io.measurements.returned_ids import rejoined, returned_id
 from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
-from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SeenId, SnapshotIndex, run_starts
+from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SnapshotIndex, run_starts
 from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_inputs
 from nlosctl.io.paths.inputs import Input, Part
-from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
 
 __all__ = ["Chunk", "MeasurementReader", "ReadReport"]
-
-_READ_BY_DUCKDB = frozenset(set(FileFormat) - {FileFormat.ARROW, FileFormat.ARROW_STREAM})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +208,7 @@ class _Snapshots:
         starts = run_starts(rows.ids, self._last)
         seen = self._index.add(rows.file, rows.ids.take(pa.array(starts)), rows.rows[starts])
         if seen is not None:
-            raise DataError(self._returned(rows, int(starts[seen.at]), seen))
+            raise DataError(returned_id(rows, int(starts[seen.at]), seen, self._input, self._column))
         self._last = rows.ids[len(rows) - 1].as_py()
         whole, self._pending = _split(self._pending, replace(rows, starts=starts))
         chunk = self._chunk(whole) if whole else None
@@ -228,7 +224,9 @@ class _Snapshots:
         whole = join_rows(batches)
         if are_flags_by_method(self._survey.column_names) and "method" in whole.table.column_names:
             refuse_several_methods(whole.table, whole.starts, self._input.name)
-        key = self._survey.table.row_key
+        table = self._survey.table
+        self._tally.report.rejoined += rejoined(batches, whole, table.measurement_name or "sensor")
+        key = table.row_key
         if key and not whole.rises(key[0]):
             whole = drop_duplicates(batches, whole, key, self._tally)
         self._refuse_huge(int(np.diff(whole.starts, append=len(whole)).max()))
@@ -249,13 +247,6 @@ class _Snapshots:
                 f"max_snapshot_rows; raise `max_snapshot_rows` if that is meant"
             )
 
-    def _returned(self, rows: RowBatch, index: int, earlier: SeenId) -> str:
-        return (
-            f"{rows.file}, row {rows.rows[index]}, column {self._column!r}: {rows.ids[index].as_py()!r} comes back "
-            f"after other snapshots (before: {earlier.part}, row {earlier.row}), expected the rows of a snapshot "
-            f"together; {_sort_hint(self._input, self._column)}"
-        )
-
 
 def _split(pending: list[RowBatch], rows: RowBatch) -> tuple[list[RowBatch], list[RowBatch]]:
     """Return the rows of snapshots that ``rows`` show to be complete, and those that wait for more rows."""
@@ -270,21 +261,3 @@ def _split(pending: list[RowBatch], rows: RowBatch) -> tuple[list[RowBatch], lis
         return [], [*pending, rows]
     whole = [*pending[:last], *([batch.slice(0, cut)] if cut else [])]
     return whole, [batch.slice(cut, len(batch)), *pending[last + 1 :], rows]
-
-
-def _sort_hint(given: Input, column: str) -> str:
-    """Return how to sort an input by ``column`` of the file: a command of DuckDB if it can read the format."""
-    formats = {part.format for part in given.parts}
-    if len(formats) > 1 or not formats <= _READ_BY_DUCKDB:
-        return f"sort the rows by {column!r}"
-    file, first = given.name, given.parts[0]
-    if first.path is None:
-        file = "FILE"
-    elif given.path != first.path:
-        suffixes = first.path.suffixes[-2:] if first.format.compressed else first.path.suffixes[-1:]
-        file = f"{file.rstrip('/')}/**/*{''.join(suffixes)}"
-    name = column if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", column) else '"' + column.replace('"', '""') + '"'
-    quoted = file.replace("'", "''")
-    statement = f"COPY (SELECT * FROM '{quoted}' ORDER BY {name}) TO 'sorted.parquet'"  # noqa: S608 - shown, not run
-    shell = f'"{statement}"' if not re.search(r'["$`\\!]', statement) else shlex.quote(statement)
-    return f"sort the file: duckdb -c {shell}"

@@ -118,6 +118,7 @@ class ReadReport:
 
     ``rows`` are good (``left_out_rows`` of them are flagged by an earlier step), ``bad_rows`` are not.
     ``snapshots`` have been returned; all rows of ``snapshots_lost`` are bad. ``rows_by_file`` counts good and bad rows.
+    ``rejoined`` are the snapshots across parts that may be several, see `nlosctl.io.measurements.returned_ids`.
     """
 
     rows: int = 0
@@ -126,6 +127,7 @@ class ReadReport:
     snapshots: int = 0
     snapshots_lost: int = 0
     rows_by_file: dict[str, int] = field(default_factory=dict)
+    rejoined: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     @property

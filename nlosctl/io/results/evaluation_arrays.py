@@ -14,15 +14,12 @@ import pyarrow.compute as pc
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import TRUTH
 from nlosctl.errors import DataError
-from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.layouts import TRUTH_NAMES
-from nlosctl.io.results.reader import PlainReader
+from nlosctl.io.results.truth_table import TruthTable
 
 __all__ = [
     "EstimateArrays",
-    "TruthTable",
     "boolean_codes",
     "estimate_arrays",
     "fit_arrays",
@@ -51,60 +48,6 @@ class EstimateArrays:
     fit_p_value: FloatArray | None
 
 
-class TruthTable:
-    """True positions by snapshot id from a separate file, in any number of equal rows; those without one are left out.
-
-    ``snapshots`` and ``matched`` count the snapshots looked up, and those of them with a truth. Raises DataError if
-    the rows of a snapshot contradict each other.
-    """
-
-    def __init__(self, source: Input) -> None:
-        reader = PlainReader(source, TRUTH)
-        table = reader.read_all()
-        truth_m = _stack(table, TRUTH_NAMES, source.name)
-        given = np.flatnonzero(~np.isnan(truth_m).any(axis=1))
-        self._ids = _as_text(table.column("snapshot")).take(pa.array(given))
-        self._truth_m = truth_m[given]
-        self.name = source.name
-        self.snapshots = self.matched = 0
-        self._refuse_contradictions(given)
-
-    def _refuse_contradictions(self, rows: IntArray) -> None:
-        first = np.asarray(pc.index_in(self._ids, value_set=self._ids))
-        other = np.flatnonzero((self._truth_m != self._truth_m[first]).any(axis=1))
-        if other.size:
-            pair = (int(first[other[0]]), int(other[0]))
-            (x, y), (other_x, other_y) = self._truth_m[list(pair)].tolist()
-            raise DataError(
-                f"{self.name}, row {rows[pair[1]] + 1}: got truth_x_m, truth_y_m {other_x:.12g}, {other_y:.12g} for "
-                f"snapshot {self._ids[pair[0]].as_py()!r}, which has {x:.12g}, {y:.12g} in row {rows[pair[0]] + 1}; "
-                "expected one true position per snapshot"
-            )
-
-    def remark(self) -> list[str]:
-        """Return a line on the snapshots without a truth; raise DataError if none of those looked up has one."""
-        if self.snapshots and not self.matched:
-            some = f" (the first is {self._ids[0].as_py()!r})" if len(self._ids) else ""
-            raise DataError(
-                f"{self.name}: none of its snapshots{some} is one of the {self.snapshots} snapshots of the estimates; "
-                "the truth is joined by the column 'snapshot'"
-            )
-        if self.matched == self.snapshots:
-            return []
-        return [f"{self.name} has the truth of {self.matched} of {self.snapshots} snapshots; the others are not scored"]
-
-    def look_up(self, ids: Any) -> FloatArray:
-        """Return the truth (N, 2) of snapshot ids (N,) of whole snapshots; NaN without a truth."""
-        known = pc.is_in(pc.unique(_as_text(ids)), value_set=self._ids)
-        self.snapshots += len(known)
-        self.matched += int(pc.sum(known).as_py() or 0)
-        index = pc.index_in(_as_text(ids), value_set=self._ids).combine_chunks()
-        known = np.asarray(index.is_valid())
-        truth_m = np.full((len(index), 2), np.nan)
-        truth_m[known] = self._truth_m[np.asarray(index.drop_null())]
-        return truth_m
-
-
 def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> EstimateArrays:
     """Return the arrays of a table of estimates; ``truth`` replaces its truth columns.
 
@@ -123,7 +66,7 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         position_m=_stack(table, ("x_m", "y_m"), name),
         covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), name, LARGEST_NUMBER**2),
         status=np.asarray(status).astype(np.uint8),
-        truth_m=_stack(table, TRUTH_NAMES, name) if truth is None else truth.look_up(table.column("snapshot")),
+        truth_m=_stack(table, TRUTH_NAMES, name) if truth is None else truth.look_up(table, name),
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
         **fit_arrays(table),
     )
@@ -181,7 +124,3 @@ def _stack(table: Any, names: Sequence[str], file: str, largest: float = LARGEST
         if beyond.size:
             raise DataError(f"{file}, column {name!r}: got {beyond[0]:g}, expected numbers within {largest:g}")
     return np.stack(columns, axis=1)
-
-
-def _as_text(ids: Any) -> Any:
-    return ids.cast(pa.string())

@@ -17,15 +17,9 @@ from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_a
 from nlosctl.evaluation.flags import FlagScores
 from nlosctl.evaluation.targets import TargetScores
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.evaluation_arrays import (
-    TruthTable,
-    boolean_codes,
-    estimate_arrays,
-    group_codes,
-    numbers,
-    whole_snapshots,
-)
+from nlosctl.io.results.evaluation_arrays import boolean_codes, estimate_arrays, group_codes, numbers, whole_snapshots
 from nlosctl.io.results.reader import PlainReader
+from nlosctl.io.results.truth_table import TruthTable
 
 __all__ = ["Evaluation", "evaluate_inputs", "group_title", "grouping_columns", "is_label", "present"]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,40 +26,42 @@ _COLUMNS = ("los", "truth_los", "target", "truth_target", "truth_x_m", "truth_y_
 _NO_TARGET = -1
 
 
-@dataclass(frozen=True)
+@dataclass
 class _TargetEstimates:
-    """The estimated targets (T, 4) of each snapshot, by its id and the grouping values as text.
+    """The estimated targets (T, 4) of each snapshot, by its id and the ``shared`` grouping values as text.
 
-    Their columns are x, y, the share of rows used and the p-value of the fit, NaN if unknown.
+    Their columns are x, y, the share of rows used and the p-value of the fit, NaN if unknown. ``other`` has the values
+    of the grouping columns that only the flags have, by snapshot.
     """
 
     by_snapshot: Mapping[tuple[str, ...], FloatArray]
-    grouping: tuple[str, ...]
+    shared: tuple[str, ...]
+    other: dict[tuple[str, ...], dict[str, Any]] = field(default_factory=dict)
 
 
-def evaluate_targets(flags: Input, estimates: Input | None, *, order: float, cutoff_m: float) -> Evaluation:
+def evaluate_targets(flags: Input, estimates: Sequence[Input], *, order: float, cutoff_m: float) -> Evaluation:
     """Evaluate flags of ``identify-los`` with its estimates, by method and ``sweep_*`` column.
 
-    ``order`` and ``cutoff_m`` are those of OSPA and GOSPA, which need the estimates. Raises DataError for a missing
-    column, or if the estimates have no row for a snapshot.
+    ``order`` and ``cutoff_m`` are those of OSPA and GOSPA. Raises DataError for a missing column, if the estimates have
+    no row for a snapshot, or if those of a snapshot are not unique.
     """
-    reader = PlainReader(flags, FLAGS)
-    missing = [name for name in _COLUMNS if name not in reader.schema.names]
-    if missing:
-        raise DataError(f"{flags.name}: no column {missing[0]!r}: targets are evaluated by {', '.join(_COLUMNS)}")
-    grouping = grouping_columns(reader.schema.names)
-    targets = None if estimates is None else _read_estimates(estimates, grouping)
-    scores = TargetScores(order=order, cutoff_m=cutoff_m)
-    for table in whole_snapshots(reader.batches()):
-        by_group, keys = group_codes(table, grouping)
-        by_snapshot, snapshots = group_codes(table, ["snapshot", *grouping])
-        rows = _rows(table)
-        order_of_rows = np.argsort(by_snapshot, kind="stable")
-        ends = np.cumsum(np.bincount(by_snapshot, minlength=len(snapshots)))
-        for number, index in enumerate(np.split(order_of_rows, ends[:-1])):
-            estimated = None if targets is None else _look_up(targets, snapshots[number], grouping, flags.name)
-            scores.add(_take(rows, index), estimated, keys[by_group[index[0]]])
-    return present("targets", scores, [(flags, reader)], grouping)
+    with closing(PlainReader(flags, FLAGS)) as reader:
+        missing = [name for name in _COLUMNS if name not in reader.schema.names]
+        if missing:
+            raise DataError(f"{flags.name}: no column {missing[0]!r}: targets are evaluated by {', '.join(_COLUMNS)}")
+        grouping = grouping_columns(reader.schema.names)
+        targets = _read_estimates(estimates, grouping)
+        scores = TargetScores(order=order, cutoff_m=cutoff_m)
+        for table in whole_snapshots(reader.batches()):
+            by_group, keys = group_codes(table, grouping)
+            by_snapshot, snapshots = group_codes(table, ["snapshot", *grouping])
+            rows = _rows(table)
+            order_of_rows = np.argsort(by_snapshot, kind="stable")
+            ends = np.cumsum(np.bincount(by_snapshot, minlength=len(snapshots)))
+            for number, index in enumerate(np.split(order_of_rows, ends[:-1])):
+                estimated = _look_up(targets, snapshots[number], grouping, flags.name)
+                scores.add(_take(rows, index), estimated, keys[by_group[index[0]]])
+        return present("targets", scores, [(flags, reader)], grouping)
 
 
 def _rows(table: Any) -> EchoRows:
@@ -85,12 +88,27 @@ def _take(rows: EchoRows, index: IntArray) -> EchoRows:
     )
 
 
-def _read_estimates(source: Input, grouping: list[str]) -> _TargetEstimates:
+def _read_estimates(sources: Sequence[Input], grouping: list[str]) -> _TargetEstimates:
     """Return the positions of all targets; a snapshot without a target has an empty array."""
-    table = PlainReader(source, ESTIMATES).read_all()
-    shared = tuple(name for name in grouping if name in table.column_names)
-    if "method" not in shared and len(table.column("method").unique()) > 1:
-        raise DataError(f"{source.name}: estimates of several methods, but the flags have no column 'method'")
+    tables = [(source.name, PlainReader(source, ESTIMATES).read_all()) for source in sources]
+    shared = tuple(name for name in grouping if all(name in table.column_names for _, table in tables))
+    by_snapshot: dict[tuple[str, ...], FloatArray] = {}
+    files: dict[tuple[str, ...], str] = {}
+    for name, table in tables:
+        if "method" not in shared and len(table.column("method").unique()) > 1:
+            raise DataError(f"{name}: estimates of several methods, but the flags have no column 'method'")
+        for key, positions in _positions(table, shared):
+            if files.setdefault(key, name) != name:
+                raise DataError(
+                    f"{name}: snapshot {key[0]!r} has estimates in {files[key]} too, expected those of one run; "
+                    "evaluate run by run"
+                )
+            by_snapshot[key] = positions
+    return _TargetEstimates(by_snapshot, shared)
+
+
+def _positions(table: Any, shared: Sequence[str]) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+    """Yield the key and the targets (T, 4) of each snapshot of a table of estimates."""
     by_snapshot, snapshots = group_codes(table, ["snapshot", *shared])
     fit = [np.full(table.num_rows, np.nan) if values is None else values for values in fit_arrays(table).values()]
     targets = np.stack([*(numbers(table.column(name)) for name in ("x_m", "y_m")), *fit], axis=1)
@@ -99,8 +117,8 @@ def _read_estimates(source: Input, grouping: list[str]) -> _TargetEstimates:
     rows = np.flatnonzero(counted)
     rows = rows[np.argsort(by_snapshot[rows], kind="stable")]
     ends = np.cumsum(np.bincount(by_snapshot[rows], minlength=len(snapshots)))
-    keys = [tuple(str(value) for value in key) for key in snapshots]
-    return _TargetEstimates(dict(zip(keys, np.split(targets[rows], ends[:-1]), strict=True)), shared)
+    for key, positions in zip(snapshots, np.split(targets[rows], ends[:-1]), strict=True):
+        yield tuple(str(value) for value in key), positions
 
 
 _WITHOUT_TARGET = [
@@ -118,7 +136,15 @@ _WITHOUT_TARGET = [
 
 def _look_up(targets: _TargetEstimates, key: tuple[Any, ...], grouping: list[str], name: str) -> FloatArray:
     values = dict(zip(["snapshot", *grouping], key, strict=True))
-    wanted = (str(values["snapshot"]), *(str(values[name]) for name in targets.grouping))
+    wanted = (str(values["snapshot"]), *(str(values[column]) for column in targets.shared))
     if wanted not in targets.by_snapshot:
         raise DataError(f"{name}: the estimates have no row of snapshot {values['snapshot']!r}; are they of this run?")
+    other = {column: values[column] for column in grouping if column not in targets.shared}
+    before = targets.other.setdefault(wanted, other)
+    differing = [column for column in other if before[column] != other[column]]
+    if differing:
+        raise DataError(
+            f"{name}: snapshot {values['snapshot']!r} has flags of {differing[0]} {before[differing[0]]} and "
+            f"{other[differing[0]]}, but the estimates have no column {differing[0]!r}; are they of this run?"
+        )
     return targets.by_snapshot[wanted]

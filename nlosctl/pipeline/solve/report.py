@@ -31,7 +31,8 @@ class RunReport:
     """Counts of a run over measurements. Snapshots of bad rows only are in ``snapshots_lost``, not in ``snapshots``.
 
     ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`; ``refits``
-    counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`.
+    counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`; ``rejoined`` are
+    snapshots across parts, see `nlosctl.io.measurements.returned_ids`.
     """
 
     kind: str
@@ -44,6 +45,7 @@ class RunReport:
     methods: dict[str, MethodTally] = field(default_factory=dict)
     flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
     refits: Counter[str] = field(default_factory=Counter)
+    rejoined: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     _COUNTED: ClassVar[tuple[str, ...]] = ("rows", "rows_left_out", "bad_rows", "snapshots", "snapshots_lost")
@@ -53,6 +55,7 @@ class RunReport:
         methods = {name: tally.counts() for name, tally in self.methods.items()}
         counted = {name: getattr(self, name) for name in self._COUNTED}
         further = {"inputs": self.inputs, "flat_plane": self.flat_plane, "refits": dict(self.refits)}
+        further["rejoined"] = self.rejoined
         return {**counted, "methods": methods, **further}
 
     def take(self, counts: Mapping[str, Any]) -> None:
@@ -64,6 +67,7 @@ class RunReport:
         for unit, worst in counts["flat_plane"].items():
             self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
         self.refits.update(counts["refits"])
+        self.rejoined += counts["rejoined"]
         for entry in counts["inputs"]:
             if self.inputs and self.inputs[-1]["name"] == entry["name"]:
                 self.inputs[-1] = {**entry, "rows": self.inputs[-1]["rows"] + entry["rows"]}

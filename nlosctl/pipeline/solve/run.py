@@ -15,6 +15,7 @@ from nlosctl.contract.tables import KINDS
 from nlosctl.errors import UsageError
 from nlosctl.io.arrow_columns import SweepColumns
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+from nlosctl.io.measurements.returned_ids import rejoined_remark
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
 from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
@@ -125,6 +126,7 @@ class MeasurementRun:
         """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
         self.report.notes += [
             *remarks,
+            *rejoined_remark(self.report.rejoined),
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, self._known_columns(), self._options.field),
@@ -272,6 +274,7 @@ class MeasurementRun:
         self.report.rows_left_out = read.left_out_rows
         self.report.bad_rows = read.bad_rows
         self.report.snapshots_lost = read.snapshots_lost
+        self.report.rejoined = read.rejoined
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
         if not self.reader.reads_one_part:
             self.add_notes(read.remarks)
