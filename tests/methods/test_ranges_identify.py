@@ -273,6 +273,35 @@ def test_irregular_layouts_are_identified() -> None:
     assert exact >= 37
 
 
+def test_a_shared_row_is_that_of_the_nearest_target() -> None:
+    """Two targets that share a circle (``unique=points``): its flag and residual belong to the target it fits best.
+
+    A target whose sensor has no flagged row shares a row of that sensor with a target that is at least as near to it.
+    """
+    generator = np.random.default_rng(3)
+    scatterers = perimeter(generator, 3)
+    shared = 0
+    for _ in range(20):
+        batch = paper_world(generator, 4, 3.0, scatterers).batch
+        solution = solve(ranges_tca.METHOD, batch, targets=3)
+        assert solution.flags is not None
+        best = solution.estimates.alternative == 0
+        apart = solution.estimates.position_m[best][:, None] - batch.sensor_xy_m[0]
+        residual = np.abs(batch.range_m[0] - np.hypot(*np.moveaxis(apart, -1, 0)))  # (targets, rows)
+        flagged = solution.flags.columns["target"][0]
+        for target in range(best.sum()):
+            for sensor in np.unique(batch.sensor[0]):
+                rows = np.flatnonzero((batch.sensor[0] == sensor) & np.isfinite(flagged))
+                if not (flagged[rows] == target).any():
+                    owners = flagged[rows].astype(int)
+                    assert (residual[owners, rows] <= residual[target, rows]).any()
+                    shared += 1
+        used = np.flatnonzero(solution.flags.used[0])
+        stated = np.abs(solution.flags.columns["residual_m"][0, used])
+        np.testing.assert_allclose(stated, residual[flagged[used].astype(int), used], atol=1e-6)
+    assert shared >= 5
+
+
 def test_the_papers_scene_is_identified() -> None:
     """Five sensors at 0 dB: assignment finds three targets and, in most trials, all their echoes."""
     generator = np.random.default_rng(21)

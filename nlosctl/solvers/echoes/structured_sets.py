@@ -134,7 +134,9 @@ class ClusteringOptions(IdentificationOptions):
     """Parameters that the clustering methods share."""
 
     unique: Literal["points", "circles"] = option(
-        "points", meaning="what two targets may not share: a crossing point (as the paper has it), or a circle"
+        "points",
+        meaning="what two targets may not share: a crossing point (as the paper has it; the flags of a shared row are "
+        "those of the nearest target), or a circle",
     )
     seeds: Literal["all", "first"] = option(
         "all", meaning="crossings from which sets are built: of all pairs of sensors, or of the first two sensors only"

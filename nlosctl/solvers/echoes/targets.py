@@ -67,7 +67,7 @@ def identify(
     """Return the targets that ``find`` finds in each snapshot, each located by range least squares.
 
     A snapshot without a target, or of fewer than three sensors, has one estimate with that status. A row
-    shared by several targets is assigned to the first of them. Targets of a set that is not proven to be the best are
+    shared by several targets is flagged as that of the nearest. Targets of a set that is not proven to be the best are
     not_proven.
     """
     parts: list[Estimates] = []
@@ -175,13 +175,17 @@ def _locate(
 
 
 def _flags(batch: RangeBatch, targets: list[_Target], residuals: dict[_Target, FloatArray]) -> Flags:
-    """Return the flags; a row shared by several targets belongs to the first of them."""
+    """Return the flags; a row shared by several targets belongs to that of the smallest residual, else to the first."""
     shape = batch.range_m.shape
     los, number, residual = np.zeros(shape, dtype=bool), np.full(shape, np.nan), np.full(shape, np.nan)
-    for target in reversed(targets):
-        los[target.snapshot, target.rows] = True
-        number[target.snapshot, target.rows] = target.number
-        residual[target.snapshot, target.rows] = residuals[target]
+    for target in targets:
+        own = residuals[target]
+        nearer = np.abs(own) < np.nan_to_num(np.abs(residual[target.snapshot, target.rows]), nan=np.inf)
+        taken = ~los[target.snapshot, target.rows] | nearer
+        rows = target.rows[taken]
+        los[target.snapshot, rows] = True
+        number[target.snapshot, rows] = target.number
+        residual[target.snapshot, rows] = own[taken]
     columns = {"los": los, "target": number, "residual_m": residual}
     return Flags(used=los & np.isfinite(residual), columns=columns)
 
