@@ -49,7 +49,10 @@ def validate(
             "scene_sensors": len(reader.scene.sensors),
             "scene_reflectors": len(reader.scene.reflectors),
             "columns": list(reader.column_names),
-            "remarks": [*reader.report.remarks, *rejoined_remark(reader.report.rejoined)],
+            "remarks": [
+                *reader.report.remarks,
+                *(rejoined_remark(reader.report.rejoined) if reader.report.rejoined else ()),
+            ],
         }
     if json:
         print_json(result)

@@ -225,7 +225,8 @@ class _Snapshots:
         if are_flags_by_method(self._survey.column_names) and "method" in whole.table.column_names:
             refuse_several_methods(whole.table, whole.starts, self._input.name)
         table = self._survey.table
-        self._tally.report.rejoined += rejoined(batches, whole, table.measurement_name or "sensor")
+        if batches[0].file != batches[-1].file:
+            self._tally.report.rejoined += rejoined(batches, whole, table.measurement_name or "sensor")
         key = table.row_key
         if key and not whole.rises(key[0]):
             whole = drop_duplicates(batches, whole, key, self._tally)

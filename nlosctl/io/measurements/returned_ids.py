@@ -58,9 +58,9 @@ def rejoined(batches: Sequence[RowBatch], whole: RowBatch, column: str) -> list[
 
     Their rows are in several parts, with values of ``column`` that are unique within each part but not in all.
     """
-    files = [batch.file for batch in batches]
-    if len(set(files)) == 1 or column not in whole.columns:
+    if column not in whole.columns:
         return []
+    files = [batch.file for batch in batches]
     ends = np.append(whole.starts[1:], len(whole))
     part = np.repeat([files.index(file) for file in files], [len(batch) for batch in batches])
     found = []
@@ -73,8 +73,6 @@ def rejoined(batches: Sequence[RowBatch], whole: RowBatch, column: str) -> list[
 
 
 def rejoined_remark(found: Sequence[str]) -> list[str]:
-    """Return a line on the `rejoined` snapshots of a run."""
-    if not found:
-        return []
+    """Return a line on the `rejoined` snapshots of a run; there are some."""
     few = "1 snapshot continues" if len(found) == 1 else f"{len(found)} snapshots continue"
     return [f"{few} in the next part with the same sensors (the first: {found[0]}): {APART}"]

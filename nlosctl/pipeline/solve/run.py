@@ -126,7 +126,7 @@ class MeasurementRun:
         """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
         self.report.notes += [
             *remarks,
-            *rejoined_remark(self.report.rejoined),
+            *(rejoined_remark(self.report.rejoined) if self.report.rejoined else ()),
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, self._known_columns(), self._options.field),
