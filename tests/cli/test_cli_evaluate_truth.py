@@ -47,7 +47,7 @@ def test_all_files_of_the_truth_count(cli: Cli, tmp_path: Path, truth: str) -> N
 
 
 def test_the_source_is_part_of_the_key(cli: Cli, tmp_path: Path) -> None:
-    """Ids that several inputs share are told apart by the column ``source`` of truth and estimates."""
+    """Ids that several inputs share are distinguished by the column ``source`` of truth and estimates."""
     two_sources(tmp_path)
     truth = {"snapshot": [1, 0, 1, 0], "truth_x_m": [111.0, 101.0, 11.0, 1.0], "truth_y_m": [0.0] * 4}
     write(tmp_path, "t.csv", **truth, source=["b.csv", "b.csv", "a.csv", "a.csv"])
