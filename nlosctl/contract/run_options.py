@@ -187,13 +187,18 @@ class SolveOptions:
     engine: str = _option(
         "local", "--engine", "Run", "Execution engine: local or dask.", f"{_SOLVE} bound", metavar="NAME")
     scheduler: str | None = _option(
-        None, "--scheduler", "Run", "Dask scheduler, such as tcp://host:8786; default: a local cluster.",
+        None, "--scheduler", "Run", "Dask scheduler, such as tcp://host:8786; default: threads.",
         f"{_SOLVE} bound", metavar="ADDRESS")
+    worker_timeout: float = _option(
+        60.0, "--worker-timeout", "Run", "Seconds without a Dask scheduler or worker before giving up.",
+        f"{_SOLVE} bound", metavar="SECONDS")
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 0), ("block_size", 1), ("alternatives", 1)):
             if getattr(self, name) < least:
                 raise UsageError(f"`{name}` must be an int of at least {least}. Got {getattr(self, name)!r} instead.")
+        if not 0.0 < self.worker_timeout < math.inf:
+            raise UsageError(f"`worker_timeout` must be a finite number > 0. Got {self.worker_timeout:g} instead.")
         if self.noise not in _NOISES:
             raise UsageError(f"`noise` must be one of {', '.join(_NOISES)}. Got {self.noise!r} instead.")
         if self.engine not in _ENGINES:

@@ -130,7 +130,8 @@ class Execution:
     def _cluster(self) -> Any:
         from nlosctl.pipeline.engine.dask_engine import dask_engine
 
-        return dask_engine(self.options.scheduler, self.options.jobs or usable_jobs(0))
+        options = self.options
+        return dask_engine(options.scheduler, options.jobs or usable_jobs(0), options.worker_timeout)
 
     def _write_folders(self) -> None:
         from nlosctl.pipeline.engine.folder_run import FolderRun

@@ -7,10 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet
 import pytest
@@ -20,7 +23,7 @@ from nlosctl.cli.main import run
 
 pytestmark = pytest.mark.process
 
-pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")
 
 Cli = Callable[..., Outcome]
 PARTS = 8
@@ -29,13 +32,11 @@ WORDS = ["localize", "in", "-m", "mixture-ml", "-q"]
 
 
 class Cluster:
-    """A scheduler and two workers, in separate processes, started from Dask's command line in ``folder``."""
+    """A scheduler and its workers, in separate processes, started from Dask's command line in ``folder``."""
 
     def __init__(self, address: str, folder: Path, stack: ExitStack) -> None:
         self.address, self.workers = address, []
         self._folder, self._stack = folder, stack
-        for _ in range(2):
-            self.start_worker()
 
     def start_worker(self) -> None:
         """Start another worker."""
@@ -47,6 +48,19 @@ class Cluster:
     def words(self) -> list[str]:
         """The arguments that select the cluster."""
         return ["--engine", "dask", "--scheduler", self.address]
+
+
+def start_cluster(folder: Path, stack: ExitStack) -> tuple[Cluster, subprocess.Popen[bytes]]:
+    """Start a scheduler and return the cluster, which has no worker yet, and the scheduler's process."""
+    address_file = folder / "scheduler.json"
+    words = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(address_file))
+    scheduler = stack.enter_context(started(*words, cwd=folder))
+    deadline = time.monotonic() + 60
+    while (
+        not (address_file.exists() and address_file.read_text().rstrip().endswith("}")) and time.monotonic() < deadline
+    ):
+        time.sleep(0.05)
+    return Cluster(str(json.loads(address_file.read_text())["address"]), folder, stack), scheduler
 
 
 @contextmanager
@@ -67,19 +81,11 @@ def started(*words: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """A cluster whose processes are gone at the end of the tests."""
-    folder = tmp_path_factory.mktemp("cluster")
-    address_file = folder / "scheduler.json"
     with ExitStack() as stack:
-        words = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(address_file))
-        stack.enter_context(started(*words, cwd=folder))
-        deadline = time.monotonic() + 60
-        while (
-            not (address_file.exists() and address_file.read_text().rstrip().endswith("}"))
-            and time.monotonic() < deadline
-        ):
-            time.sleep(0.05)
-        address = str(json.loads(address_file.read_text())["address"])
-        yield Cluster(address, folder, stack)
+        cluster, _ = start_cluster(tmp_path_factory.mktemp("cluster"), stack)
+        cluster.start_worker()
+        cluster.start_worker()
+        yield cluster
 
 
 @pytest.fixture
@@ -113,7 +119,9 @@ def when_half_way(running: subprocess.Popen[bytes], folder: Path, strike: Callab
     deadline = time.monotonic() + 90
     while done(folder) < 2 and running.poll() is None and time.monotonic() < deadline:
         time.sleep(0.005)
-    assert 2 <= done(folder) < PARTS, "the run must be half-way"
+    assert 2 <= done(folder) < PARTS, (
+        f"the run must be half-way: {running.poll()} {running.stderr and running.stderr.read()!r}"
+    )
     strike()
 
 
@@ -147,6 +155,68 @@ def test_a_killed_driver_is_resumed(cluster: Cluster, folder: Path) -> None:
     assert outcome.code == 0, outcome.err
     assert content(folder / "out") == content(folder / "local")
     assert content(folder / "out_flags") == content(folder / "local_flags")
+
+
+@pytest.fixture
+def short_lived(tmp_path: Path) -> Iterator[tuple[Cluster, subprocess.Popen[bytes]]]:
+    """A cluster of one worker that a test may destroy, and its scheduler."""
+    with ExitStack() as stack:
+        cluster, scheduler = start_cluster(tmp_path, stack)
+        cluster.start_worker()
+        yield cluster, scheduler
+
+
+@pytest.mark.parametrize(
+    ("lost", "number", "message"),
+    [
+        ("scheduler", signal.SIGKILL, "the "),
+        ("scheduler", signal.SIGSTOP, "the Dask scheduler does not answer for"),
+        ("worker", signal.SIGKILL, "no Dask worker is left for"),
+        ("worker", signal.SIGSTOP, "no Dask worker answers for"),
+    ],
+)
+def test_a_lost_cluster_ends_the_run(
+    short_lived: tuple[Cluster, subprocess.Popen[bytes]], folder: Path, lost: str, number: int, message: str
+) -> None:
+    """Without scheduler or worker for ``--worker-timeout`` the run exits 1 with one line; ``--resume`` completes it."""
+    cluster, scheduler = short_lived
+    victim = scheduler if lost == "scheduler" else cluster.workers[0]
+    words = [*WORDS, "-o", "out/", "--flags-out", "out_flags/"]
+    command = [str(PROGRAM), *words, *cluster.words, "--worker-timeout", "5"]
+    with subprocess.Popen(command, cwd=folder, env=plain_environment(), stderr=subprocess.PIPE) as running:
+        when_half_way(running, folder / "out", lambda: victim.send_signal(number))
+        _, err = running.communicate(timeout=60)
+    assert (running.returncode, err.count(b"\n")) == (1, 1), err
+    assert f"--scheduler {cluster.address}: {message}" in err.decode()
+    outcome = process(*words, "--resume", cwd=folder)
+    assert outcome.code == 0, outcome.err
+    assert content(folder / "out") == content(folder / "local")
+
+
+def test_no_one_can_connect_to_a_local_cluster(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A local cluster communicates within the process, its web servers show nothing, and the bytes are the same."""
+    addresses: list[str] = []
+    codes: list[int] = []
+
+    class Recorded(distributed.LocalCluster):  # type: ignore[misc]
+        def close(self, timeout: Any = None) -> Any:
+            if not addresses:
+                servers = [self.scheduler, *self.workers.values()]
+                addresses.extend(server.address for server in servers)
+                for server in servers:
+                    for page in ("/health", "/metrics", "/info/main/workers.html", "/json/counts.json"):
+                        url = f"http://127.0.0.1:{server.http_server.port}{page}"
+                        with pytest.raises(urllib.error.HTTPError) as refused:
+                            urllib.request.urlopen(url, timeout=30)
+                        codes.append(refused.value.code)
+            return super().close(timeout)
+
+    monkeypatch.setattr(distributed, "LocalCluster", Recorded)
+    words = [*WORDS, "-o", "out/", "--flags-out", "out_flags/", "--engine", "dask", "--jobs", "2"]
+    assert run(words) == 0
+    assert [address.partition("://")[0] for address in addresses] == ["inproc"] * 3
+    assert codes == [404] * 12
+    assert content(folder / "out") == content(folder / "local")
 
 
 def test_errors_of_a_worker(cli: Cli, cluster: Cluster, folder: Path) -> None:
