@@ -22,7 +22,7 @@ class RangeLeastSquaresOptions:
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
     ambiguous_within: float = option(
-        2.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
+        4.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
     )
     max_iterations: int = option(100, minimum=1, meaning="steps after which a snapshot counts as not converged")
 
@@ -30,8 +30,9 @@ class RangeLeastSquaresOptions:
 def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
     """Solve a batch by least squares on ranges weighted by 1 / std^2; equation (8) of Liang, Zeng, Li.
 
-    Levenberg-Marquardt from the squared-range fit and from its image in the sensors' principal axis. The
-    covariance is the inverse Fisher information at the estimate.
+    Levenberg-Marquardt from the squared-range fit, from its image in the sensors' principal axis and from the crossings
+    of circles, in polar coordinates about the sensor of the surest range. The covariance is the inverse Fisher
+    information at the estimate.
     """
     circles = range_circles(batch)
     one, other = optimize_ranges(circles, options.max_iterations)

@@ -6,19 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
-from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
 from nlosctl.solvers.ranges.optima import RangeOptimum, finish_range_fix
+from nlosctl.solvers.ranges.search import End, find_two_optima
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
 __all__ = ["METHOD", "SquaredRangeOptions", "solve"]
+
+
+_MAX_ITERATIONS = 100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,45 +32,42 @@ class SquaredRangeOptions:
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
     ambiguous_within: float = option(
-        2.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
+        4.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
     )
 
 
 def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
     """Solve a batch by least squares on squared ranges weighted by 1 / std^2; equation (9) of Liang, Zeng, Li.
 
-    The answer is the global minimum; its alternative is the local minimum nearest to its image in the sensors'
-    principal axis. The covariance is the sandwich: long ranges weigh more in the fit than they are worth.
+    The answer is the global minimum; its alternative is the best other minimum that descents from its image in the
+    sensors' principal axis and from crossings of circles reach. The covariance is the sandwich: long ranges weigh more
+    in the fit than they are worth.
     """
     circles = range_circles(batch)
     fit = fit_squared_ranges(
         circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
     )
-    problem = SquaredRangeProblem.of_circles(circles)
-    mirror = minimize(problem, fit.mirror_x, fit.mirror_y)
-    one = _optimum(circles, fit.x, fit.y, problem.evaluate(fit.x, fit.y).cost, np.isfinite(fit.x))
-    other = _optimum(circles, mirror.x, mirror.y, mirror.cost, mirror.converged)
+    one, other = find_two_optima(SquaredRangeProblem.of_circles(circles), circles, fit, _MAX_ITERATIONS)
     return finish_range_fix(
         batch,
         circles,
-        one,
-        other,
+        _with_covariance(circles, one),
+        _with_covariance(circles, other),
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,
         at_optimum=False,
     )
 
 
-def _optimum(
-    circles: RangeCircles, x: FloatArray, y: FloatArray, cost: FloatArray, converged: BoolArray
-) -> RangeOptimum:
+def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
     """Return the optimum with the covariance H^-1 (sum w^2 r^2 std^2 d d') H^-1, H = sum w d d', d = p - a."""
+    x, y = end.x, end.y
     dx, dy = x[:, None] - circles.sensor_x, y[:, None] - circles.sensor_y
     height = 0.0 if circles.height is None else circles.height
     range_m = np.hypot(np.hypot(dx, dy), height)
     hessian = _moment(dx / circles.std_m, dy / circles.std_m)
     middle = _moment(dx * range_m / circles.std_m, dy * range_m / circles.std_m)
-    return RangeOptimum(x, y, hessian.inverse().congruence(middle), cost, converged)
+    return RangeOptimum(x, y, hessian.inverse().congruence(middle), end.cost, end.converged)
 
 
 def _moment(x: FloatArray, y: FloatArray) -> SymmetricMatrix:

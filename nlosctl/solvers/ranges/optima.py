@@ -13,8 +13,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
-from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import RangeProblem
+from nlosctl.solvers.ranges.search import End, find_two_optima
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
 __all__ = ["RangeOptimum", "finish_range_fix", "optimize_ranges"]
@@ -40,22 +40,18 @@ class RangeOptimum:
 
 
 def optimize_ranges(circles: RangeCircles, max_iterations: int) -> tuple[RangeOptimum, RangeOptimum]:
-    """Return the range least-squares optima reached from the squared-range fit and from its mirror image; (8).
+    """Return the two best range least-squares optima of `find_two_optima`; (8).
 
     The covariance is the inverse Fisher information at the optimum.
     """
     weight = 1.0 / (circles.std_m * circles.std_m)
-    start = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
-    return (
-        _optimize(circles, start.x, start.y, max_iterations),
-        _optimize(circles, start.mirror_x, start.mirror_y, max_iterations),
-    )
+    fit = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
+    best, other = find_two_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
+    return _with_covariance(circles, best), _with_covariance(circles, other)
 
 
-def _optimize(circles: RangeCircles, x: FloatArray, y: FloatArray, max_iterations: int) -> RangeOptimum:
-    minimum = minimize(RangeProblem.of_circles(circles), x, y, max_iterations=max_iterations)
-    covariance = circles.information(minimum.x, minimum.y).inverse()
-    return RangeOptimum(minimum.x, minimum.y, covariance, minimum.cost, minimum.converged)
+def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
+    return RangeOptimum(end.x, end.y, circles.information(end.x, end.y).inverse(), end.cost, end.converged)
 
 
 def finish_range_fix(
@@ -70,8 +66,8 @@ def finish_range_fix(
 ) -> Solution:
     """Return the solution of snapshots that have two optima each, which may coincide.
 
-    The better is the answer; the other is its alternative where it is another point with an answer's status. It
-    makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors at a
+    The better is the answer; the other is its alternative where it is another point with an answer's status. Any other
+    optimum makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors at a
     single point are too few. The cost is half the chi-square of the range residuals. If the optima do not minimize it,
     ``at_optimum`` is false: the test of the fit is then that after a Gauss-Newton step.
     """
@@ -85,9 +81,10 @@ def finish_range_fix(
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
     too_few = _single_place(circles)
     status[too_few] = other_status[too_few] = Status.TOO_FEW
-    second = (status == Status.OK) & (other_status == Status.OK) & _apart(best, rest)
+    another = (status == Status.OK) & rest.converged & _apart(best, rest)
+    second = another & (other_status == Status.OK)
     with ignoring_invalid():
-        ambiguous = second & (other_cost - cost <= ambiguous_within)
+        ambiguous = another & (other_cost - cost <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
     estimates = _estimates(
         circles, np.flatnonzero(second), (best, rest), (cost, other_cost), (status, other_status), chi_squares

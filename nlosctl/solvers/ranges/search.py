@@ -1,0 +1,195 @@
+"""Where the likelihood of ranges has its optima: descents from the crossings of circles, and the two best ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
+from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.circles import cross_circles
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.optimization.polar_coordinates import Pole, minimize_about_pole
+from nlosctl.solvers.optimization.problem import Problem
+from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit
+
+__all__ = ["End", "cross_pairs", "find_two_optima", "surest_pole"]
+
+_EVERY_CROSSING = 4
+"""Up to this many rows a descent starts from every crossing; of more rows one descent, from the likeliest other one."""
+
+_PARTNERS = 4
+"""So many of the farthest sensors have their circles crossed with that of the surest range, if there are more rows."""
+
+_EXPLAINED_OF_FEW, _EXPLAINED_OF_MANY = 0.6, 0.3
+"""A point leads to a known optimum if its cost is at least this share of what the quadratic model there predicts."""
+
+_DISTINCT_STANDARD_DEVIATIONS = 1e-3
+"""Optima nearer to each other than this are the same."""
+
+
+@dataclass(frozen=True)
+class End(RowBlock):
+    """Where one descent of each snapshot ended (B,), about the local origin; NaN and not converged where none did."""
+
+    x: FloatArray
+    y: FloatArray
+    cost: FloatArray
+    converged: BoolArray
+
+    def put(self, rows: IntArray, other: End) -> None:
+        """Replace the ends of some snapshots."""
+        self.x[rows], self.y[rows], self.cost[rows] = other.x, other.y, other.cost
+        self.converged[rows] = other.converged
+
+    def improves(self, known: End) -> BoolArray:
+        """Return where this end is better: converged while the other is not, or cheaper."""
+        with ignoring_invalid():
+            cheaper: BoolArray = (self.converged == known.converged) & (self.cost < known.cost)
+        return cheaper | (self.converged & ~known.converged)
+
+
+def find_two_optima(
+    problem: Problem, circles: RangeCircles, fit: SquaredRangeFit, max_iterations: int
+) -> tuple[End, End]:
+    """Return the two best optima of ``problem``, a cost of ``circles``, the second NaN where there is only one.
+
+    The first descent starts from the squared-range fit. Further ones start from the likeliest of these points that does
+    not lead to a known optimum, as long as there is one: the fit's mirror image, and the crossings of all circles. Of
+    more than four rows there is one further descent, and the crossings are those with the circle of the surest range.
+    """
+    pole = surest_pole(circles)
+    few = circles.range_m.shape[1] <= _EVERY_CROSSING
+    x, y = cross_pairs(circles, *(_every_pair(circles) if few else _surest_pairs(circles)))
+    x, y = np.concatenate([[fit.mirror_x], x]), np.concatenate([[fit.mirror_y], y])
+    cost = _half_chi_squares(circles, x, y)
+    open_points = np.isfinite(cost)
+    rows = np.arange(cost.shape[1])
+    rounds, share = (cost.shape[0], _EXPLAINED_OF_FEW) if few else (1, _EXPLAINED_OF_MANY)
+    end = _descend(problem, pole, fit.x, fit.y, max_iterations)
+    optima = _TwoBest(end)
+    for _ in range(rounds):
+        there, poles = (circles, pole) if rows.size == cost.shape[1] else (circles.take(rows), pole.take(rows))
+        information = there.information(end.x, end.y)
+        optima.note(rows, end, information)
+        known = _Optimum(poles, end, information, _half_chi_squares(there, end.x[None], end.y[None])[0])
+        still = open_points[:, rows] & ~known.explains(x[:, rows], y[:, rows], cost[:, rows], share)
+        open_points[:, rows] = still
+        rows = rows[still.any(axis=0)]
+        if not rows.size:
+            return optima.best, optima.other
+        index = np.argmin(np.where(open_points[:, rows], cost[:, rows], np.inf), axis=0)
+        open_points[index, rows] = False
+        start = x[index, rows], y[index, rows]
+        end = _descend(problem.take(rows), pole.take(rows), *start, max_iterations)
+    optima.note(rows, end, circles.take(rows).information(end.x, end.y))
+    return optima.best, optima.other
+
+
+def surest_pole(circles: RangeCircles) -> Pole:
+    """Return the sensors of the surest ranges as poles, with their ranges (not below their std) as radii."""
+    snapshot, row = np.arange(circles.range_m.shape[0]), np.argmin(circles.std_m, axis=1)
+    at = snapshot, row
+    radius = np.sqrt(np.maximum(circles.squared_in_plane()[at], circles.std_m[at] ** 2))
+    return Pole(circles.sensor_x[at], circles.sensor_y[at], radius)
+
+
+def cross_pairs(circles: RangeCircles, first: IntArray, second: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return x and y (2 P, B) of both crossings of pairs of circles, rows (P,) or (B, P).
+
+    NaN where circles are concentric; the middle of their closest approach, once, where they do not cross. Slant ranges
+    shorter than the height count as of their std in the plane.
+    """
+    radius = np.sqrt(np.maximum(circles.squared_in_plane(), circles.std_m * circles.std_m))
+    center = np.stack([circles.sensor_x, circles.sensor_y], axis=-1)
+    snapshot = slice(None) if first.ndim == 1 else np.arange(radius.shape[0])[:, None]
+    one, other = (snapshot, first), (snapshot, second)
+    points = cross_circles(center[one], radius[one], center[other], radius[other], gap_tolerance=np.inf)
+    x, y = (np.concatenate([points[..., 0, axis], points[..., 1, axis]], axis=1).T for axis in (0, 1))
+    return x, y
+
+
+def _every_pair(circles: RangeCircles) -> tuple[IntArray, IntArray]:
+    first, second = np.triu_indices(circles.range_m.shape[1], 1)
+    return first.astype(np.int64), second.astype(np.int64)
+
+
+def _surest_pairs(circles: RangeCircles) -> tuple[IntArray, IntArray]:
+    """Return the row (B, P) of the surest range, and the rows of the sensors farthest from its own."""
+    surest = np.argmin(circles.std_m, axis=1)
+    pole = surest_pole(circles)
+    dx, dy = circles.sensor_x - pole.x[:, None], circles.sensor_y - pole.y[:, None]
+    partner = np.argsort(-(dx * dx + dy * dy), axis=1, kind="stable")[:, :_PARTNERS]
+    return np.broadcast_to(surest[:, None], partner.shape), partner
+
+
+def _half_chi_squares(circles: RangeCircles, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return half the chi-square (P, B) at points (P, B)."""
+    total = np.zeros(x.shape)
+    for k in range(circles.range_m.shape[1]):
+        dx, dy = x - circles.sensor_x[:, k], y - circles.sensor_y[:, k]
+        distance = dx * dx + dy * dy
+        if circles.height is not None:
+            distance += circles.height[:, k] * circles.height[:, k]
+        scaled = (np.sqrt(distance) - circles.range_m[:, k]) / circles.std_m[:, k]
+        total += scaled * scaled
+    return 0.5 * total
+
+
+def _descend(problem: Problem, pole: Pole, x: FloatArray, y: FloatArray, max_iterations: int) -> End:
+    end = minimize_about_pole(problem, pole, x, y, max_iterations=max_iterations)
+    return End(end.x, end.y, end.cost, end.converged)
+
+
+class _TwoBest:
+    """The cheapest optimum of each snapshot so far, and the cheapest apart from it."""
+
+    def __init__(self, first: End) -> None:
+        self.best = first
+        size = first.x.shape
+        nowhere = np.full(size, np.nan)
+        self.other = End(nowhere, nowhere.copy(), nowhere.copy(), np.zeros(size, dtype=bool))
+
+    def note(self, rows: IntArray, end: End, information: SymmetricMatrix) -> None:
+        """Take the ends of further descents of some snapshots into account, whose information is that at the end."""
+        best, other = self.best.take(rows), self.other.take(rows)
+        with ignoring_invalid():
+            away = np.hypot(end.x - best.x, end.y - best.y)
+            apart = away > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(information.inverse().trace)
+        better = end.improves(best)
+        runner_up = np.flatnonzero(better & apart & best.converged)
+        self.other.put(rows[runner_up], best.take(runner_up))
+        second = np.flatnonzero(end.improves(other) & ~better & apart & end.converged)
+        self.other.put(rows[second], end.take(second))
+        first = np.flatnonzero(better)
+        self.best.put(rows[first], end.take(first))
+
+
+class _Optimum(NamedTuple):
+    """Optima (B,), their information, and half the chi-square there."""
+
+    pole: Pole
+    end: End
+    information: SymmetricMatrix
+    half_chi_square: FloatArray
+
+    def explains(self, x: FloatArray, y: FloatArray, cost: FloatArray, share: float) -> BoolArray:
+        """Return which points (C, B) lead to the optimum: those whose cost is about what its quadratic model predicts.
+
+        The model is that in polar coordinates, in which the valley is straight.
+        """
+        pole, end = self.pole, self.end
+        distance, arc = pole.polar(end.x, end.y)
+        away, turned = pole.polar(x, y)
+        with ignoring_invalid():
+            out_x, out_y = (end.x - pole.x) / distance, (end.y - pole.y) / distance
+            away -= distance
+            turned = distance * wrap_angle((turned - arc) / pole.radius_m)
+            step = away * out_x - turned * out_y, away * out_y + turned * out_x
+            predicted = 0.5 * self.information.quadratic_form(*step)
+            explained: BoolArray = cost - self.half_chi_square >= share * predicted
+        return explained & end.converged
