@@ -45,7 +45,10 @@ class CircleField:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorsField:
-    """The bounding box of each snapshot's sensors, extended on every side by ``factor`` times its larger side."""
+    """The bounding box of each snapshot's sensors, extended on every side by ``factor`` times its larger side.
+
+    If there are ranges, it is at least extended by the longest.
+    """
 
     factor: float = 1.0
 

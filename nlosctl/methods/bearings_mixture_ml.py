@@ -66,7 +66,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     found = FixesToJudge(
         fixes, probability, probability > 0.5, best, modes.settled, modes.at_boundary, modes.candidates
     )
-    judged = judge_robust_fixes(model, groups, options, found, outside, too_few=candidates.count == 0, distinct=True)
+    judged = judge_robust_fixes(model, groups, options, found, outside, too_few=model.too_few(), distinct=True)
     fixes, status = judged.fixes, judged.status
     if options.covariance == "posterior":
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance)

@@ -18,7 +18,7 @@ from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import judge_fixes, mark_crossings_behind, nearly_singular
-from nlosctl.solvers.bearings.joint_range_bearing import range_columns
+from nlosctl.solvers.bearings.joint_range_bearing import count_scalars, range_columns
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import RowDerivatives, least_chi_square
@@ -191,10 +191,12 @@ def _status(batch: BearingBatch, ranged: RangedLines, last: SourceState, min_ran
         there = lines.ray_residuals(crossing.x, crossing.y)
         linear = judge_fixes(lines, crossing.x, crossing.y, there, crossing.normal.inverse(), min_range_m)
         status[dead & (linear == Status.DEGENERATE)] = Status.DEGENERATE
-    status[free & nearly_singular(first.normal)] = Status.DEGENERATE
+    ranged_rows = np.zeros(status.shape, dtype=bool)
+    if ranged.measured_m is not None:
+        ranged_rows |= np.isfinite(ranged.measured_m).any(axis=1)
+    status[free & ~ranged_rows & nearly_singular(first.normal)] = Status.DEGENERATE
     mark_crossings_behind(status, lines, np.where(free, rays.chi_square, 0.0), answered_too=True)
-    if batch.measurements < 2:
-        status[free] = Status.TOO_FEW
+    status[free & (count_scalars(batch, ranged.measured_m) < _UNKNOWNS)] = Status.TOO_FEW
     return status
 
 

@@ -91,7 +91,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     probability = model.mixture.responsibilities(found.fixes.x[:, 0], found.fixes.y[:, 0])[0]
     mode, settled, at_boundary = follow_best(candidates, found.fixes, outside)
     to_judge = FixesToJudge(found.fixes, probability, found.used, mode, settled, at_boundary, found.candidates)
-    judged = judge_robust_fixes(model, groups, options, to_judge, outside, too_few=batch.measurements < 2)
+    judged = judge_robust_fixes(model, groups, options, to_judge, outside, too_few=model.too_few())
     estimates = ranked_estimates(judged.fixes, judged.status, lines.center_x, lines.center_y, "inliers")
     estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
@@ -132,7 +132,7 @@ METHOD = MethodSpec(
     options=SuppressOptions,
     solve=solve,
     cost="negative log-likelihood of the mixture, in nats",
-    minimum_measurements=2,
+    minimum_measurements=1,
     flags=("los", "los_probability", "residual_rad", "residual_m"),
     flags_needing={"residual_m": "range_m"},
     searches=True,

@@ -9,7 +9,7 @@ from nlosctl.contract.fields import BoxField, CircleField, Field, PolygonField
 from nlosctl.geometry.blocks import max_measurements
 from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
 
-__all__ = ["search_region"]
+__all__ = ["reach_region", "search_region"]
 
 
 def search_region(
@@ -18,7 +18,7 @@ def search_region(
     """Return the regions (B,) that ``field`` means, about the local origins ``center`` (B,).
 
     ``sensor_x`` and ``sensor_y`` (B, K) are the sensors' positions in the same frame as ``center`` (metres). A
-    `SensorsField` of sensors at a single point is that point alone.
+    `SensorsField` of sensors at a single point is that point alone; `reach_region` enlarges it by measured ranges.
     """
     if isinstance(field, BoxField):
         return BoxRegion(
@@ -34,3 +34,14 @@ def search_region(
     ymin, ymax = -max_measurements(-y), max_measurements(y)
     margin = field.factor * np.maximum(xmax - xmin, ymax - ymin)
     return BoxRegion(xmin - margin, xmax + margin, ymin - margin, ymax + margin)
+
+
+def reach_region(region: Region, x: FloatArray, y: FloatArray, reach_m: FloatArray) -> Region:
+    """Return boxes (B,) that contain regions and all within ``reach_m`` (B,) of the box of points x, y (B, K)."""
+    xmin, xmax, ymin, ymax = region.bounds_m
+    return BoxRegion(
+        np.minimum(xmin, -max_measurements(-x) - reach_m),
+        np.maximum(xmax, max_measurements(x) + reach_m),
+        np.minimum(ymin, -max_measurements(-y) - reach_m),
+        np.maximum(ymax, max_measurements(y) + reach_m),
+    )

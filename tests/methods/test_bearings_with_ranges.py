@@ -15,6 +15,7 @@ from scipy.stats import norm
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import CircleField
+from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
 
 SHARE = 0.3
@@ -151,3 +152,59 @@ def test_suppress_rejects_a_row_whose_range_alone_is_wrong(noise: str) -> None:
     )
     assert both == [True, True, False, True, True]
     assert alone == [True] * 5
+
+
+ALL_METHODS = [bearings_ml, bearings_mixture_ml, bearings_sequential, bearings_suppress]
+
+
+def lone_batch(range_m: list[float]) -> BearingBatch:
+    """Return snapshots of one bearing of 30 degrees from (10, 20), with their ranges, NaN for none."""
+    ranges = np.asfortranarray(np.array(range_m)[:, None])
+    return bearing_batch(
+        [(10.0, 20.0)],
+        np.full(ranges.shape, np.radians(30.0)),
+        np.radians(1.0),
+        range_m=ranges,
+        range_std_m=np.where(np.isnan(ranges), np.nan, 0.5),
+    )
+
+
+@pytest.mark.parametrize("module", ALL_METHODS, ids=lambda module: module.METHOD.name)
+def test_one_sensor_with_a_range_is_a_fix(module: ModuleType) -> None:
+    """One bearing with its range is the end of its ray, with the polar covariance; a bearing alone is too_few."""
+    found = estimate(module.METHOD, lone_batch([100.0, np.nan]))
+    assert [Status(int(status)).word for status in found.status] == ["ok", "too_few"]
+    np.testing.assert_allclose(found.position_m[0], (96.6025, 70.0), atol=1e-4)
+    np.testing.assert_allclose(found.covariance_m2[0], (0.94904, -1.21078, 2.34713), rtol=1e-4)
+    alone = dataclasses.replace(lone_batch([100.0]), range_m=None, range_std_m=None)
+    assert Status(int(estimate(module.METHOD, alone).status[0])) == Status.TOO_FEW
+
+
+@pytest.mark.parametrize("module", ALL_METHODS, ids=lambda module: module.METHOD.name)
+def test_the_default_search_region_holds_the_longest_range(module: ModuleType) -> None:
+    """Sensors 2 m apart locate a source at 100 m by bearings and ranges, without a search region."""
+    batch = bearing_batch(
+        [(0.0, 0.0), (2.0, 0.0), (1.0, 1.5)],
+        np.radians([[40.05, 40.6, 39.8]]),
+        np.radians(1.0),
+        range_m=np.asfortranarray([[101.0, 99.5, 99.2]]),
+        range_std_m=np.full((1, 3), 0.5, order="F"),
+    )
+    found = estimate(module.METHOD, batch)
+    assert [Status(int(status)).word for status in found.status] == ["ok"]
+    np.testing.assert_allclose(found.position_m[0], (77.3560, 64.9144), atol=5e-3)
+    np.testing.assert_allclose(found.covariance_m2[0], (0.4697, -0.4580, 0.6262), rtol=2e-3)
+
+
+def test_parallel_bearings_with_ranges_are_a_fix_of_sequential() -> None:
+    """Lines that never cross determine nothing by themselves; with ranges the rows do."""
+    batch = bearing_batch(
+        [(0.0, 0.0), (0.0, 1.0)],
+        np.zeros((1, 2)),
+        0.01,
+        range_m=np.full((1, 2), 50.0, order="F"),
+        range_std_m=np.full((1, 2), 0.5, order="F"),
+    )
+    found = estimate(bearings_sequential.METHOD, batch)
+    assert [Status(int(status)).word for status in found.status] == ["ok"]
+    np.testing.assert_allclose(found.position_m[0], estimate(bearings_ml.METHOD, batch).position_m[0], atol=0.02)

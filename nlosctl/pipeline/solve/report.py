@@ -206,6 +206,12 @@ def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) ->
                 f"{name}: in {outside} of {tally.total} snapshots a point outside the search region is more likely "
                 "than any inside; enlarge it by `field`"
             )
+        nowhere = tally.statuses[Status.NO_CANDIDATE.word]
+        if nowhere:
+            notes.append(
+                f"{name}: in {nowhere} of {tally.total} snapshots no candidate is in the search region; if sources may "
+                "be outside, enlarge it by `field`"
+            )
     return notes
 
 

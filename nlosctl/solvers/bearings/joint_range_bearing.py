@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution, has_position
 from nlosctl.contract.statuses import Status
@@ -19,7 +19,9 @@ from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["RangedBearingProblem", "fit_ranged_bearings", "range_columns"]
+__all__ = ["RangedBearingProblem", "count_scalars", "fit_ranged_bearings", "range_columns"]
+
+_UNKNOWNS = 2
 
 
 def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, FloatArray] | None:
@@ -30,6 +32,12 @@ def range_columns(batch: BearingBatch, use_ranges: bool) -> tuple[FloatArray, Fl
     if not known.any():
         return None
     return np.where(known, batch.range_m, np.nan), np.where(known, batch.range_std_m, np.nan)
+
+
+def count_scalars(batch: BearingBatch, range_m: FloatArray | None) -> IntArray:
+    """Return the number of scalars (B,) that rows measure: a bearing each, and the ranges (B, K) that are not NaN."""
+    bearings = np.full(batch.size, batch.measurements, dtype=np.int64)
+    return bearings if range_m is None else bearings + np.count_nonzero(np.isfinite(range_m), axis=1)
 
 
 @dataclass(frozen=True)
@@ -89,9 +97,10 @@ def fit_ranged_bearings(
     status = judge_fixes(lines, x, y, rays, covariance, min_range_m)
     status[~converged & has_position(status)] = Status.NOT_CONVERGED
     mark_crossings_behind(status, lines, rays.chi_square)
+    scalars = count_scalars(batch, ranges[0])
+    status[scalars < _UNKNOWNS] = Status.TOO_FEW
     position = (x + lines.center_x, y + lines.center_y)
     cost = np.where(best, second.cost, first.cost)
-    scalars = batch.measurements + np.count_nonzero(np.isfinite(ranges[0]), axis=1)
     estimates = Estimates.of(
         status,
         position,
@@ -99,7 +108,7 @@ def fit_ranged_bearings(
         cost,
         batch.measurements,
         chi_square=2.0 * cost,
-        degrees_of_freedom=scalars - len(position),
+        degrees_of_freedom=scalars - _UNKNOWNS,
     )
     if not batch.want_flags:
         return Solution(estimates=estimates)

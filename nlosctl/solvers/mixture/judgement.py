@@ -55,13 +55,13 @@ def judge_robust_fixes(
     found: FixesToJudge,
     outside: OutsideSearch | None,
     *,
-    too_few: bool,
+    too_few: BoolArray,
     distinct: bool = False,
 ) -> Judgement:
     """Return the statuses of a block of fixes, by `log_evidence`, `find_rival`, `verdicts` and `ranked_status`.
 
-    ``too_few``: the block has fewer rows than the method needs. ``distinct``: the fixes are different modes, so that
-    the best is ambiguous where the others together have its mass, or, if it leaves out a row, nearly its mass.
+    ``too_few`` (B,) marks snapshots of fewer scalars than a position has. ``distinct``: the fixes are different modes,
+    so that the best is ambiguous where the others together have its mass, or, if it leaves out a row, nearly its mass.
     """
     fixes, probability, used = found.fixes, found.probability, found.used
     gain = outlier_gain(radians(options.field_of_view_deg))
@@ -91,10 +91,9 @@ def judge_robust_fixes(
         ambiguous_rows=options.ambiguous_rows,
         further=further,
     )
-    if too_few:
-        status[:] = Status.TOO_FEW
-    else:
+    if used.shape[1] > 1:
         mark_behind(status, model.lines)
+    status[too_few] = Status.TOO_FEW
     return Judgement(status, fixes, probability, used)
 
 
@@ -107,8 +106,9 @@ def _beside_likelihood(
     area_m2 = model.region.area_m2
     further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), used)
     further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
-    evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, area_m2, gain)
-    further[Status.NO_CONSENSUS] = evidence < options.least_evidence
+    if used.shape[1] > 1:  # a row alone agrees with nothing, nor does it disagree
+        evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, area_m2, gain)
+        further[Status.NO_CONSENSUS] = evidence < options.least_evidence
     if distinct:
         leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
         least = np.where(leaves_out, exp(-options.ambiguous_within), 1.0)

@@ -12,10 +12,11 @@ from scipy.special import erf
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.regions import Region
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.models.search_regions import search_region
+from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.solvers.bearings.fix_status import nearly_singular
 from nlosctl.solvers.bearings.joint_range_bearing import range_columns
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
@@ -26,6 +27,11 @@ from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_sh
 
 __all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
 
+
+_UNKNOWNS = 2
+
+_RANGE_STANDARD_DEVIATIONS = 4.0
+"""The default search region reaches beyond the longest range by this many of its standard deviations."""
 
 _MINIMUM_RANGE_SHARE = 0.005
 """Default minimum range in units of the larger side of the box of the sensors."""
@@ -55,6 +61,12 @@ class OutlierModel(RowBlock):
     def take_rows(self, rows: IntArray) -> OutlierModel:
         """Return the model of some snapshots, in rising order, each named once: all of them are this itself."""
         return self if rows.shape[0] == self.extent_m.shape[0] else self.take(rows)
+
+    def too_few(self) -> BoolArray:
+        """Return which snapshots (B,) measure fewer scalars than a position has."""
+        scalars = self.direct.scalars().sum(axis=1)
+        few: BoolArray = scalars < _UNKNOWNS
+        return few
 
     def uninformative(self) -> BoolArray:
         """Return which snapshots (B,) can't determine a position for any values of their rows.
@@ -88,12 +100,18 @@ def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
 def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutlierOptions) -> OutlierModel:
     """Return the model of a grouped batch: outlier share alpha and density 1 / field of view, equation (23).
 
+    The default search region, that of the sensors, is enlarged by the longest range.
     The direct density is (1), Gaussian and truncated to a right angle on either side. A row with a range has the
     product of both densities, as an outlier too: its range is then uniform over the search region's diagonal.
     """
     lines = sight_lines(batch)
     sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
+    ranges = range_columns(batch, options.use_ranges)
     region = search_region(batch.field, sensor_x, sensor_y, lines.center_x, lines.center_y)
+    if ranges is not None and isinstance(batch.field, SensorsField):
+        reach = np.where(np.isnan(ranges[0]), -np.inf, ranges[0] + _RANGE_STANDARD_DEVIATIONS * ranges[1])
+        x, y = sensor_x - lines.center_x[:, None], sensor_y - lines.center_y[:, None]
+        region = reach_region(region, x, y, max_measurements(reach))
     xmin, xmax, ymin, ymax = region.bounds_m
     extent = np.hypot(xmax - xmin, ymax - ymin)
     sensor_extent = _larger_side(sensor_x, sensor_y)
@@ -107,7 +125,6 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
             lines.std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * lines.std_rad))
         )
     log_nlos = np.full(extent.shape, -batch.measurements * log(fov))
-    ranges = range_columns(batch, options.use_ranges)
     if ranges is not None:
         known = np.isfinite(ranges[0])
         with ignoring_division():

@@ -15,10 +15,10 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.circles import cross_circles
-from nlosctl.geometry.regions import BoxRegion, Disc, Region
+from nlosctl.geometry.regions import Disc, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
-from nlosctl.models.search_regions import search_region
+from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
 from nlosctl.solvers.mixture.consensus import log_evidence
 from nlosctl.solvers.mixture.late_ranges import LateRanges
@@ -194,15 +194,7 @@ def _region(batch: RangeBatch, circles: RangeCircles) -> Region:
     region = search_region(batch.field, sensor_x, sensor_y, circles.center_x, circles.center_y)
     if not isinstance(batch.field, SensorsField):
         return region
-    reach = max_measurements(batch.range_m)
-    x, y = circles.sensor_x, circles.sensor_y
-    xmin, xmax, ymin, ymax = region.bounds_m
-    return BoxRegion(
-        np.minimum(xmin, -max_measurements(-x) - reach),
-        np.maximum(xmax, max_measurements(x) + reach),
-        np.minimum(ymin, -max_measurements(-y) - reach),
-        np.maximum(ymax, max_measurements(y) + reach),
-    )
+    return reach_region(region, circles.sensor_x, circles.sensor_y, max_measurements(batch.range_m))
 
 
 @dataclass(frozen=True)

@@ -9,18 +9,20 @@ import numpy as np
 from scipy.special import erf
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.row_terms import squared_tube_ratio
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.sequential.polar_updates import (
     SourceState,
     bootstrap_state,
+    ranged_state,
     select_rays,
     update_bearings,
     update_ranges,
 )
 
-__all__ = ["Hypotheses", "bearing_threshold_rad", "grow_hypotheses", "range_threshold_m"]
+__all__ = ["Hypotheses", "bearing_threshold_rad", "grow_hypotheses", "lone_hypotheses", "range_threshold_m"]
 
 
 _VALUES = 1 << 16
@@ -87,6 +89,15 @@ def grow_hypotheses(
         growth.run(alpha, field_of_view_deg, by_likelihood)
         growth.put(at, state, used)
     return Hypotheses(state, used)
+
+
+def lone_hypotheses(model: OutlierModel) -> Hypotheses:
+    """Return what snapshots of one row (B, 1) determine: the end of its ray at its range, where it has one."""
+    nothing = np.full((model.minimum_range_m.shape[0], 1), np.nan)
+    state = SourceState(nothing, nothing, SymmetricMatrix(nothing, nothing, nothing), np.isfinite(nothing))
+    row = np.zeros(nothing.shape, dtype=np.int64)
+    state = ranged_state(select_rays(model.lines, row, model.measured_m, model.range_std_m)) or state
+    return Hypotheses(state, [state.alive])
 
 
 def _start(model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> SourceState:

@@ -16,7 +16,7 @@ from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
-from nlosctl.solvers.sequential.hypotheses import Hypotheses, grow_hypotheses
+from nlosctl.solvers.sequential.hypotheses import Hypotheses, grow_hypotheses, lone_hypotheses
 from nlosctl.solvers.sequential.inlier_covariance import inlier_covariance
 from nlosctl.solvers.sequential.starting_pairs import shuffled_pairs
 
@@ -86,6 +86,10 @@ def suppress_outliers(
     """
     count = candidates.model.mixture.count
     result = SuppressedFixes.empty(seed.shape[0], count)
+    if count == 1:
+        every = np.arange(seed.shape[0])
+        result.put(every, _rank(candidates, candidates.model, every, lone_hypotheses(candidates.model)))
+        return result
     pairs = min(count * (count - 1) // 2, max_pairs)
     for wanted in np.unique(bootstraps).tolist():
         unsolved = np.flatnonzero(bootstraps == wanted)
