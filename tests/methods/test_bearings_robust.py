@@ -326,7 +326,7 @@ def test_a_prior_replaces_the_bootstrap_pair() -> None:
 
 
 def test_two_bearings_are_enough_for_sequential() -> None:
-    """Two rays without a prior give their crossing, one too_few; no flags unless requested."""
+    """Two rays without a prior give their crossing, one too_few without a range; no flags unless requested."""
     batch = _bearings([(0.0, 0.0), (10.0, 0.0)], [45.0, 135.0])
     options = bearings_sequential.SequentialOptions()
     estimates = bearings_sequential.solve(batch, options).estimates
@@ -334,14 +334,16 @@ def test_two_bearings_are_enough_for_sequential() -> None:
     np.testing.assert_allclose(estimates.position_m, [[5.0, 5.0]], atol=1e-9)
     few = _bearings([(0.0, 0.0)], [45.0])
     ranged = dataclasses.replace(few, range_m=np.full((1, 1), 9.0), range_std_m=np.ones((1, 1)))
-    for part, names in ((few, ["residual_rad"]), (ranged, ["residual_rad", "residual_m"])):
+    cases = (few, Status.TOO_FEW, ["residual_rad"]), (ranged, Status.OK, ["residual_rad", "residual_m"])
+    for part, status, names in cases:
         assert bearings_sequential.solve(dataclasses.replace(part, want_flags=False), options).flags is None
         solution = bearings_sequential.solve(part, options)
-        assert solution.estimates.status.tolist() == [Status.TOO_FEW]
+        assert solution.estimates.status.tolist() == [status]
         assert solution.flags is not None
         assert list(solution.flags.columns) == names
-        assert solution.flags.used.tolist() == [[False]]
-        assert np.isnan([column[0, 0] for column in solution.flags.columns.values()]).all()
+        assert solution.flags.used.tolist() == [[status == Status.OK]]
+        residuals = np.array([column[0, 0] for column in solution.flags.columns.values()])
+        assert np.isnan(residuals).all() if status != Status.OK else np.allclose(residuals, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("x", "y", "std"), [(np.nan, 80.0, 5.0), (1.0, np.nan, 5.0), (1.0, 80.0, np.nan)])
