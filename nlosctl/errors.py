@@ -5,6 +5,7 @@ A message names a setting in backquotes: ```overwrite```, which the command line
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from itertools import islice
@@ -17,6 +18,7 @@ __all__ = [
     "NlosctlError",
     "UsageError",
     "did_you_mean",
+    "hide_secrets",
     "in_one_line",
     "printable",
 ]
@@ -26,10 +28,42 @@ _LONGEST_WORD = 100
 _MOST_WORDS = 10_000
 
 
+_HIDDEN = "***"
+_SECRET_KEYS = re.compile(
+    r"sig|secret|token|passw|pwd|key|credential|auth|cookie|session|jwt|\bsas\b|\bcode\b", re.IGNORECASE
+)
+_SECRET_VALUE = re.compile(r"(?=[^&]*[0-9])(?=[^&]*[A-Za-z])[\w+/=%~-]{32,}")
+_OPEN_KEYS = ("endpoint_override", "region", "scheme", "allow_bucket_creation", "allow_bucket_deletion")
+_QUERY_ITEM = re.compile(r"(?<=[?&])([\w.~%$\[\]-]+)=((?:[^&\s'\"<>#|]*[^&\s'\"<>#|:;,.)\]])?)")
+_USER = re.compile(
+    r"(?<![\w+.-])(?!abfss?:|wasbs?:|hdfs:|viewfs:|sftp:|ssh:|ftp:|smb:)([A-Za-z][\w+.-]*://)[^/\s'\"?#@]+@"
+)
+
+
+def hide_secrets(text: str) -> str:
+    """Return text in which user names and secret-looking values of queries in URLs are replaced by ``***``.
+
+    A value is secret if its key names a signature, token, key or the like, or if it is long and random. Names of inputs
+    are recorded in results and messages, where a secret would be found.
+    """
+    if "://" in text:
+        text = _USER.sub(rf"\1{_HIDDEN}@", text)
+    return _QUERY_ITEM.sub(_shown_item, text) if "=" in text else text
+
+
+def _shown_item(item: re.Match[str]) -> str:
+    key, value = item[1], item[2]
+    is_secret = value and key not in _OPEN_KEYS and (_SECRET_KEYS.search(key) or _SECRET_VALUE.fullmatch(value))
+    return f"{key}={_HIDDEN if is_secret else value}"
+
+
 class NlosctlError(Exception):
-    """Base class; the text is the one line (or the few lines) that a user reads."""
+    """Base class; the text is the one line (or the few lines) that a user reads, without secrets of URLs."""
 
     exit_code = 1
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(hide_secrets(str(text)))
 
 
 class DataError(NlosctlError):

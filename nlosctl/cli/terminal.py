@@ -11,7 +11,7 @@ from typing import Any, NoReturn, TextIO, cast
 
 from nlosctl.cli.options.settings import with_flags
 from nlosctl.contract.run_options import OutputOptions
-from nlosctl.errors import DataError, printable
+from nlosctl.errors import DataError, hide_secrets, printable
 from nlosctl.jobs.console import Progress, json_text
 
 __all__ = [
@@ -31,7 +31,7 @@ def print_message(text: str) -> None:
     if sys.stderr is None:
         return
     try:
-        sys.stderr.write("".join(f"{printable(line)}\n" for line in with_flags(text).split("\n")))
+        sys.stderr.write("".join(f"{printable(line)}\n" for line in with_flags(hide_secrets(text)).split("\n")))
         sys.stderr.flush()
     except OSError:
         discard(sys.stderr)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nlosctl.contract.run_options import InputOptions, OutputOptions
-from nlosctl.errors import UsageError
+from nlosctl.errors import UsageError, hide_secrets
 from nlosctl.io.conversion.table_copy import TableCopy
 from nlosctl.io.measurements.row_checks import ProblemLog
 from nlosctl.io.paths.locations import FileFormat, Location, format_named, format_of_path, location
@@ -121,7 +121,7 @@ def _imported(
         bad_rows=bad_row_writer(write, (), outputs, paths),
     )
     imported = job.read(name)
-    content = {"importer": importer, "parameters": parameters, "inputs": [{"name": name}]}
+    content = {"importer": importer, "parameters": parameters, "inputs": [{"name": hide_secrets(name)}]}
     metadata = file_metadata("convert", content, imported.scene)
     yield _Source(tables=iter([imported.table]), schema=imported.table.schema, metadata=metadata, log=job.log)
 

@@ -56,15 +56,19 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """One logical table: a file, or the parts of a folder; ``name`` is the name given by the user."""
+    """One logical table: a file, or the parts of a folder; ``name`` is the name given by the user.
+
+    ``url`` is what a URL names, whose secrets the name does not have.
+    """
 
     name: str
     parts: tuple[Part, ...]
+    url: RemotePath | None = None
 
     @property
     def path(self) -> Location | None:
         """The file or folder, None for stdin; a scene may be in the same folder."""
-        return None if self.parts[0].path is None else location(self.name)
+        return self.url or (None if self.parts[0].path is None else location(self.name))
 
 
 def expand_inputs(
@@ -106,7 +110,7 @@ def _expand(argument: str, input_format: FileFormat | None, stdin: IO[bytes] | N
 
 def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
     """Return the inputs that a URL names: a file, a folder (a prefix of names), or a pattern."""
-    name = str(path)
+    name = path.shown
     try:
         if path.has_magic:
             matches = path.glob_files()
@@ -122,12 +126,13 @@ def _remote(path: RemotePath, input_format: FileFormat | None) -> list[Input]:
     except OSError as error:
         raise DataError(f"{name}: can't be read: {error.strerror or error}") from error
     entries = [(entry, PurePosixPath(*steps), mark_of_status(status)) for entry, steps, status in files]
-    return [_of_parts(name, entries, input_format)]
+    return [replace(_of_parts(name, entries, input_format), url=path)]
 
 
 def _remote_file(path: RemotePath, mark: Mark, input_format: FileFormat | None) -> Input:
     format = input_format or format_of_path(path.name)
-    return Input(name=str(path), parts=(Part(name=str(path), format=format, path=path, mark=mark),))
+    part = Part(name=path.shown, format=format, path=path, mark=mark)
+    return Input(name=path.shown, parts=(part,), url=path)
 
 
 def _file(name: str, input_format: FileFormat | None) -> Input:
@@ -154,7 +159,8 @@ def _of_parts(
         known = known_format_of_path(path.name)
         if known is not None and not _is_hidden(relative):
             require_utf8(str(path))
-            part = Part(name=str(path), format=input_format or known, path=path, mark=mark or mark_of(path))
+            shown = str(path) if is_local(path) else path.shown
+            part = Part(name=shown, format=input_format or known, path=path, mark=mark or mark_of(path))
             parts.append(replace(part, keys=_keys(relative.parts[:-1])))
     if not parts:
         raise DataError(f"{name}: no table file in the folder (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from nlosctl.errors import DataError, UsageError, did_you_mean
-from nlosctl.io.paths.remote_path import RemotePath
+from nlosctl.io.paths.remote_path import HTTP, RemotePath
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -40,16 +40,30 @@ __all__ = [
     "require_utf8",
 ]
 
-_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://([^?]*)(\?\w+=.*)?", re.DOTALL)
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://([^?]*)(\?.*)?", re.DOTALL)
+_SETTING = re.compile(r"\?[\w.~%$-]+=")
 
 Location = Path | RemotePath
 Mark = tuple[int, int, int]
 
 
+def _url_of(name: str) -> tuple[str, str, str] | None:
+    """Return scheme, name and query (with its question mark) of a URL; None for a path.
+
+    The query of a store is settings, ``?KEY=VALUE``: another question mark belongs to a name.
+    """
+    match = _URL.fullmatch(name)
+    if match is None:
+        return None
+    scheme, rest, query = match[1], match[2], match[3] or ""
+    is_url = not query or scheme.lower() in HTTP or _SETTING.match(query)
+    return (scheme, rest, query) if is_url else None
+
+
 def is_remote(name: str) -> bool:
     """Return whether a name is a URL of another scheme than ``file``."""
-    match = _URL.fullmatch(name)
-    return match is not None and match[1].lower() != "file"
+    url = _url_of(name)
+    return url is not None and url[0].lower() != "file"
 
 
 def is_local(path: Location) -> TypeIs[Path]:
@@ -59,8 +73,8 @@ def is_local(path: Location) -> TypeIs[Path]:
 
 def names_folder(name: str) -> bool:
     """Return whether a path or URL ends with a slash (before its ``?region=...``)."""
-    match = _URL.fullmatch(name)
-    return (name if match is None else match[2]).endswith("/")
+    url = _url_of(name)
+    return (name if url is None else url[1]).endswith("/")
 
 
 def location(name: str) -> Location:
@@ -70,10 +84,10 @@ def location(name: str) -> Location:
     """
     if not name or "\0" in name:
         raise UsageError(f"{name!r} is not the name of a file; expected a path or a URL")
-    match = _URL.fullmatch(name)
-    if match is None:
+    url = _url_of(name)
+    if url is None:
         return Path(name)
-    scheme, rest, query = match[1], match[2], match[3] or ""
+    scheme, rest, query = url
     if scheme.lower() == "file":
         split = urlsplit(name)
         if split.netloc not in ("", "localhost"):

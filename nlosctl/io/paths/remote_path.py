@@ -11,9 +11,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
+from nlosctl.errors import hide_secrets
 from nlosctl.io.paths.stores import SHOWING_AT_CLOSE, answering, filesystem_of
 
-__all__ = ["RemotePath"]
+__all__ = ["HTTP", "RemotePath"]
+
+HTTP = ("http", "https")
+"""Schemes whose query belongs to one file, often as its signature, and not to the store."""
 
 _BUFFER_BYTES = 1 << 20
 
@@ -30,8 +34,9 @@ class _Status(NamedTuple):
 class RemotePath:
     """A file or folder in a store, with the interface of `pathlib.Path`.
 
-    ``url`` has no slash at its end; ``query`` (``?region=...``) goes to the filesystem. It can be pickled: a process
-    opens its own connection. Methods raise OSError for an error of the store, UsageError for an unknown scheme.
+    ``url`` has no slash at its end; ``query`` (``?region=...``) goes to the filesystem, that of http to the server with
+    the name of this file alone. It can be pickled: a process opens its own connection. Methods raise OSError for an
+    error of the store, UsageError for an unknown scheme.
     """
 
     url: str
@@ -39,6 +44,28 @@ class RemotePath:
 
     def __str__(self) -> str:
         return self.url + self.query
+
+    def __repr__(self) -> str:
+        return f"RemotePath({self.shown!r})"
+
+    @property
+    def shown(self) -> str:
+        """The URL for results and messages, without its secrets."""
+        return hide_secrets(str(self))
+
+    @property
+    def owns_query(self) -> bool:
+        """Whether there is a query of this file alone, so that files beside it cannot be read."""
+        return bool(self.query) and self._is_http
+
+    @property
+    def _is_http(self) -> bool:
+        return self.url.partition("://")[0].lower() in HTTP
+
+    @property
+    def _query_beside(self) -> str:
+        """The query of files beside or below this one."""
+        return "" if self._is_http else self.query
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -63,10 +90,10 @@ class RemotePath:
     @property
     def parent(self) -> RemotePath:
         """The folder; a bucket is its own parent."""
-        return self if len(self.parts) == 1 else RemotePath(self.url.rpartition("/")[0], self.query)
+        return self if len(self.parts) == 1 else RemotePath(self.url.rpartition("/")[0], self._query_beside)
 
     def __truediv__(self, step: str) -> RemotePath:
-        return RemotePath(f"{self.url}/{step}", self.query)
+        return RemotePath(f"{self.url}/{step}", self._query_beside)
 
     def with_name(self, name: str) -> RemotePath:
         """Return the location with this name in the same folder."""
@@ -132,7 +159,7 @@ class RemotePath:
         for information in infos:
             if information.is_file:
                 steps = tuple(information.path.removeprefix(path).strip("/").split("/"))
-                file = RemotePath("/".join((self.url, *steps)), self.query)
+                file = RemotePath("/".join((self.url, *steps)), self._query_beside)
                 tag = file._entity_tag() if information.mtime_ns is None else ""
                 listed.append((file, steps, _status(information, tag)))
         return sorted(listed, key=lambda entry: entry[1])
@@ -233,8 +260,9 @@ class RemotePath:
         scheme, _, rest = self.url.partition("://")
         authority, _, below = rest.partition("/")
         with answering(str(self)):
-            filesystem, base = filesystem_of(os.getpid(), scheme.lower(), authority, self.query)
-        return filesystem, f"{base.rstrip('/')}/{below}" if below else base
+            filesystem, base = filesystem_of(os.getpid(), scheme.lower(), authority, self._query_beside)
+        path = f"{base.rstrip('/')}/{below}" if below else base
+        return filesystem, f"{path}{self.query}" if self._is_http else path
 
 
 def _status(information: Any, tag: str) -> _Status:

@@ -11,7 +11,7 @@ from functools import lru_cache
 from importlib import import_module
 from typing import Any
 
-from nlosctl.errors import MissingExtraError, NlosctlError, UsageError, did_you_mean
+from nlosctl.errors import MissingExtraError, NlosctlError, UsageError, did_you_mean, hide_secrets
 
 __all__ = ["SHOWING_AT_CLOSE", "answering", "filesystem_of"]
 
@@ -50,23 +50,27 @@ def filesystem_of(process: int, scheme: str, authority: str, query: str) -> tupl
 
 @contextmanager
 def answering(name: str) -> Iterator[None]:
-    """Turn any error of a store or its library into an OSError of one line."""
+    """Turn any error of a store or its library into an OSError of one line, without secrets of ``name``, its URL."""
+    shown = hide_secrets(name)
     try:
         yield
     except (NlosctlError, FileExistsError):
         raise
     except FileNotFoundError as error:
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name) from error
+        missing = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), shown)
+        raise missing from (error if shown == name else None)  # its text has the URL
     except Exception as error:
-        if isinstance(error, OSError) and error.filename == name:
+        if isinstance(error, OSError) and error.filename == shown:
             raise
-        reason = " ".join((str(error).strip().splitlines() or [type(error).__name__])[0].split())
-        raise OSError(errno.EIO, f"{reason}{_cure(reason)}", name) from error
+        reason = " ".join((hide_secrets(str(error)).strip().splitlines() or [type(error).__name__])[0].split())
+        raise OSError(errno.EIO, f"{reason}{_cure(reason)}", shown) from (error if shown == name else None)
 
 
 def _cure(reason: str) -> str:
     if re.search(r"ACCESS_DENIED|credential|anonymous|forbidden|\b40[13]\b", reason, re.IGNORECASE):
         return "; check the credentials in the environment or the store's configuration file"
+    if "requests" in reason and "aiohttp" in reason:
+        return "; install it with: pip install aiohttp"
     if "libjvm" in reason or "libhdfs" in reason:
         return "; hdfs:// needs Java and Hadoop's client: set JAVA_HOME, HADOOP_HOME and CLASSPATH"
     if "resolving region" in reason or "NETWORK_CONNECTION" in reason:

@@ -14,9 +14,9 @@ import msgspec
 
 from nlosctl.contract.limits import LARGEST_NUMBER, parse_toml, read_limited
 from nlosctl.contract.scene import CircleReflector, EarthFrame, LineReflector, Scene, SegmentReflector, Sensor
-from nlosctl.errors import DataError, did_you_mean
+from nlosctl.errors import DataError, did_you_mean, hide_secrets
 from nlosctl.geometry.earth import EarthPlane
-from nlosctl.io.paths.locations import Location, location, near_name
+from nlosctl.io.paths.locations import Location, is_local, location, near_name
 
 __all__ = ["SCENE_KEY", "find_scene", "plane_of", "scene_from_toml", "scene_to_toml"]
 
@@ -265,7 +265,7 @@ def find_scene(option: str | None, metadata: Mapping[bytes, bytes], input_path: 
 
 def _candidates(input_path: Location | None) -> list[Location]:
     """Return the possible paths of a scene file beside an input, in order of preference."""
-    if input_path is None:
+    if input_path is None or (not is_local(input_path) and input_path.owns_query):
         return []
     is_folder = input_path.is_dir()
     stems = [input_path.name]
@@ -279,10 +279,10 @@ def _candidates(input_path: Location | None) -> list[Location]:
 
 def _scene_of_file(path: Location) -> Scene:
     try:
-        text = read_limited(path, str(path))
+        text = read_limited(path, hide_secrets(str(path)))
     except OSError as error:
         raise DataError(f"{path}: the scene can't be read: {error.strerror}{near_name(path)}") from error
-    return scene_from_toml(text, str(path))
+    return scene_from_toml(text, hide_secrets(str(path)))
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import KINDS
-from nlosctl.errors import MethodError, NlosctlError
+from nlosctl.errors import MethodError, NlosctlError, hide_secrets
 from nlosctl.io.conversion.import_source import import_path, imported_table, open_import
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
 from nlosctl.io.scenes.scene_file import find_scene
@@ -53,7 +53,7 @@ class Import:
         if self._frame is not None:
             scene = replace(scene, frame=self._frame)
         kind = self._spec.kind(self._options)
-        name = "stdin" if source == "-" else source
+        name = "stdin" if source == "-" else hide_secrets(source)
         with open_import(source) as stream:
             rows = self._rows(ForeignFile(name=name, stream=stream, scene=scene))
             table = imported_table(rows, KINDS[kind], self._spec.extra, name, self.log)
