@@ -1,4 +1,10 @@
-"""Localize radio, acoustic and radar sources from measurements when some paths are not line of sight."""
+"""Localize radio, acoustic and radar sources from measurements when some paths are not line of sight.
+
+The functions take tables (pyarrow, polars, pandas, dict) or paths, and return pyarrow tables. `localize`,
+`identify_los`, `detect_ip` and `bound` solve measurements; `read`, `validate`, `convert` and `simulate` make and check
+them; `evaluate` and `plot` show how good estimates are. They are the commands of ``nlosctl``, with the same options and
+results; see docs/python.md.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +14,39 @@ TYPE_CHECKING = False  # instead of importing typing: an interrupt during that i
 if TYPE_CHECKING:
     from typing import Any
 
-    from nlosctl.api import Detection, Localization, bound, detect_ip, evaluate, identify_los, localize, simulate
+    from nlosctl.api import (
+        Detection,
+        Evaluation,
+        Localization,
+        Plot,
+        bound,
+        convert,
+        detect_ip,
+        evaluate,
+        identify_los,
+        localize,
+        plot,
+        read,
+        simulate,
+        validate,
+    )
 
 __all__ = [
     "Detection",
+    "Evaluation",
     "Localization",
+    "Plot",
     "__version__",
     "bound",
+    "convert",
     "detect_ip",
     "evaluate",
     "identify_los",
     "localize",
+    "plot",
+    "read",
     "simulate",
+    "validate",
 ]
 
 

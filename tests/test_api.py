@@ -197,12 +197,6 @@ def test_one_name_needs_no_list() -> None:
     assert nlosctl.localize(good(), scene=SCENE, add="cep50", carry="truth_x_m").estimates.equals(listed.estimates)
 
 
-def test_a_path_instead_of_a_table_is_refused() -> None:
-    """A path is reported as such: the functions take tables."""
-    with pytest.raises(UsageError, match=r"got the path 'a\.csv', expected a table"):
-        nlosctl.localize("a.csv")
-
-
 def test_public_names() -> None:
     """Every public name exists, and an unknown one is an AttributeError."""
     assert all(getattr(nlosctl, name) is not None for name in nlosctl.__all__)

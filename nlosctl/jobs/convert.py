@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +11,7 @@ from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError, hide_secrets
 from nlosctl.io.conversion.table_copy import TableCopy
 from nlosctl.io.measurements.row_checks import ProblemLog
+from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat, Location, format_named, format_of_path, location
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.io.writers.output_set import OutputSet, check_targets
@@ -47,24 +48,29 @@ class _Source:
 
 
 def convert(
-    inputs: Sequence[str],
+    inputs: Sequence[str] | Sequence[Input],
     read: InputOptions,
     write: OutputOptions,
     *,
     importer: str | None = None,
     exporter: str | None = None,
-    parameters: dict[str, str],
+    parameters: dict[str, Any],
     protected: Sequence[str | None] = (),
-    preview: Any = None,
+    receiver: Callable[[Any, dict[str, str]], Any] | None = None,
 ) -> ConversionReport:
     """Convert one input to one output, by an importer or as a table, and by an exporter or as a table.
 
-    ``parameters`` are those of the exporter, else of the importer. ``preview`` receives the rows of a table instead
-    of the output. Raises DataError for faults of the data, UsageError for options that do not apply.
+    ``parameters`` are those of the exporter, else of the importer. ``receiver`` returns, for schema and metadata, a
+    receiver of the rows of a table that replaces the output. Raises DataError for faults of the data, UsageError for
+    options that do not apply.
     """
     if read.frame is not None:
         plane_of(read.frame)  # report an unusable CRS before anything is read
-    names = [*(name for name in inputs if name != "-"), read.scene if isinstance(read.scene, str) else None, *protected]
+    names = [
+        *(name for name in inputs if isinstance(name, str) and name != "-"),
+        read.scene if isinstance(read.scene, str) else None,
+        *protected,
+    ]
     paths = [location(name) for name in names if name is not None]
     to_importer = {} if exporter is not None else parameters
     to_exporter = {} if importer is not None and exporter is None else parameters
@@ -72,7 +78,7 @@ def convert(
     with OutputSet() as outputs:
         check_targets([write.output, write.scene_out, write.bad_rows], overwrite=write.overwrite, inputs=paths)
         if importer is not None:
-            opened = _imported(inputs[0], importer, to_importer, read, write, outputs, paths)
+            opened = _imported(str(inputs[0]), importer, to_importer, read, write, outputs, paths)
         else:
             opened = _table(inputs, read, write, outputs, paths)
         with opened as source:
@@ -84,8 +90,8 @@ def convert(
                 sink: Any = outputs.take(MapWriter(write.output, exporter, to_exporter, frame=read.frame, **common))
             elif to_exporter:
                 raise UsageError("`param` is for importers and exporters; a table has none")
-            elif preview is not None:
-                sink = preview
+            elif receiver is not None:
+                sink = receiver(source.schema, source.metadata)
             else:
                 chosen = None if write.format is None else format_named(write.format)
                 kind = chosen or (FileFormat.CSV if write.output == "-" else format_of_path(write.output))
@@ -104,7 +110,7 @@ def convert(
 def _imported(
     name: str,
     importer: str,
-    parameters: dict[str, str],
+    parameters: dict[str, Any],
     read: InputOptions,
     write: OutputOptions,
     outputs: OutputSet,
@@ -128,7 +134,11 @@ def _imported(
 
 @contextmanager
 def _table(
-    inputs: Sequence[str], read: InputOptions, write: OutputOptions, outputs: OutputSet, paths: Sequence[Location]
+    inputs: Sequence[str] | Sequence[Input],
+    read: InputOptions,
+    write: OutputOptions,
+    outputs: OutputSet,
+    paths: Sequence[Location],
 ) -> Iterator[_Source]:
     """Read a table unchanged."""
     try:

@@ -29,7 +29,7 @@ def evaluate(
     read: InputOptions,
     write: OutputOptions,
     *,
-    truth: str | None = None,
+    truth: str | Sequence[Input] | None = None,
     estimates: str | Input | None = None,
     ospa_order: float = 2.0,
     ospa_cutoff_m: float = 20.0,
@@ -57,7 +57,9 @@ def evaluate(
         targets = [estimates] if isinstance(estimates, Input) else open_inputs([estimates], None)
         evaluation = evaluate_targets(given[0], targets, order=ospa_order, cutoff_m=ospa_cutoff_m)
     else:
-        truth_table = None if truth is None else TruthTable(open_inputs([truth], None))
+        truth_table = (
+            None if truth is None else TruthTable(open_inputs([truth] if isinstance(truth, str) else truth, None))
+        )
         evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=best_alternative)
     reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
     with OutputSet() as outputs:

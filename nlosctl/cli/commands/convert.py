@@ -90,7 +90,6 @@ def convert(
             raise UsageError("--param window is given twice")
         parameters["window"] = window
     with preview_sinks("table", write) as sinks:
-        preview = sinks["table"]() if sinks else None
         report = convert(
             inputs,
             read,
@@ -99,7 +98,7 @@ def convert(
             exporter=target,
             parameters=parameters,
             protected=[config],
-            preview=preview,
+            receiver=(lambda schema, metadata: sinks["table"](schema)) if sinks else None,
         )
     terminal = Terminal(quiet)
     bad = f", {report.bad_rows} bad row{'s' if report.bad_rows > 1 else ''} set aside" if report.bad_rows else ""

@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.parquet
 
-from nlosctl.errors import UsageError
+from nlosctl.errors import UsageError, in_one_line
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.base import plain_type
 
-__all__ = ["gather", "input_of_table"]
+__all__ = ["gather", "input_of_table", "read_table"]
 
 
 def input_of_table(table: Any) -> Input:
-    """Return a table (or anything that `pyarrow.table` accepts) as an input for the readers.
+    """Return a table (or anything that `pyarrow.table` accepts) as an input for the readers; a LazyFrame is collected.
 
-    Raises UsageError for a path.
+    Raises UsageError for anything else.
     """
-    if isinstance(table, str | PathLike):
-        raise UsageError(f"got the path {str(table)!r}, expected a table; read it, such as by pyarrow.csv.read_csv")
-    table = table if isinstance(table, pa.Table) else pa.table(table)
+    if hasattr(table, "collect_schema") and hasattr(table, "collect"):
+        table = table.collect()  # a LazyFrame of polars
+    if not isinstance(table, pa.Table):
+        try:
+            table = pa.table(table)
+        except (TypeError, ValueError, pa.ArrowException) as error:
+            raise UsageError(
+                f"got a {type(table).__name__}, expected a table (pyarrow, polars, pandas, a dict) or a path: "
+                f"{in_one_line(error)}"
+            ) from error
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
@@ -31,6 +38,11 @@ def input_of_table(table: Any) -> Input:
         name="table",
         parts=(Part(name="table", format=FileFormat.ARROW_STREAM, stream=pa.BufferReader(sink.getvalue())),),
     )
+
+
+def read_table(path: str) -> Any:
+    """Return a Parquet file of this program as a table."""
+    return pyarrow.parquet.read_table(path)
 
 
 def gather(tables: Sequence[Any], schema: Any, metadata: Mapping[str, str] | None = None) -> Any:

@@ -6,6 +6,8 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from html import escape
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -24,11 +26,13 @@ from nlosctl.io.results.truth_table import TruthTable
 __all__ = ["Evaluation", "evaluate_inputs", "group_title", "grouping_columns", "is_label", "present"]
 
 _LABELS = ("file", "source", "method")
+_SHOWN_FIGURES, _SHOWN_GROUPS = 8, 20
+"""A notebook shows so many columns and rows."""
 
 Readers = Sequence[tuple[Input, PlainReader]]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Evaluation:
     """The metrics of each group of what was evaluated (``estimates``, ``flags`` or ``targets``), and of all rows.
 
@@ -40,6 +44,37 @@ class Evaluation:
     groups: list[dict[str, Any]]
     overall: dict[str, Any] | None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        cells = [self._headings, *self._cells()]
+        widths = [max(len(row[index]) for row in cells) for index in range(len(cells[0]))]
+        lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
+        return "\n".join([f"Evaluation of {self.of}; all figures are in .groups and .overall", *lines, *self.notes])
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><td>{'</td><td>'.join(map(escape, row))}</td></tr>" for row in self._cells())
+        head = f"<tr><th>{'</th><th>'.join(map(escape, self._headings))}</th></tr>"
+        notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
+        return f"<table><thead>{head}</thead><tbody>{rows}</tbody></table>{notes}"
+
+    @property
+    def _headings(self) -> list[str]:
+        """The heading of the groups, and the first figures that are single numbers."""
+        first = self.groups[0] if self.groups else {}
+        figures = [name for name, value in first.items() if isinstance(value, int | float) and not is_label(name)]
+        return ["group", *figures[:_SHOWN_FIGURES]]
+
+    def _cells(self) -> list[list[str]]:
+        groups = [(group_title(group) or "all", group) for group in self.groups[:_SHOWN_GROUPS]]
+        rows = [[title, *(_shown(group.get(name)) for name in self._headings[1:])] for title, group in groups]
+        more = len(self.groups) - _SHOWN_GROUPS
+        return [*rows, [f"and {more} more", *[""] * (len(self._headings) - 1)]] if more > 0 else rows
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return "-" if isnan(value) else f"{value:.4g}"
+    return "-" if value is None else str(value)
 
 
 def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_alternative: bool) -> Evaluation:

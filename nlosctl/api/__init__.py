@@ -1,0 +1,22 @@
+"""The jobs of the command line as functions on tables and files: what ``import nlosctl`` provides."""
+
+from nlosctl.api.files import Plot, convert, evaluate, plot, read, simulate, validate
+from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
+from nlosctl.pipeline.evaluate.evaluate import Evaluation
+
+__all__ = [
+    "Detection",
+    "Evaluation",
+    "Localization",
+    "Plot",
+    "bound",
+    "convert",
+    "detect_ip",
+    "evaluate",
+    "identify_los",
+    "localize",
+    "plot",
+    "read",
+    "simulate",
+    "validate",
+]

@@ -1,0 +1,240 @@
+"""Functions that read, check, convert, simulate, evaluate and plot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from nlosctl.api.tables import BadRows, SceneLike, TableSink, input_options, inputs_of, set_aside
+from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.errors import UsageError
+from nlosctl.jobs import convert as convert_job
+from nlosctl.jobs import evaluate as evaluate_job
+from nlosctl.jobs import simulate as simulate_job
+from nlosctl.jobs import validate as validate_job
+from nlosctl.jobs.convert import ConversionReport
+from nlosctl.pipeline.evaluate.evaluate import Evaluation
+
+__all__ = ["Plot", "convert", "evaluate", "plot", "read", "simulate", "validate"]
+
+
+def read(
+    source: str | PathLike[str],
+    *,
+    importer: str | None = None,
+    scene: str | PathLike[str] | None = None,
+    crs: str | None = None,
+    origin: tuple[float, float] | None = None,
+    bad_rows: str | PathLike[str] | None = None,
+    **parameters: Any,
+) -> Any:
+    """Return a file or folder as a pyarrow Table with the contract's types; the scene is in its metadata.
+
+    Without ``importer`` it is a table in any format that the command line reads; with it (such as ``kraken-csv``, see
+    ``nlosctl convert``) it is the file of another program, and ``parameters`` are those of the importer. ``bad_rows``
+    is the name of a file for bad rows; without it they are an error.
+
+    Raises DataError for faults of the data, UsageError for an unknown importer or parameter.
+    """
+    whole = TableSink()
+    _convert(
+        source, OutputOptions(bad_rows=_path(bad_rows)), scene, crs, origin, importer, None, parameters, whole.start
+    )
+    return whole.table()
+
+
+def convert(
+    source: Any,
+    output: str | PathLike[str],
+    *,
+    importer: str | None = None,
+    exporter: str | None = None,
+    scene: str | PathLike[str] | None = None,
+    crs: str | None = None,
+    origin: tuple[float, float] | None = None,
+    overwrite: bool = False,
+    bad_rows: str | PathLike[str] | None = None,
+    **parameters: Any,
+) -> ConversionReport:
+    """Write a table or file as the file ``output``, whose extension selects the format: see ``nlosctl convert``.
+
+    ``parameters`` are those of the exporter (of estimates to a map, such as ``fixes.geojson``) or of the importer.
+    Raises DataError for faults of the data or an existing file, UsageError for options that do not apply.
+    """
+    write = OutputOptions(output=fspath(output), overwrite=overwrite, bad_rows=_path(bad_rows))
+    return _convert(source, write, scene, crs, origin, importer, exporter, parameters, None)
+
+
+def _convert(
+    source: Any,
+    write: OutputOptions,
+    scene: str | PathLike[str] | None,
+    crs: str | None,
+    origin: tuple[float, float] | None,
+    importer: str | None,
+    exporter: str | None,
+    parameters: Mapping[str, Any],
+    receiver: Callable[[Any, dict[str, str]], Any] | None,
+) -> ConversionReport:
+    is_name = isinstance(source, str | PathLike)
+    if importer is not None and not is_name:
+        raise UsageError("an importer reads a file; give its path")
+    return convert_job.convert(
+        [fspath(source)] if is_name else inputs_of(source),
+        InputOptions(scene=_path(scene), crs=crs, origin=origin),
+        write,
+        importer=importer,
+        exporter=exporter,
+        parameters=dict(parameters),
+        receiver=receiver,
+    )
+
+
+def validate(
+    table: Any,
+    *,
+    scene: SceneLike = None,
+    kind: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    bad_rows: BadRows = None,
+    **stds: float,
+) -> dict[str, Any]:
+    """Check measurements as ``nlosctl validate`` does; return the kind, counts, columns and remarks.
+
+    The arguments are those of `localize`. With ``bad_rows`` the bad rows are counted in ``bad_rows`` (with True, the
+    table of them is in ``bad_row_table``); without it they raise DataError, which names row, column, value and cure.
+    """
+    read = input_options(columns, constants, scene, stds, kind=kind)
+    _refuse_more(stds)
+    with set_aside(bad_rows) as aside:
+        result = validate_job.validate(inputs_of(table), read, OutputOptions(**aside.options))
+        return {**result, **{f"{name[:-1]}_table": value for name, value in aside.tables().items()}}
+
+
+def simulate(
+    scenario: str,
+    *,
+    trials: int = 1000,
+    seed: int = 0,
+    sweep: Mapping[str, Sequence[Any]] | None = None,
+    **parameters: Any,
+) -> Any:
+    """Draw a table of measurements with ground truth; its metadata contain the scene.
+
+    ``sweep`` runs parameters through several values, with ``trials`` snapshots each; see ``nlosctl simulate``. Raises
+    UsageError for an unknown scenario or parameter.
+    """
+    options = SolveOptions(parameters=parameters, sweep=sweep or {}, seed=seed)
+    drawn = TableSink()
+    simulate_job.simulate(scenario, trials, options, OutputOptions(), sink=drawn.start)
+    return drawn.table()
+
+
+def evaluate(
+    table: Any,
+    *,
+    truth: Any | None = None,
+    best_alternative: bool = False,
+    estimates: Any | None = None,
+    ospa_order: float = 2.0,
+    ospa_cutoff_m: float = 20.0,
+) -> Evaluation:
+    """Compare estimates (or flags) with the ground truth in them, by method; see ``nlosctl evaluate``.
+
+    ``truth`` is a table with the true positions of the snapshots, in place of the truth in the estimates. With
+    ``estimates``, the table is the flags of `identify_los` that belong to them. All are tables or paths. Raises
+    DataError if the table is neither estimates nor flags, or has no ground truth.
+    """
+    evaluation, _ = evaluate_job.evaluate(
+        inputs_of(table),
+        InputOptions(),
+        OutputOptions(),
+        truth=None if truth is None else inputs_of(truth),
+        estimates=None if estimates is None else _one(estimates),
+        ospa_order=ospa_order,
+        ospa_cutoff_m=ospa_cutoff_m,
+        best_alternative=best_alternative,
+    )
+    return evaluation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """A figure of matplotlib, which a notebook shows, the name of its view, and notes, such as rows left out."""
+
+    figure: Any
+    view: str
+    notes: Sequence[str]
+
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the figure as PNG, SVG or PDF, by the extension; raises DataError for an existing file."""
+        from nlosctl.plotting.figures import save_figure
+
+        save_figure(self.figure, Path(path), overwrite=overwrite)
+
+    def _repr_png_(self) -> bytes:
+        from nlosctl.plotting.figures import figure_bytes
+
+        return figure_bytes(self.figure, "png")
+
+
+def plot(
+    *tables: Any,
+    view: str | None = None,
+    snapshot: Any | None = None,
+    scene: SceneLike = None,
+    kind: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    x: str | None = None,
+    y: str | None = None,
+    linear: bool = False,
+    title: str | None = None,
+    size_in: tuple[float, float] | None = None,
+) -> Plot:
+    """Plot measurements, flags, estimates or bounds (tables or paths); their contents select the view.
+
+    The arguments are those of ``nlosctl plot``. Raises MissingExtraError without matplotlib, UsageError for a view that
+    does not suit the tables.
+    """
+    from contextlib import ExitStack
+
+    from nlosctl.io.results.plot_inputs import open_plot_input
+    from nlosctl.plotting.plot_request import PlotRequest
+    from nlosctl.plotting.views.pictures import choose_view, draw_picture
+
+    read = input_options(columns, None, scene, {}, kind=kind)
+    with ExitStack() as stack:
+        files = []
+        for given in (given for table in tables for given in inputs_of(table)):
+            files.append(open_plot_input(given, _path(scene) if isinstance(scene, str | PathLike) else None, kind))
+            stack.callback(files[-1].close)
+        if not files:
+            raise UsageError("nothing to plot; give a table or the path of a file")
+        name = choose_view(files, view, one_snapshot=snapshot is not None)
+        wanted = None if snapshot is None else str(snapshot)
+        request = PlotRequest(
+            files=files, read=read, snapshot=wanted, x=x, y=y, linear=linear, title=title, size_in=size_in
+        )
+        picture = draw_picture(request, name)
+    return Plot(figure=picture.figure, view=name, notes=tuple(picture.notes))
+
+
+def _one(table: Any) -> Any:
+    """Return a table or path as its only input; raises UsageError for several."""
+    given = inputs_of(table)
+    if len(given) > 1:
+        raise UsageError(f"got {len(given)} files, expected one table, or one folder")
+    return given[0]
+
+
+def _path(path: str | PathLike[str] | None) -> str | None:
+    return None if path is None else fspath(path)
+
+
+def _refuse_more(keywords: Mapping[str, Any]) -> None:
+    for name in keywords:
+        raise UsageError(f"validate takes no argument {name!r}; standard deviations are such as bearing_std_deg=2.0")
