@@ -222,7 +222,7 @@ def test_slices_solved_by_an_engine_fill_a_file_of_a_store(
         made.extend(numbers)
         yield from map(work.make, numbers)
 
-    monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
+    monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs, timeout_s: engine)
     before = sorted(tmp_path.iterdir())
     outcome = cli("localize", "in", "-o", f"{root}/fixes.parquet", "--engine", "dask")
     assert outcome.code == 0, outcome.err
