@@ -69,7 +69,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     judged = judge_robust_fixes(model, groups, options, found, outside, too_few=model.too_few(), distinct=True)
     fixes, status = judged.fixes, judged.status
     if options.covariance == "posterior":
-        covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance)
+        covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     lines = model.lines
     estimates = ranked_estimates(fixes, status, lines.center_x, lines.center_y, options.covariance)

@@ -109,7 +109,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     )
     status[candidates.degenerate] = Status.TOO_FEW
     if kind == "posterior":
-        covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance)
+        covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     circles = model.circles
     estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, kind)

@@ -127,7 +127,9 @@ def test_the_moments_are_those_of_a_fine_grid(world: World) -> None:
     assert np.count_nonzero(np.array(off) > 0.05) <= 1
 
 
-@pytest.mark.parametrize("world", [World(4, 0.25, (2.0, 6.0)), World(3, 0.3, (2.0, 6.0), 2)])
+@pytest.mark.parametrize(
+    "world", [World(4, 0.25, (2.0, 6.0)), World(8, 0.25, (3.0, 6.0)), World(3, 0.3, (2.0, 6.0), 2)]
+)
 def test_probabilities_are_those_of_a_fine_grid(world: World) -> None:
     """The mean difference from sums over a fine grid is below .03; the rows used by the fix are twice as far off."""
     batch, _, _ = world.draw(14, seed=8)

@@ -157,23 +157,28 @@ class DirectBearings(RowBlock):
 
     def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""
-        lines = self.lines
-        row = self.terms(k, x, y)
-        dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
-        impossible = lines.cosine[:, k] * dx + lines.sine[:, k] * dy <= 0.0
-        impossible |= dx * dx + dy * dy < self.squared_minimum
-        if lines.mirrors is not None:
-            impossible |= lines.mirrors.row_beyond(k, x, y)
+        row, along, squared_range = self._seen_from_anywhere(k, x, y)
+        impossible = along <= 0.0
+        impossible |= squared_range < self.squared_minimum
+        if self.lines.mirrors is not None:
+            impossible |= self.lines.mirrors.row_beyond(k, x, y)
         np.copyto(row.half_chi_square, np.inf, where=impossible)
         return row
 
     def terms(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,) and its derivatives, from wherever the row is seen."""
+        return self._seen_from_anywhere(k, x, y)[0]
+
+    def _seen_from_anywhere(
+        self, k: int, x: FloatArray, y: FloatArray
+    ) -> tuple[RowDerivatives, FloatArray, FloatArray]:
+        """Return that with the distance of the points along the ray, and the squared range."""
         lines = self.lines
         cosine, sine = lines.cosine[:, k], lines.sine[:, k]
         dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
         squared_range = dx * dx + dy * dy
-        residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
+        along = cosine * dx + sine * dy
+        residual = np.arctan2(sine * dx - cosine * dy, along)
         inverse = 1.0 / np.maximum(squared_range, self.squared_minimum)
         weight = 2.0 * self.weight[:, k]
         if lines.focusing is not None:
@@ -192,7 +197,7 @@ class DirectBearings(RowBlock):
         )
         if self.precision is not None and self.measured_m is not None:
             row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
-        return row
+        return row, along, squared_range
 
     def _scaled_range_residual(self, range_m: FloatArray, measured_m: FloatArray, precision: FloatArray) -> FloatArray:
         if self.lognormal:

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_division, ignoring_overflow
+from nlosctl.contract.results import has_covariance, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.regions import Region
+from nlosctl.geometry.regions import Disc, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
-from nlosctl.solvers.mixture.proposal import MOST_POINTS, Proposal, RowCandidates, make_proposal
+from nlosctl.solvers.mixture.proposal import MOST_POINTS, Proposal, make_proposal
+from nlosctl.solvers.mixture.spots import RowCandidates, component_masses, mode_spots, total_mass
 
 __all__ = ["direct_probability", "posterior_covariance"]
 
@@ -31,21 +34,38 @@ random; it is about a quarter of that."""
 
 _POINTS_OF_ROWS = 32
 _POINTS_OF_AMBIGUOUS = 256
-"""Numbers of points for the probabilities of the rows, and where several modes carry mass."""
+"""Numbers of sampled points for the probabilities of the rows, the second where several modes carry mass."""
+
+_S, _T = sqrt((9.0 - 3.0 * sqrt(5.0)) / 4.0), sqrt((9.0 + 3.0 * sqrt(5.0)) / 4.0)
+_RULE_U = np.array([sqrt(6.0), -sqrt(6.0), 0.0, 0.0, _S, _S, -_S, -_S, _T, _T, -_T, -_T])
+_RULE_V = np.array([0.0, 0.0, sqrt(6.0), -sqrt(6.0), _S, -_S, _S, -_S, _T, -_T, _T, -_T])
+_RULE_WEIGHT = np.repeat([5.0, 20.0 + 8.0 * sqrt(5.0), 20.0 - 8.0 * sqrt(5.0)], 4) / 180.0
+_RULE_WEIGHT *= np.exp(0.5 * (_RULE_U**2 + _RULE_V**2))
+"""Stroud's rule of 12 points and degree 7 for means over a normal distribution (E2 r2 7-1), weights over density."""
+
+_DOMINANT = 0.9
+_NEGLIGIBLE = 1e-3
+"""A mode of more than the first share of the mass dominates; modes of less than the second, in units of the best one's
+mass, do not change a probability."""
 
 _POINTS = 32768
 """Number of points at once, so that temporaries stay in the cache."""
 
 
 def posterior_covariance(
-    mixture: Mixture, modes: Modes, region: Region, candidates: RowCandidates, inliers: SymmetricMatrix
+    mixture: Mixture,
+    modes: Modes,
+    region: Region,
+    candidates: RowCandidates,
+    inliers: SymmetricMatrix,
+    status: StatusArray,
 ) -> SymmetricMatrix:
-    """Return the second moments (B, T) of the posterior about each mode, in square metres; NaN for missing modes.
+    """Return the second moments (B, T) of the posterior about each mode, in square metres.
 
     Each is of the whole posterior, so that the moment about the best mode includes the chance that the source is near
     another mode, on a single ray, or anywhere. ``inliers`` (B, T) replaces those that are not positive definite.
     """
-    with_mode = np.flatnonzero(np.isfinite(modes.cost[:, 0]))
+    with_mode = np.flatnonzero(np.isfinite(modes.cost[:, 0]) & has_covariance(status))
     moments = np.full((6, modes.cost.shape[0]), np.nan)
     for rows in _sections(with_mode, max(_FIRST, candidates.count)):
         moments[:, rows] = _settle(make_proposal(mixture, modes, region, rows, candidates), modes, rows, candidates)
@@ -65,13 +85,22 @@ def direct_probability(
 ) -> FloatArray:
     """Return each row's probability (B, K) to be direct, integrated over the position.
 
-    ``at_best`` (B, K), the probability at the best fix, stays where there is no mode, or the fix is outside the region.
+    Where one mode dominates, by a rule of few points about it, else by sampled points: where the status is ambiguous,
+    or outliers depend on the position. ``at_best`` (B, K), the probability at the best fix, stays where that has no
+    position or no consensus, so that no flag is written, or where it is outside the region.
     """
     probability = at_best.copy(order="F")
-    integrated = np.isfinite(modes.cost[:, 0]) & (status != Status.OUTSIDE_FIELD)
+    integrated = np.isfinite(modes.cost[:, 0]) & has_position(status)
+    integrated &= (status != Status.NO_CONSENSUS) & (status != Status.OUTSIDE_FIELD)
     ambiguous = status == Status.AMBIGUOUS
+    sampled = integrated.copy()
+    if mixture.outliers is None:
+        for rows in _sections(np.flatnonzero(integrated & ~ambiguous), _RULE_WEIGHT.shape[0]):
+            about_best, dominates = _by_rule(mixture.take(rows), modes, region, rows, candidates)
+            probability[rows[dominates]] = about_best[dominates]
+            sampled[rows[dominates]] = False
     for points, among in ((_POINTS_OF_ROWS, ~ambiguous), (_POINTS_OF_AMBIGUOUS, ambiguous)):
-        for rows in _sections(np.flatnonzero(integrated & among), points):
+        for rows in _sections(np.flatnonzero(sampled & among), points):
             proposal = make_proposal(mixture, modes, region, rows, None)
             weighted = _weigh(proposal, modes, rows, candidates, 0, points)
             mass = _sum(weighted.weight)
@@ -79,6 +108,38 @@ def direct_probability(
                 mean = _sum(share, weighted.weight) / np.where(mass > 0.0, mass, 1.0)
                 probability[rows, k] = np.where(mass > 0.0, mean, probability[rows, k])
     return probability
+
+
+def _by_rule(
+    mixture: Mixture, modes: Modes, region: Region, rows: IntArray, candidates: RowCandidates
+) -> tuple[FloatArray, BoolArray]:
+    """Return the probabilities (B, K) of some snapshots, and in which the best mode dominates.
+
+    They are means over the best mode and those at other modes, weighted by mass; a row alone has its mass too.
+    """
+    spots, disc = mode_spots(modes, rows), Disc.about(region, rows)
+    axes = spots.half_axes(disc)
+    dx, dy = axes.points(0, _RULE_U, _RULE_V)
+    x, y = spots.x[:, :1] + dx, spots.y[:, :1] + dy
+    direct: list[FloatArray] = []
+    with ignoring_overflow():
+        weight = np.exp(spots.cost[:, :1] - mixture.score(x, y, direct)) * _RULE_WEIGHT
+    weight[~(candidates.allowed(rows, x, y) & np.isfinite(weight))] = 0.0
+    mass, best = component_masses(mixture, disc, spots, axes), 1 + mixture.count
+    scale = mass[:, best].copy()
+    mass[:, best] *= _sum(weight)
+    total = total_mass(mass)
+    with ignoring_division():
+        probability = np.stack(
+            [_sum(share, weight) * scale + mass[:, 1 + k] for k, share in enumerate(_share_direct(mixture, direct))],
+            axis=1,
+        )
+        for other in range(1, spots.x.shape[1]):
+            some = np.flatnonzero(mass[:, best + other] > _NEGLIGIBLE * mass[:, best])
+            there, _ = mixture.take(some).responsibilities(spots.x[some, other], spots.y[some, other])
+            probability[some] += there * mass[some, best + other, None]
+        probability /= total
+        return probability, mass[:, best] > _DOMINANT * total[:, 0]
 
 
 def _share_direct(mixture: Mixture, terms: list[FloatArray]) -> list[FloatArray]:

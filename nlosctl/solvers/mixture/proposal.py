@@ -9,21 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
+from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.regions import Disc, Region
-from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.bearings.ray_crossings import Candidates
-from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, choose_starts, leave_out_slope
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
+from nlosctl.solvers.mixture.spots import RowCandidates, component_masses, further_spots, mode_spots, total_mass
 
-__all__ = ["MOST_POINTS", "Proposal", "RowCandidates", "make_proposal"]
+__all__ = ["MOST_POINTS", "Proposal", "make_proposal"]
 
 
 MOST_POINTS = 4096
@@ -32,34 +30,8 @@ MOST_POINTS = 4096
 _LEAST_SHARE = 0.01
 """A component has at least this share of the points; those of a tenth of it have none."""
 
-_LARGEST_SPOT = 0.5
-"""Largest standard deviation of a spot, in units of the disc's radius."""
-
-_FURTHER = 8
-_FURTHER_NATS = 14.0
-_TIE_DIGITS = 5
-"""So many crossings that are not modes, costlier than the best mode by at most so many nats, have a spot. Of costs that
-agree to so many decimals (all pairs of rows that agree with no other row) the nearest to the best mode come first."""
-
 _PLASTIC = 1.3247179572447460
 """The points of the sequence have the fractional parts of j / _PLASTIC and j / _PLASTIC^2 as coordinates."""
-
-
-class RowCandidates(Protocol):
-    """The crossings of the rows of B snapshots, and the search region."""
-
-    @property
-    def count(self) -> int:
-        """The number of crossings of each snapshot."""
-        ...
-
-    def points(self, rows: IntArray) -> Candidates:
-        """Return the crossings of some snapshots."""
-        ...
-
-    def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (b, P) of some snapshots are in the search region."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -191,108 +163,31 @@ def make_proposal(
     """
     mixture = mixture.take(rows)
     disc = Disc.about(region, rows)
-    spots = _mode_spots(modes, rows)
+    spots = mode_spots(modes, rows)
     if candidates is not None:
-        spots = spots.join(_further_spots(mixture, spots, rows, candidates, disc.radius))
-    short, long, cosine, sine = spots.half_axes(disc)
-    ridge = mixture.rows.ridges(disc)
-    area = np.pi * disc.radius**2
+        spots = spots.join(further_spots(mixture, spots, rows, candidates, disc.radius))
+    axes = spots.half_axes(disc)
     exists = np.isfinite(spots.cost)
+    mass = component_masses(mixture, disc, spots, axes)
     with ignoring_overflow():
-        outliers = np.exp(spots.cost[:, 0] + mixture.log_nlos + mixture.groups * np.log(mixture.obstructed))[:, None]
-        on_ridges = outliers * np.exp(mixture.log_direct) / mixture.obstructed[:, None] / ridge
-        in_spots = np.exp(np.minimum(spots.cost[:, :1] - spots.cost, 0.0)) * (2.0 * np.pi) * short * long
         dx, dy = spots.x - spots.x[:, :1], spots.y - spots.y[:, :1]
-        squared_size = short * short + long * long + dx * dx + dy * dy
-        mass = np.concatenate(
-            [outliers * area[:, None], np.where(ridge > 0.0, on_ridges, 0.0), np.where(exists, in_spots, 0.0)], axis=1
-        )
-        wide = np.repeat(0.25 * area[:, None], 1 + mixture.count, axis=1)
+        squared_size = axes.short * axes.short + axes.long * axes.long + dx * dx + dy * dy
+        wide = np.repeat((0.25 * np.pi * disc.radius**2)[:, None], 1 + mixture.count, axis=1)
         moment = mass * np.concatenate([wide, np.where(exists, squared_size, 0.0)], axis=1)
     share = _share(mass) + _share(moment)
     share = np.where(share > 0.2 * _LEAST_SHARE, np.maximum(share, 2.0 * _LEAST_SHARE), 0.0)
-    share = share / _total(share)
+    share = share / total_mass(share)
     used = int(np.flatnonzero(share.any(axis=0)).max(initial=mixture.count + 1)) - mixture.count
 
     def fill(values: FloatArray, other: float) -> FloatArray:
         return np.where(exists, values, other)[:, :used]
 
     return Proposal(
-        mixture, disc, share[:, : 1 + mixture.count + used], ridge, fill(spots.x, 0.0), fill(spots.y, 0.0),
-        fill(short, 1.0), fill(long, 1.0), fill(cosine, 1.0), fill(sine, 0.0),
+        mixture, disc, share[:, : 1 + mixture.count + used], mixture.rows.ridges(disc), fill(spots.x, 0.0),
+        fill(spots.y, 0.0), fill(axes.short, 1.0), fill(axes.long, 1.0), fill(axes.cosine, 1.0), fill(axes.sine, 0.0),
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Spots:
-    """Points (B, S) with their cost, infinite where missing, and its second derivatives."""
-
-    x: FloatArray
-    y: FloatArray
-    cost: FloatArray
-    hessian: SymmetricMatrix
-
-    def join(self, other: _Spots) -> _Spots:
-        """Return these spots and others beside them."""
-        pairs = zip(self.hessian, other.hessian, strict=True)
-        hessian = SymmetricMatrix(*(np.concatenate(pair, axis=1) for pair in pairs))
-        parts = ((self.x, other.x), (self.y, other.y), (self.cost, other.cost))
-        x, y, cost = (np.concatenate(pair, axis=1) for pair in parts)
-        return _Spots(x, y, cost, hessian)
-
-    def half_axes(self, disc: Disc) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the half-axes (B, S) of one standard deviation, the shorter first, and its cosine and sine.
-
-        It points to the side of the disc's centre, so that no frame is special.
-        """
-        tiny, largest = np.finfo(np.float64).tiny, _LARGEST_SPOT * disc.radius[:, None]
-        with ignoring_overflow():
-            smaller, larger = self.hessian.eigenvalues()
-            turn = 0.5 * np.arctan2(2.0 * self.hessian.xy, self.hessian.xx - self.hessian.yy)
-            short = np.minimum(1.0 / np.sqrt(np.maximum(larger, tiny)), largest)
-            long = np.minimum(1.0 / np.sqrt(np.maximum(smaller, tiny)), largest)
-            cosine, sine = np.cos(turn), np.sin(turn)
-            sign = np.where(cosine * (disc.x[:, None] - self.x) + sine * (disc.y[:, None] - self.y) < 0.0, -1.0, 1.0)
-        return short, long, cosine * sign, sine * sign
-
-
-def _mode_spots(modes: Modes, rows: IntArray) -> _Spots:
-    most = max(1, int(np.isfinite(modes.cost[rows]).sum(axis=1).max(initial=0)))
-    at = rows, slice(0, most)
-    return _Spots(modes.x[at], modes.y[at], modes.cost[at], modes.hessian.at(*at))
-
-
-def _further_spots(
-    mixture: Mixture, modes: _Spots, rows: IntArray, candidates: RowCandidates, reach: FloatArray
-) -> _Spots:
-    """Return crossings outside the basins of the modes (B, T), with the information of their direct rows."""
-    points = candidates.points(rows)
-    with ignoring_overflow():
-        cost = mixture.score(points.x, points.y)
-        cost[~(points.valid & candidates.allowed(rows, points.x, points.y))] = np.inf
-        away = np.hypot(points.x - modes.x[:, :1], points.y - modes.y[:, :1])
-        cost = np.round(cost, _TIE_DIGITS) + 10.0**-_TIE_DIGITS * away / (away + reach[:, None])
-    scores = Scores(points.x, points.y, cost)
-    for t in range(modes.cost.shape[1]):
-        known = np.isfinite(modes.cost[:, t])
-        x, y, cost = (np.where(known, part[:, t], np.nan) for part in (modes.x, modes.y, modes.cost))
-        leave_out_slope(scores, Mode(x, y, cost, modes.hessian.at(slice(None), t)))
-    starts = choose_starts(mixture, np.arange(rows.shape[0]), scores, modes.cost[:, 0] + _FURTHER_NATS, _FURTHER)
-    shape = rows.shape[0], _FURTHER
-    spots = _Spots(np.zeros(shape), np.zeros(shape), np.full(shape, np.inf), SymmetricMatrix.full(shape, 1.0))
-    at = starts.snapshot, starts.index
-    chosen = mixture.take(starts.snapshot)
-    spots.x[at], spots.y[at] = starts.x, starts.y
-    spots.cost[at] = chosen.score(starts.x[:, None], starts.y[:, None])[:, 0]
-    spots.hessian.put(at, chosen.responsibilities(starts.x, starts.y)[1])
-    return spots
 
 
 def _share(amount: FloatArray) -> FloatArray:
     root = np.sqrt(np.where(np.isfinite(amount), amount, 0.0))
-    return root / np.maximum(_total(root), np.finfo(np.float64).tiny)
-
-
-def _total(values: FloatArray) -> FloatArray:
-    """Return the sums (B, 1) over the columns, one after the other."""
-    return np.cumsum(values, axis=1)[:, -1:]
+    return root / np.maximum(total_mass(root), np.finfo(np.float64).tiny)
