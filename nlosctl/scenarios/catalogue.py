@@ -22,6 +22,7 @@ _MODULES = {
     "madhow-ring": "nlosctl.scenarios.madhow_ring",
     "madhow-walls": "nlosctl.scenarios.madhow_walls",
     "mixed": "nlosctl.scenarios.mixed_paths",
+    "mixed-ranges": "nlosctl.scenarios.mixed_ranges",
     "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "random": "nlosctl.scenarios.random_field",
     "ring": "nlosctl.scenarios.ring",

@@ -28,18 +28,21 @@ class RangeProblem(RowBlock):
     range_m: FloatArray
     inverse_std: FloatArray
     height: FloatArray | None
+    bent: RangeCircles | None = None
 
     @classmethod
     def of_circles(cls, circles: RangeCircles) -> RangeProblem:
         """Return the problem of a block of circles."""
-        return cls(circles.sensor_x, circles.sensor_y, circles.range_m, 1.0 / circles.std_m, circles.height)
+        bent = None if circles.circles is None else circles
+        return cls(circles.sensor_x, circles.sensor_y, circles.range_m, 1.0 / circles.std_m, circles.height, bent)
 
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return cost, gradient and Newton's matrix, or the Gauss-Newton matrix where that is not positive definite.
 
         The gradient of a range is the unit vector u from its sensor; Newton's matrix adds the residual times the
         bending of the range, (I - u u') / range. Without it a fit with large residuals, such as a mirror image,
-        creeps. One measurement after the other, so that all temporaries stay in the near caches.
+        creeps. One measurement after the other, so that all temporaries stay in the near caches. Rows by a circle have
+        the length, the gradient and the bending of their path; the cost is NaN where there is none.
         """
         cost, gradient_x, gradient_y, xx, xy, yy, bend, bent_xx, bent_xy, bent_yy = (
             np.zeros(x.shape) for _ in range(10)
@@ -52,10 +55,17 @@ class RangeProblem(RowBlock):
                 if self.height is not None:
                     distance += self.height[:, k] * self.height[:, k]
                 np.sqrt(distance, out=distance)
-                residual = (distance - self.range_m[:, k]) * inverse_std
                 scale = inverse_std / distance
                 slope_x, slope_y = dx * scale, dy * scale
-                share = residual / (inverse_std * distance)
+                radius = distance
+                paths = None if self.bent is None else self.bent.bent_paths(k, x, y)
+                if paths is not None:
+                    at, radius = paths.snapshot, distance.copy()
+                    distance[at], radius[at] = paths.path.length_m, paths.path.radius_m
+                    slope_x[at], slope_y[at] = paths.path.along_x * inverse_std[at], paths.path.along_y * inverse_std[at]
+                    scale = inverse_std / radius
+                residual = (distance - self.range_m[:, k]) * inverse_std
+                share = residual / (inverse_std * radius)
                 cost += residual * residual
                 gradient_x += residual * slope_x
                 gradient_y += residual * slope_y
