@@ -31,11 +31,11 @@ def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
     """Solve a batch by least squares on ranges weighted by 1 / std^2; equation (8) of Liang, Zeng, Li.
 
     Levenberg-Marquardt from the squared-range fit, from its image in the sensors' principal axis and from the crossings
-    of circles, in polar coordinates about the sensor of the surest range. The covariance is the inverse Fisher
-    information at the estimate.
+    of circles, in polar coordinates about the sensor of the surest range; with a row by a circle, from the crossings of
+    pairs of rows. The covariance is the inverse Fisher information at the estimate.
     """
     circles = range_circles(batch)
-    one, other = optimize_ranges(circles, options.max_iterations)
+    one, other = optimize_ranges(circles, options.max_iterations, options.ambiguous_within)
     return finish_range_fix(
         batch, circles, one, other, min_range_m=options.min_range_m, ambiguous_within=options.ambiguous_within
     )
@@ -52,6 +52,7 @@ METHOD = MethodSpec(
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_m",),
+    reads=frozenset({"reflector"}),
 )
 
 ML = replace(METHOD, name="ml", summary="another name of r-ls: the default of localize")

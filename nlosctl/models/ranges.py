@@ -181,6 +181,18 @@ class RangeCircles(RowBlock):
         squared = self.range_m * self.range_m
         return squared if self.height is None else squared - self.height * self.height
 
+    def bent_snapshots(self) -> BoolArray:
+        """Return which snapshots (B,) have a row by a circle."""
+        bent = np.zeros(self.center_x.shape, dtype=bool)
+        if self.circles is not None:
+            bent[self.circles.snapshot] = True
+        return bent
+
+    @property
+    def restricted(self) -> bool:
+        """Whether the scene hides any point from any row."""
+        return not (self.mirrors is None and self.circles is None and self.walls is None and not self.direct)
+
     def unseen(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return to which rows (B, K) a point (B,) can't be visible in the scene; see `unseen_rows`."""
         return unseen_rows(self.sensor_x, self.sensor_y, self.mirrors, self.direct, self.circles, self.walls, x, y)

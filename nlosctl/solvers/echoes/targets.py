@@ -142,7 +142,7 @@ def _locate(
     snapshot = np.array([target.snapshot for target in targets])
     dense = _targets_batch(batch, snapshot, np.array([target.rows for target in targets]))
     circles = range_circles(dense)
-    one, other = optimize_ranges(circles, _MAX_ITERATIONS)
+    one, other = optimize_ranges(circles, _MAX_ITERATIONS, options.ambiguous_within)
     offset_x = circles.center_x - np.array([target.center_x for target in targets])
     offset_y = circles.center_y - np.array([target.center_y for target in targets])
     own_region = region.take(snapshot)

@@ -62,7 +62,10 @@ class RangeProblem(RowBlock):
                 if paths is not None:
                     at, radius = paths.snapshot, distance.copy()
                     distance[at], radius[at] = paths.path.length_m, paths.path.radius_m
-                    slope_x[at], slope_y[at] = paths.path.along_x * inverse_std[at], paths.path.along_y * inverse_std[at]
+                    slope_x[at], slope_y[at] = (
+                        paths.path.along_x * inverse_std[at],
+                        paths.path.along_y * inverse_std[at],
+                    )
                     scale = inverse_std / radius
                 residual = (distance - self.range_m[:, k]) * inverse_std
                 share = residual / (inverse_std * radius)

@@ -13,6 +13,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.ranges.bent_search import find_bent_optima
 from nlosctl.solvers.ranges.likelihood import RangeProblem
 from nlosctl.solvers.ranges.search import End, find_two_optima
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
@@ -39,15 +40,31 @@ class RangeOptimum:
     converged: BoolArray
 
 
-def optimize_ranges(circles: RangeCircles, max_iterations: int) -> tuple[RangeOptimum, RangeOptimum]:
-    """Return the two best range least-squares optima of `find_two_optima`; (8).
+def optimize_ranges(
+    circles: RangeCircles, max_iterations: int, infeasible_nats: float
+) -> tuple[RangeOptimum, RangeOptimum]:
+    """Return the two best range least-squares optima of `find_two_optima`, or with circles `find_bent_optima`; (8).
 
     The covariance is the inverse Fisher information at the optimum.
     """
+    bent = circles.bent_snapshots()
+    if not bent.any():
+        best, other = _straight_optima(circles, max_iterations)
+        return _with_covariance(circles, best), _with_covariance(circles, other)
+    best, other = (End.missing(bent.size) for _ in range(2))
+    straight, rows = np.flatnonzero(~bent), np.flatnonzero(bent)
+    parts = [(rows, find_bent_optima(circles.take(rows), max_iterations, infeasible_nats))]
+    parts += [(straight, _straight_optima(circles.take(straight), max_iterations))] if straight.size else []
+    for some, (mine, my_other) in parts:
+        best.put(some, mine)
+        other.put(some, my_other)
+    return _with_covariance(circles, best), _with_covariance(circles, other)
+
+
+def _straight_optima(circles: RangeCircles, max_iterations: int) -> tuple[End, End]:
     weight = 1.0 / (circles.std_m * circles.std_m)
     fit = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
-    best, other = find_two_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
-    return _with_covariance(circles, best), _with_covariance(circles, other)
+    return find_two_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
 
 
 def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
@@ -68,10 +85,12 @@ def finish_range_fix(
 
     The better is the answer; the other is its alternative where it is another point with an answer's status. Any other
     optimum makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors at a
-    single point are too few. The cost is half the chi-square of the range residuals. If the optima do not minimize it,
-    ``at_optimum`` is false: the test of the fit is then that after a Gauss-Newton step.
+    single point are too few. A point that the scene hides from a row is the answer, infeasible, only if it is better by
+    more than ``ambiguous_within``, and makes no other ambiguous. The cost is half the chi-square of the range
+    residuals. If the optima do not minimize it, ``at_optimum`` is false: the test of the fit is then that after a
+    Gauss-Newton step.
     """
-    best, rest = _order(one, other)
+    best, rest = _order(circles, one, other, ambiguous_within)
     status, other_status = (_judge(circles, optimum, min_range_m) for optimum in (best, rest))
     residual, other_residual = (circles.residual_m(optimum.x, optimum.y) for optimum in (best, rest))
     cost, other_cost = (_half_chi_square(circles, values) for values in (residual, other_residual))
@@ -79,9 +98,9 @@ def finish_range_fix(
     if not at_optimum:
         gains = (_gauss_newton_gain(circles, best), _gauss_newton_gain(circles, rest))
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
-    too_few = _single_place(circles)
+    too_few = circles.single_origin()
     status[too_few] = other_status[too_few] = Status.TOO_FEW
-    another = (status == Status.OK) & rest.converged & _apart(best, rest)
+    another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged & _apart(best, rest)
     second = another & (other_status == Status.OK)
     with ignoring_invalid():
         ambiguous = another & (other_cost - cost <= ambiguous_within)
@@ -93,9 +112,16 @@ def finish_range_fix(
     return Solution(estimates=estimates, flags=flags)
 
 
-def _order(one: RangeOptimum, other: RangeOptimum) -> tuple[RangeOptimum, RangeOptimum]:
+def _order(
+    circles: RangeCircles, one: RangeOptimum, other: RangeOptimum, infeasible_nats: float
+) -> tuple[RangeOptimum, RangeOptimum]:
+    """Return the better optimum first; one that the scene hides from a row counts as that much worse."""
+    cost, other_cost = one.cost, other.cost
+    if circles.restricted:
+        hidden, other_hidden = (circles.unseen(part.x, part.y).any(axis=1) for part in (one, other))
+        cost, other_cost = cost + infeasible_nats * hidden, other_cost + infeasible_nats * other_hidden
     with ignoring_invalid():
-        swap = (other.converged & ~one.converged) | ((other.converged == one.converged) & (other.cost < one.cost))
+        swap = (other.converged & ~one.converged) | ((other.converged == one.converged) & (other_cost < cost))
     return _pick(swap, other, one), _pick(swap, one, other)
 
 
@@ -110,7 +136,10 @@ def _pick(first: BoolArray, one: RangeOptimum, other: RangeOptimum) -> RangeOpti
 
 
 def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> StatusArray:
-    """Return the status (B,): degenerate is a standard deviation beyond the farthest sensor, or a fix on a sensor."""
+    """Return the status (B,): degenerate is a standard deviation beyond the farthest sensor, or a fix on a sensor.
+
+    infeasible: the scene hides the fix from a row.
+    """
     distance = circles.horizontal_m(optimum.x, optimum.y)
     farthest, nearest = max_measurements(distance), -max_measurements(-distance)
     with ignoring_invalid():
@@ -120,16 +149,11 @@ def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> 
         uncertain = ~(proper & (covariance.trace <= farthest * farthest))
         on_sensor = nearest < np.maximum(min_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
     status = np.full(optimum.x.shape, Status.OK, dtype=np.uint8)
+    if circles.restricted:
+        status[circles.unseen(optimum.x, optimum.y).any(axis=1)] = Status.INFEASIBLE
     status[~optimum.converged] = Status.NOT_CONVERGED
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status
-
-
-def _single_place(circles: RangeCircles) -> BoolArray:
-    """Return which snapshots (B,) have all their sensors at a single point."""
-    away = np.hypot(circles.sensor_x - circles.sensor_x[:, :1], circles.sensor_y - circles.sensor_y[:, :1])
-    single: BoolArray = max_measurements(away) == 0.0
-    return single
 
 
 def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArray:

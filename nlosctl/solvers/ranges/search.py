@@ -41,6 +41,12 @@ class End(RowBlock):
     cost: FloatArray
     converged: BoolArray
 
+    @classmethod
+    def missing(cls, snapshots: int) -> End:
+        """Return the ends where no descent has been."""
+        x, y, cost = np.full((3, snapshots), np.nan)
+        return cls(x, y, cost, np.zeros(snapshots, dtype=bool))
+
     def put(self, rows: IntArray, other: End) -> None:
         """Replace the ends of some snapshots."""
         self.x[rows], self.y[rows], self.cost[rows] = other.x, other.y, other.cost
