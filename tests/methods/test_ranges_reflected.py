@@ -38,7 +38,7 @@ def hall(
 ) -> tuple[RangeBatch, FloatArray]:
     """Return noisy ranges in a hall with a wall and a dome, and the sources (B, 2)."""
     generator = np.random.default_rng(seed)
-    source = generator.uniform(-300.0, 300.0, (snapshots, 2))
+    source = generator.uniform(-200.0, 200.0, (snapshots, 2))
     sensors = SENSORS[np.arange(paths.size) % SENSORS.shape[0]]
     return noisy(generator, sensors, source, np.tile(paths, (snapshots, 1)), HALL, std_m), source
 
@@ -82,11 +82,10 @@ def test_exact_ranges_give_the_source(method, world) -> None:  # type: ignore[no
     assert set(words(solution)) <= {"ok", "ambiguous"}
 
 
-@pytest.mark.parametrize(("world", "std_m"), [(hall, 2.0), (valley_batch, 30.0)])
+@pytest.mark.parametrize(("world", "std_m", "count"), [(hall, 2.0, 400), (valley_batch, 30.0, 800)])
 @pytest.mark.parametrize("method", [ML, MIXTURE])
-def test_errors_match_the_covariance(method, world, std_m: float) -> None:  # type: ignore[no-untyped-def]
+def test_errors_match_the_covariance(method, world, std_m: float, count: int) -> None:  # type: ignore[no-untyped-def]
     """The mean normalized squared error of fixes is 2, and 95 % ellipses contain 93 to 97.5 % of the sources."""
-    count = 800
     batch, source = world(2, count, std_m)
     solution = solve(method, batch)
     best = np.flatnonzero((solution.estimates.alternative == 0) & (np.array(words(solution)) == "ok"))
@@ -100,8 +99,11 @@ def test_errors_match_the_covariance(method, world, std_m: float) -> None:  # ty
 
 
 def test_the_fix_is_the_global_optimum() -> None:
-    """The cost of ``ml`` is the least that scipy reaches from a grid of points, within the hall."""
+    """The cost of ``ml`` is the least that scipy reaches from the best of a grid of points in the hall."""
     batch, _ = hall(3, 12, 20.0)
+    grid_x, grid_y = np.array(np.meshgrid(np.linspace(-550.0, 550.0, 61), np.linspace(-550.0, 550.0, 61))).reshape(
+        2, -1
+    )
     solution = solve(ML, batch)
     best = solution.estimates.alternative == 0
     circles = range_circles(batch)
@@ -112,8 +114,9 @@ def test_the_fix_is_the_global_optimum() -> None:
             scaled = one.residual_m(point[:1], point[1:])[0] / one.std_m[0]
             return np.where(np.isfinite(scaled), scaled, 1e3)
 
-        starts = np.array(np.meshgrid(np.linspace(-500.0, 500.0, 5), np.linspace(-500.0, 500.0, 5))).reshape(2, -1).T
-        costs = [least_squares(residual, start).cost for start in starts]
+        lengths = [one.length_m(k, grid_x[None], grid_y[None])[0] for k in range(PATHS.size)]
+        order = np.argsort(((np.array(lengths) - one.range_m.T) ** 2).sum(axis=0))[:2]
+        costs = [least_squares(residual, [grid_x[at], grid_y[at]]).cost for at in order]
         assert solution.estimates.cost[best][row] <= min(costs) + 1e-6
 
 
@@ -126,15 +129,16 @@ def test_a_reflected_row_is_recognized_as_an_outlier() -> None:
     solution = solve(MIXTURE, dataclasses.replace(batch, range_m=late, field=field))
     assert solution.flags is not None
     best = solution.estimates.alternative == 0
-    assert (~solution.flags.columns["los"][:, 2]).sum() >= 98
-    assert np.delete(solution.flags.columns["los"], 2, axis=1).mean() > 0.97
+    los = solution.flags.columns["los"].astype(bool)
+    assert np.count_nonzero(~los[:, 2]) >= 98
+    assert np.delete(los, 2, axis=1).mean() > 0.97
     assert np.median(np.hypot(*(solution.estimates.position_m[best] - source).T)) < 4.0
     assert np.abs(np.median(solution.flags.columns["residual_m"][:, 2]) - 150.0) < 10.0
 
 
 def test_the_crossing_beyond_the_mirror_is_not_the_fix() -> None:
     """Of two crossings the one that the scene allows is the fix, without ambiguity."""
-    sensors = np.array([(0.0, 0.0), (100.0, 0.0)])
+    sensors = np.array([(0.0, 49.9), (100.0, 49.0)])  # the line to the image of the second is beside the wall
     mirror = Scene(reflectors=(LineReflector(name="wall", point=(0.0, 50.0), direction=(1.0, 0.0)),))
     batch = noisy(np.random.default_rng(0), sensors, np.array([[30.0, 40.0]]), np.array([[-1, 0]]), mirror, 0.0)
     solution = solve(ML, batch)
