@@ -202,6 +202,7 @@ def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> Ran
         range_m=np.asfortranarray(batch.range_m[index]),
         range_std_m=np.asfortranarray(batch.range_std_m[index]),
         path=np.asfortranarray(batch.path[index]),
+        reflector=None,
         sensor_height_m=np.asfortranarray(batch.sensor_height_m[index]),
     )
 

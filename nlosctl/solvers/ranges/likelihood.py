@@ -42,7 +42,7 @@ class RangeProblem(RowBlock):
         The gradient of a range is the unit vector u from its sensor; Newton's matrix adds the residual times the
         bending of the range, (I - u u') / range. Without it a fit with large residuals, such as a mirror image,
         creeps. One measurement after the other, so that all temporaries stay in the near caches. Rows by a circle have
-        the length, the gradient and the bending of their path; the cost is NaN where there is none.
+        the length, the gradient and the bending of their path; the cost is NaN where no path exists.
         """
         cost, gradient_x, gradient_y, xx, xy, yy, bend, bent_xx, bent_xy, bent_yy = (
             np.zeros(x.shape) for _ in range(10)

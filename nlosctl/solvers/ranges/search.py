@@ -156,9 +156,7 @@ class _TwoBest:
 
     def __init__(self, first: End) -> None:
         self.best = first
-        size = first.x.shape
-        nowhere = np.full(size, np.nan)
-        self.other = End(nowhere, nowhere.copy(), nowhere.copy(), np.zeros(size, dtype=bool))
+        self.other = End.missing(first.x.size)
 
     def note(self, rows: IntArray, end: End, information: SymmetricMatrix) -> None:
         """Take the ends of further descents of some snapshots into account, whose information is that at the end."""
