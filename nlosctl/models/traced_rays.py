@@ -1,4 +1,4 @@
-"""Rays traced back from a sensor along its bearing and over its reflector. Only `plot` uses them."""
+"""Rays traced back from a sensor over its reflector, along a bearing or as far as a range. Only `plot` uses them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division
-from nlosctl.contract.scene import CircleReflector, Reflector
+from nlosctl.contract.scene import CircleReflector, Reflector, Scene, SegmentReflector
 from nlosctl.geometry.circles import leave_circle
-from nlosctl.geometry.lines import reflect_direction
+from nlosctl.geometry.lines import crosses_segment, reflect_direction
+from nlosctl.models.ranges import predict_ranges
 
-__all__ = ["TracedRays", "trace_back"]
+__all__ = ["TracedRays", "points_at_range", "trace_back"]
+
+_DIRECTIONS = 2881
+_SAME_LENGTH = 1e-6
 
 
 @dataclass(frozen=True)
@@ -53,3 +57,26 @@ def trace_back(sensor_m: FloatArray, bearing_rad: FloatArray, reflector: Reflect
     hit = sensor_m + distance[:, None] * np.stack([cosine, sine], axis=-1)
     direction = reflect_direction(bearing_rad, np.arctan2(along_y, along_x))
     return TracedRays(hit, np.where(np.isnan(distance), np.nan, direction))
+
+
+def points_at_range(sensor_m: FloatArray, range_m: float, reflector: Reflector) -> FloatArray:
+    """Return the points (N, 2) whose path by ``reflector`` to the sensor (2,) has the length of the range, in order.
+
+    NaN between parts of the curve: where no ray meets the reflector (a segment: between its ends) before that length,
+    or where a shorter path leads to the point.
+    """
+    bearing = np.linspace(-np.pi, np.pi, _DIRECTIONS)
+    sensor = np.broadcast_to(sensor_m, (_DIRECTIONS, 2))
+    rays = trace_back(sensor, bearing, reflector)
+    rest = range_m - np.hypot(*(rays.hit_m - sensor).T)
+    points = rays.points_at(rest)
+    there = rest > 0.0
+    if isinstance(reflector, CircleReflector):
+        scene = Scene(reflectors=(reflector,))
+        shortest = predict_ranges(sensor, np.zeros(_DIRECTIONS), points, np.zeros(_DIRECTIONS, dtype=np.int64), scene)
+        there &= np.abs(shortest - range_m) <= _SAME_LENGTH * range_m
+    if isinstance(reflector, SegmentReflector):
+        beyond = 2.0 * rays.hit_m - sensor
+        ends = (np.array(part) for part in (*reflector.start, *reflector.end))
+        there &= crosses_segment(sensor[:, 0], sensor[:, 1], beyond[:, 0], beyond[:, 1], *ends)
+    return np.where(there[:, None], points, np.nan)

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.extensive
 
 Cli = Callable[..., Outcome]
 SCENARIOS = ["mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
-OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "room", "shen"]
+OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "mixed-ranges", "room", "shen"]
 """Scenarios that have tests of their own."""
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector
 from nlosctl.models.bearings import predict_bearings
-from nlosctl.models.traced_rays import trace_back
+from nlosctl.models.ranges import predict_ranges
+from nlosctl.models.traced_rays import points_at_range, trace_back
 
 SENSOR = np.array([[0.0, 0.0], [30.0, -5.0], [-20.0, 10.0]])
 SOURCE = np.array([[40.0, 25.0], [-10.0, 33.0], [15.0, 12.0]])
@@ -43,3 +44,29 @@ def test_a_ray_that_never_meets_its_mirror_has_no_hit() -> None:
     rays = trace_back(SENSOR[:2], np.array([-np.pi / 2, 0.0]), mirror)
     assert np.isnan(rays.hit_m).all()
     assert np.isnan(rays.direction_rad).all()
+
+
+@pytest.mark.parametrize("reflector", REFLECTORS, ids=lambda reflector: reflector.name)
+def test_a_curve_of_one_range_passes_its_source(reflector: Reflector) -> None:
+    """All points of the curve of a range have that path length, and the curve passes the source."""
+    scene = Scene(reflectors=(reflector,))
+    for sensor, source in zip(SENSOR, SOURCE, strict=True):
+        exact = predict_ranges(sensor[None], np.zeros(1), source[None], np.zeros(1, dtype=np.int64), scene)[0]
+        curve = points_at_range(sensor, float(exact), reflector)
+        drawn = curve[np.isfinite(curve[:, 0])]
+        sensors = np.broadcast_to(sensor, drawn.shape)
+        along = np.zeros(drawn.shape[0], dtype=np.int64)
+        lengths = predict_ranges(sensors, np.zeros(drawn.shape[0]), drawn, along, scene)
+        np.testing.assert_allclose(lengths, exact, rtol=2e-6)
+        assert np.hypot(*(drawn - source).T).min() < 0.5
+
+
+def test_a_curve_of_one_range_ends_with_its_segment() -> None:
+    """By a segment the curve has only points whose reflection point is between its ends."""
+    wall = SegmentReflector(name="s", start=(-10.0, 30.0), end=(20.0, 30.0))
+    curve = points_at_range(np.array([0.0, 0.0]), 90.0, wall)
+    drawn = curve[np.isfinite(curve[:, 0])]
+    hit_x = drawn[:, 0] * 30.0 / (60.0 - drawn[:, 1])  # on the way from the image (0, 60) to the point
+    assert hit_x.min() >= -10.0 - 1e-9
+    assert hit_x.max() <= 20.0 + 1e-9
+    assert hit_x.max() - hit_x.min() > 29.0

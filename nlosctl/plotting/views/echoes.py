@@ -10,7 +10,7 @@ from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
-from nlosctl.plotting.views.scene import draw_range_circle, first_measurements, sensor_positions
+from nlosctl.plotting.views.scene import draw_range, first_measurements, sensor_positions
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 
 __all__ = ["draw_echo_view"]
@@ -56,7 +56,7 @@ def _draw_circles(axes: Axes, measured: PlotSnapshot, extent: Extent, *, whole: 
         else:
             label = "other echo"
             style = {"edgecolor": "#b8b8b8", "linestyle": (0, (1.0, 2.0)), "linewidth": 0.8, "zorder": 1.5}
-        draw_range_circle(axes, sensor[row], radius, label=legend_once(labels, label), **style)
+        draw_range(axes, measured, row, label=legend_once(labels, label), **style)
         if whole and direct[row]:
             extent.include(sensor[row][None], radius)
     return [] if direct.any() else ["no echo is assigned to a target"]

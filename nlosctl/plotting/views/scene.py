@@ -12,7 +12,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Reflector, Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.results.plot_inputs import PlotSnapshot, read_snapshot
-from nlosctl.models.traced_rays import trace_back
+from nlosctl.models.traced_rays import points_at_range, trace_back
 from nlosctl.plotting.figures import figure_style
 from nlosctl.plotting.library import Axes, Circle, Polygon
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once, scene_sensors
@@ -20,7 +20,7 @@ from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 
-__all__ = ["draw_range_circle", "draw_scene_view", "first_measurements", "sensor_positions"]
+__all__ = ["draw_range", "draw_scene_view", "first_measurements", "sensor_positions"]
 
 _WIDEST_WEDGE_RAD = 1.0
 _BEYOND = 1.12
@@ -88,11 +88,18 @@ def sensor_positions(measured: PlotSnapshot) -> tuple[list[str], FloatArray]:
     return [str(key[0]) for key in sensors], np.array([key[1:] for key in sensors]).reshape(-1, 2)
 
 
-def draw_range_circle(axes: Axes, center: FloatArray, radius: float, **look: Any) -> None:
-    """Draw the circle of a range about its sensor."""
-    label = look.pop("label")
-    axes.add_patch(Circle((float(center[0]), float(center[1])), radius, fill=False, **look))
-    axes.plot([], [], color=look["edgecolor"], linestyle=look["linestyle"], label=label)
+def draw_range(axes: Axes, measured: PlotSnapshot, row: int, **look: Any) -> None:
+    """Draw the points at the range of a row: a circle about its sensor, or the curve that its reflector makes of it."""
+    columns, color, label = measured.columns, look["edgecolor"], look.pop("label")
+    sensor = np.array([columns["sensor_x_m"][row], columns["sensor_y_m"][row]])
+    reflector = _reflector_of(measured.scene, columns, row)
+    line = {"color": color, "linestyle": look["linestyle"], "label": label}
+    if reflector is None:
+        axes.add_patch(Circle((float(sensor[0]), float(sensor[1])), float(columns["range_m"][row]), fill=False, **look))
+        axes.plot([], [], **line)
+    else:
+        points = points_at_range(sensor, float(columns["range_m"][row]), reflector)
+        axes.plot(*points.T, linewidth=look["linewidth"], zorder=look["zorder"], scalex=False, scaley=False, **line)
 
 
 def _draw_measurements(axes: Axes, measured: PlotSnapshot, extent: Extent, focus: Extent) -> None:
@@ -106,10 +113,10 @@ def _draw_measurements(axes: Axes, measured: PlotSnapshot, extent: Extent, focus
             _draw_ray(axes, measured, row, look, legend_once(labels, look.label), (extent, focus))
         elif np.isfinite(columns["range_m"][row]):
             label = look.label.replace("bearing $\\pm 1$ std", "range").replace("bearing", "range")
-            draw_range_circle(
+            draw_range(
                 axes,
-                sensor[row],
-                float(columns["range_m"][row]),
+                measured,
+                row,
                 edgecolor=look.color,
                 linestyle=look.line,
                 linewidth=1.0,
