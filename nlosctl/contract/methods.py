@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from nlosctl.contract.learning import Learning
 from nlosctl.contract.results import Solution
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import FLAGS
@@ -54,8 +55,8 @@ class MethodSpec:
     ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns, the input column without
     which they have no values.
     ``remark(options)`` is what the summary states of a run. ``estimates`` is false for a detector that estimates
-    nothing. ``contract_version`` is the version of this contract
-    that a plugin was written for; built-in methods leave it out.
+    nothing. ``learning`` is how it estimates options from the whole input, if it can. ``contract_version`` is the
+    version of this contract that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
@@ -81,6 +82,7 @@ class MethodSpec:
     remark: Callable[[Any], str] | None = None
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
+    learning: Learning | None = None
     contract_version: int | None = None
 
     def flag_columns(self, options: Any, scene: Scene, given: Container[str], *, details: bool) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import msgspec
 
 from nlosctl.errors import UsageError, did_you_mean
 
-__all__ = ["describe_options", "option", "parse_options"]
+__all__ = ["describe_options", "option", "parse_options", "within_bounds"]
 
 OptionsT = TypeVar("OptionsT")
 
@@ -58,6 +58,11 @@ def parse_options(options: type[OptionsT], given: Mapping[str, Any], owner: str)
         if name not in values and field.default is dataclasses.MISSING:
             raise UsageError(f"{owner} needs the parameter {name!r}: {field.metadata['meaning']}")
     return options(**values)
+
+
+def within_bounds(options: type[Any], name: str, number: float) -> bool:
+    """Return whether a number is within the bounds of an option."""
+    return next(_within(number, field) for field in dataclasses.fields(options) if field.name == name)
 
 
 def describe_options(options: type[Any]) -> list[dict[str, Any]]:

@@ -121,6 +121,9 @@ class InputOptions:
     max_snapshot_rows: int = _option(
         1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.", _READ,
         minimum=1, metavar="N")
+    max_spool_bytes: int = _option(
+        10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
+        "localize", minimum=1, metavar="N")
     scene: Scene | str | None = _option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
         "localize identify-los bound validate convert plot", metavar="FILE")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,10 +17,10 @@ from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import format_named
 from nlosctl.io.results.layouts import carried_names
 from nlosctl.io.writers.output_set import OutputSet, is_folder_target
-from nlosctl.jobs.files import Destination, Opened, open_measurements, open_output, write_report
+from nlosctl.jobs.files import Destination, Opened, open_inputs, open_measurements, open_output, write_report
 from nlosctl.pipeline.engine.workers import usable_jobs
 from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
-from nlosctl.pipeline.solve.method_runs import method_runs, require_estimates
+from nlosctl.pipeline.solve.method_runs import MethodRun, leaves_options_open, method_runs, require_estimates
 from nlosctl.pipeline.solve.run import MeasurementRun
 
 __all__ = ["Execution", "check_conditions", "met_conditions", "solve"]
@@ -45,16 +46,62 @@ def solve(
         use_threads=options.jobs != 1,
         extra_columns=read.extra_columns if "flags" in wanted else carried_names(write.carry),
     )
-    with open_measurements(inputs, read, write, destination) as opened:
+    given = open_inputs(inputs, read.input_format)
+    with (
+        _readable_again(given, read, options) as sources,
+        open_measurements(sources, read, write, destination) as opened,
+    ):
         runs = method_runs(options.method, opened.reader.kind, job, options.parameters, options.sweep)
         if "estimates" in wanted:
             require_estimates(runs)
         start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted)
         run = start(opened.reader)
+        if any(method.open_options for method in runs):
+            start = partial(start, runs=_learn(runs, opened, options, write, destination))
+            run = start(opened.reader)
         for line in run.plan():
             destination.console.detail(line)
         Execution(job, run, start, opened, options, write, destination).complete()
     return run
+
+
+def _readable_again(
+    inputs: Sequence[Input], read: InputOptions, options: SolveOptions
+) -> AbstractContextManager[Sequence[Input]]:
+    """Return the inputs, with streams that can be read several times if a method estimates options from them."""
+    if not leaves_options_open(options.parameters):
+        return nullcontext(inputs)
+    from nlosctl.io.paths.spooled import spooled
+    from nlosctl.pipeline.engine.slices import refuse_streams
+
+    if options.engine != "local":
+        refuse_streams(inputs)
+    return spooled(inputs, read.max_spool_bytes)
+
+
+def _learn(
+    runs: Sequence[MethodRun], opened: Opened, options: SolveOptions, write: OutputOptions, destination: Destination
+) -> list[MethodRun]:
+    """Return the runs with the options that they leave open estimated from the whole input."""
+    from nlosctl.pipeline.engine.passes import InputPasses
+    from nlosctl.pipeline.solve.learned_options import learn_options
+
+    reader = opened.reader
+    passes = InputPasses(
+        inputs=tuple(opened.inputs),
+        options=reader.options,
+        survey=reader.survey(),
+        jobs=options.jobs,
+        engine=None if options.engine == "local" else _cluster(options),
+        ignores_bad_rows=write.bad_rows is not None,
+    )
+    return learn_options(runs, reader.kind, reader.scene, options, passes, destination.console.detail)
+
+
+def _cluster(options: SolveOptions) -> Any:
+    from nlosctl.pipeline.engine.dask_engine import dask_engine
+
+    return dask_engine(options.scheduler, options.jobs or usable_jobs(0), options.worker_timeout)
 
 
 def check_conditions(fail_if: Sequence[str], job: Job, methods: Sequence[str]) -> None:
@@ -125,13 +172,7 @@ class Execution:
 
         if self.options.engine == "local":
             return local_tables(self.run, self.start, self.opened.inputs, self.options.jobs)
-        return cluster_tables(self.run, self.start, self.opened.inputs, self._cluster())
-
-    def _cluster(self) -> Any:
-        from nlosctl.pipeline.engine.dask_engine import dask_engine
-
-        options = self.options
-        return dask_engine(options.scheduler, options.jobs or usable_jobs(0), options.worker_timeout)
+        return cluster_tables(self.run, self.start, self.opened.inputs, _cluster(self.options))
 
     def _write_folders(self) -> None:
         from nlosctl.pipeline.engine.folder_run import FolderRun
@@ -154,7 +195,7 @@ class Execution:
         )
         with self.destination.console.progress(self.job) as progress:
             writer.write(
-                None if self.options.engine == "local" else self._cluster(),
+                None if self.options.engine == "local" else _cluster(self.options),
                 self.options.jobs,
                 resume=self.write.resume,
                 overwrite=self.write.overwrite,

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.learning import Learning
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
-from nlosctl.solvers.mixture.modes import find_modes
-from nlosctl.solvers.mixture.outlier_model import grouped_batch, has_several_paths, outlier_model
+from nlosctl.solvers.mixture.modes import Modes, find_modes
+from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha
+from nlosctl.solvers.mixture.outlier_model import OutlierModel, grouped_batch, has_several_paths, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, MixtureModeOptions
 from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
-from nlosctl.solvers.optimization.split_batches import solve_parts
+from nlosctl.solvers.optimization.split_batches import solve_parts, split_batch
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
 
@@ -48,19 +54,9 @@ def solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
 def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     grouped, groups = grouped_batch(batch)
     model = outlier_model(grouped, groups, options)
-    candidates = BearingCandidates.of(
-        grouped, model, max_pairs=options.max_pairs, exclude_behind_walls=options.exclude_behind_walls
-    )
+    candidates = _candidates(grouped, model, options)
     outside = OutsideSearch(batch.size, candidates.beyond) if options.search_outside else None
-    modes = find_modes(
-        model.mixture,
-        candidates.points,
-        candidates.count,
-        candidates.allowed,
-        most=options.max_modes,
-        gap=options.mode_gap * batch.measurements,
-        outside=outside,
-    )
+    modes = _modes(model, candidates, options, outside)
     fixes, probability = rank_modes(model.mixture, modes)
     best = Mode(modes.x[:, 0], modes.y[:, 0], modes.cost[:, 0], modes.hessian.at(slice(None), 0))
     found = FixesToJudge(
@@ -80,6 +76,49 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, judged.used, probability, numbers))
 
 
+def _candidates(grouped: BearingBatch, model: OutlierModel, options: MixtureOptions) -> BearingCandidates:
+    return BearingCandidates.of(
+        grouped, model, max_pairs=options.max_pairs, exclude_behind_walls=options.exclude_behind_walls
+    )
+
+
+def _modes(
+    model: OutlierModel, candidates: BearingCandidates, options: MixtureOptions, outside: OutsideSearch | None
+) -> Modes:
+    return find_modes(
+        model.mixture,
+        candidates.points,
+        candidates.count,
+        candidates.allowed,
+        most=options.max_modes,
+        gap=options.mode_gap * model.mixture.count,
+        outside=outside,
+    )
+
+
+def _count_outliers(batch: BearingBatch, options: MixtureOptions) -> FloatArray:
+    """Return the expected numbers (B, 2) of sensors without a direct row and of sensors.
+
+    An outlier's bearing is uniform over the full circle, or over a field of view below 180 degrees: its density
+    integrates to one then, as a share that is estimated requires.
+    """
+    field_of_view = 360.0 if options.field_of_view_deg >= 180.0 else options.field_of_view_deg
+    options = replace(options, field_of_view_deg=field_of_view)
+    counts = np.empty((batch.size, 2))
+    for rows, part in split_batch(batch, has_several_paths(batch)):
+        grouped, groups = grouped_batch(part)
+        model = outlier_model(grouped, groups, options)
+        candidates = _candidates(grouped, model, options)
+        counts[rows] = expected_counts(
+            model.mixture, _modes(model, candidates, options, None), model.region, candidates
+        )
+    return counts
+
+
+def _next_options(sums: Sequence[float], options: MixtureOptions) -> dict[str, float | None]:
+    return {"alpha": next_alpha(*sums)}
+
+
 METHOD = MethodSpec(
     name="mixture-ml",
     kind="bearings",
@@ -96,4 +135,5 @@ METHOD = MethodSpec(
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"range_m", "range_std_m"}),
+    learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

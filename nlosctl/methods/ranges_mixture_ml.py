@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.learning import Learning
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.mixture.modes import find_modes
+from nlosctl.solvers.mixture.modes import Modes, find_modes
+from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha, next_bias_mean_m
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
+from nlosctl.solvers.mixture.path_groups import PathGroups
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
-from nlosctl.solvers.mixture.range_rows import BiasLaw, RangeCandidates, grouped_ranges, range_outlier_model
+from nlosctl.solvers.mixture.range_rows import (
+    BiasLaw,
+    RangeCandidates,
+    RangeOutlierModel,
+    grouped_ranges,
+    range_outlier_model,
+)
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
@@ -71,23 +82,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     no_candidate: no crossing in the field; no_consensus: three or more rows agree no better than without a source;
     degenerate: on a sensor, or a standard deviation beyond the farthest; too_few: all sensors at one point.
     """
-    grouped, groups = grouped_ranges(batch)
-    model = range_outlier_model(
-        grouped,
-        groups,
-        alpha=options.alpha,
-        law=BiasLaw(options.bias, options.bias_mean_m, options.nlos_density_per_m),
-        path_prior=options.path_prior,
-    )
-    candidates = RangeCandidates.of(grouped, model, options.max_pairs)
-    modes = find_modes(
-        model.mixture,
-        candidates.points,
-        candidates.count,
-        candidates.allowed,
-        most=options.max_modes,
-        gap=options.mode_gap * batch.measurements,
-    )
+    groups, model, candidates, modes = _search(batch, options)
     fixes, at_best = rank_modes(model.mixture, modes)
     x, y, best = fixes.x[:, 0], fixes.y[:, 0], modes.hessian.at(slice(None), 0)
     evidence = model.log_evidence(fixes.cost[:, 0], at_best, best)
@@ -120,6 +115,50 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, at_best > 0.5, probability, numbers))
 
 
+def _search(
+    batch: RangeBatch, options: RangeMixtureOptions
+) -> tuple[PathGroups, RangeOutlierModel, RangeCandidates, Modes]:
+    """Return the groups of a batch in the file's order, its model, its candidates and the modes they lead to."""
+    grouped, groups = grouped_ranges(batch)
+    model = range_outlier_model(
+        grouped,
+        groups,
+        alpha=options.alpha,
+        law=BiasLaw(options.bias, options.bias_mean_m, options.nlos_density_per_m),
+        path_prior=options.path_prior,
+    )
+    candidates = RangeCandidates.of(grouped, model, options.max_pairs)
+    modes = find_modes(
+        model.mixture,
+        candidates.points,
+        candidates.count,
+        candidates.allowed,
+        most=options.max_modes,
+        gap=options.mode_gap * batch.measurements,
+    )
+    return groups, model, candidates, modes
+
+
+def _count_outliers(batch: RangeBatch, options: RangeMixtureOptions) -> FloatArray:
+    """Return the sums that `_next_options` needs, of each snapshot."""
+    _, model, candidates, modes = _search(batch, options)
+    return expected_counts(model.mixture, modes, model.region, candidates)
+
+
+def _next_options(sums: Sequence[float], options: RangeMixtureOptions) -> dict[str, float | None]:
+    outliers, sensors, *late = sums
+    return {"alpha": next_alpha(outliers, sensors), "bias_mean_m": next_bias_mean_m(*late) if late else None}
+
+
+def _refusal(options: RangeMixtureOptions, names: Sequence[str]) -> str:
+    """Return why some options can't be estimated, empty if they can."""
+    if options.bias == "none":
+        return f"with bias=none there are no outliers to estimate {names[0]!r} from; set `bias` to both or positive"
+    if options.bias != "positive" and "bias_mean_m" in names:
+        return f"'bias_mean_m' is of late ranges, but bias={options.bias}; set bias=positive"
+    return ""
+
+
 METHOD = MethodSpec(
     name="mixture-ml",
     kind="ranges",
@@ -135,4 +174,7 @@ METHOD = MethodSpec(
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"reflector"}),
+    learning=Learning(
+        options=("alpha", "bias_mean_m"), statistics=_count_outliers, update=_next_options, refusal=_refusal
+    ),
 )

@@ -145,6 +145,16 @@ def test_a_lost_worker_changes_no_byte(cluster: Cluster, folder: Path) -> None:
     assert content(folder / "out_flags") == content(folder / "local_flags")
 
 
+def test_options_are_estimated_by_the_cluster(cluster: Cluster, folder: Path) -> None:
+    """A share of outliers that is estimated from the input has the bits of a local run."""
+    words = [*WORDS, "-p", "alpha=estimate", "--overwrite", "-o", "one.csv"]
+    assert run(words) == 0
+    local = (folder / "one.csv").read_bytes()
+    outcome = process(*words, *cluster.words, cwd=folder)
+    assert outcome.code == 0, outcome.err
+    assert (folder / "one.csv").read_bytes() == local
+
+
 def test_a_killed_driver_is_resumed(cluster: Cluster, folder: Path) -> None:
     """After kill -9 of the command ``--resume`` completes the run with the same bytes."""
     words = [*WORDS, "-o", "out/", "--flags-out", "out_flags/", *cluster.words]

@@ -117,7 +117,10 @@ def _describe(entry: Any) -> dict[str, Any]:
         "details": list(spec.details),
         "covariance_kinds": list(spec.covariance_kinds),
         "randomized": spec.randomized,
-        "parameters": describe_options(spec.options),
+        "parameters": [
+            {**item, "estimable": spec.learning is not None and item["name"] in spec.learning.options}
+            for item in describe_options(spec.options)
+        ],
     }
 
 
@@ -131,7 +134,9 @@ def _render(description: dict[str, Any]) -> None:
     rows = [
         {
             "name": item["name"],
-            "type": item["type"] + (f" in {item['bounds']}" if item["bounds"] else ""),
+            "type": item["type"]
+            + (f" in {item['bounds']}" if item["bounds"] else "")
+            + (" or estimate" if item["estimable"] else ""),
             "unit": item["unit"],
             "default": "required" if item["required"] else str(item["default"]),
             "meaning": item["meaning"],

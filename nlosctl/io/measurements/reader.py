@@ -165,7 +165,7 @@ class MeasurementReader:
     def _rows(self, part: Part, tally: RowTally) -> Iterator[RowBatch]:
         tally.report.rows_by_file.setdefault(part.name, 0)
         opened = self._survey.open_tables.pop(part.name, None)
-        opened = opened or open_table(part, self._survey.table, self.options, self.scene)
+        opened = opened or open_table(part.again(), self._survey.table, self.options, self.scene)
         try:
             rows = RowConverter(opened, self.schema, self.scene, self._names, tally, all_rows=self.options.all_rows)
             yield from filter(len, map(rows.convert, opened.file.batches()))

@@ -6,7 +6,7 @@ import io
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path, PurePosixPath
@@ -43,6 +43,7 @@ class Part:
 
     ``row_groups`` (start, stop) restricts a Parquet file to some of its row groups. ``keys`` are the columns in the
     names of its folders (``year=2026``), None for a null. ``mark`` (see `mark_of`) is checked when the file is read.
+    ``reopen`` returns the stream from its start, if that is possible.
     """
 
     name: str
@@ -52,6 +53,11 @@ class Part:
     row_groups: tuple[int, int] | None = None
     keys: tuple[tuple[str, str | None], ...] = ()
     mark: Mark | None = None
+    reopen: Callable[[], Any] | None = None
+
+    def again(self) -> Part:
+        """Return the part to be read once more."""
+        return self if self.reopen is None else replace(self, stream=self.reopen())
 
 
 @dataclass(frozen=True, kw_only=True)

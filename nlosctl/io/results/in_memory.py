@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import pyarrow as pa
@@ -34,10 +35,9 @@ def input_of_table(table: Any) -> Input:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
-    return Input(
-        name="table",
-        parts=(Part(name="table", format=FileFormat.ARROW_STREAM, stream=pa.BufferReader(sink.getvalue())),),
-    )
+    reopen = partial(pa.BufferReader, sink.getvalue())
+    part = Part(name="table", format=FileFormat.ARROW_STREAM, reopen=reopen)
+    return Input(name="table", parts=(part.again(),))
 
 
 def read_table(path: str) -> Any:

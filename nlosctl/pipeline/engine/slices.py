@@ -21,7 +21,18 @@ from nlosctl.io.paths.locations import FileFormat
 from nlosctl.pipeline.engine.workers import CAN_FORK, map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, Run
 
-__all__ = ["Engine", "IdOrder", "SliceError", "SliceWork", "absolute", "cluster_tables", "local_tables", "positions_of"]
+__all__ = [
+    "Engine",
+    "IdOrder",
+    "SliceError",
+    "SliceWork",
+    "absolute",
+    "cluster_tables",
+    "local_tables",
+    "parallel_slices",
+    "positions_of",
+    "refuse_streams",
+]
 
 _SLICES_PER_JOB = 2
 
@@ -100,25 +111,36 @@ def local_tables(
 
     Otherwise, and if bad rows are set aside, this process reads and the others solve.
     """
-    if jobs > 1 and CAN_FORK and not run.reader.sets_bad_rows_aside and _is_local_parquet(inputs):
+    slices = () if run.reader.sets_bad_rows_aside else parallel_slices(inputs, jobs)
+    if slices:
+        yield from _tables(run, start, inputs, slices, lambda work, numbers: map_in_processes(work.make, numbers, jobs))
+    else:
+        yield from run.tables(jobs)
+
+
+def parallel_slices(inputs: Sequence[Input], jobs: int) -> tuple[Input, ...]:
+    """Return the slices that ``jobs`` processes read themselves; empty: they don't, this process reads."""
+    if jobs > 1 and CAN_FORK and _is_local_parquet(inputs):
         slices = sliced(inputs, size("slice_rows"))
         if sum(len(given.parts) for given in slices) >= _SLICES_PER_JOB * jobs:
-            yield from _tables(
-                run, start, inputs, slices, lambda work, numbers: map_in_processes(work.make, numbers, jobs)
-            )
-            return
-    yield from run.tables(jobs)
+            return slices
+    return ()
 
 
 def cluster_tables(
     run: Run, start: Callable[[MeasurementReader], Run], inputs: Sequence[Input], engine: Engine
 ) -> Iterator[ChunkTables]:
     """Yield the tables of a run whose slices ``engine`` solves; raises UsageError if the input cannot be cut."""
-    if any(part.path is None for given in inputs for part in given.parts):
-        raise UsageError("standard input cannot be distributed; save it as a file, or leave `engine` out")
+    refuse_streams(inputs)
     if run.reader.sets_bad_rows_aside:
         raise UsageError("`engine` dask with `bad_rows` FILE: set `output` and `bad_rows` to a folder each")
     yield from _tables(run, start, inputs, sliced(inputs, size("task_rows")), engine)
+
+
+def refuse_streams(inputs: Sequence[Input]) -> None:
+    """Raise UsageError if an input is a stream, which workers of a cluster can't read."""
+    if any(part.path is None for given in inputs for part in given.parts):
+        raise UsageError("standard input cannot be distributed; save it as a file, or leave `engine` out")
 
 
 def _tables(

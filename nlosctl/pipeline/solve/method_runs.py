@@ -14,15 +14,24 @@ import numpy.typing as npt
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray
+from nlosctl.contract.learning import ESTIMATE
 from nlosctl.contract.methods import Job, MethodSpec
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.results import is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.io.results.layouts import ChunkEstimates
-from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
+from nlosctl.pipeline.solve.sweeps import SweepWords, refuse_both, swept_options
 
-__all__ = ["STATUS_WORDS", "MethodRun", "MethodTally", "method_runs", "require_estimates"]
+__all__ = [
+    "STATUS_WORDS",
+    "LearnedOptions",
+    "MethodRun",
+    "MethodTally",
+    "leaves_options_open",
+    "method_runs",
+    "require_estimates",
+]
 
 STATUS_WORDS = tuple(status.word for status in Status)
 _BAD_FIT_P_VALUE = 1e-3
@@ -32,12 +41,29 @@ _ANSWERED = {status.word for status in Status if status.is_fix}
 
 
 @dataclass(frozen=True, kw_only=True)
+class LearnedOptions:
+    """Options that were estimated from the input, None for too little information, and the number of passes.
+
+    ``settled`` is whether the values were stable at the end.
+    """
+
+    values: Mapping[str, float | None]
+    passes: int
+    settled: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class MethodRun:
-    """A method with the options of this run; ``sweep`` holds the swept options with their values."""
+    """A method with the options of this run; ``sweep`` holds the swept options with their values.
+
+    ``open_options`` are to be estimated from the input before the run, which makes them ``learned``.
+    """
 
     spec: MethodSpec
     options: Any
     sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    open_options: tuple[str, ...] = ()
+    learned: LearnedOptions | None = None
 
     @property
     def label(self) -> str:
@@ -158,12 +184,28 @@ def method_runs(
     runs = []
     for spec in specs:
         parse = partial(parse_options, spec.options, owner=f"method {spec.name!r}")
-        if swept[spec.name]:
-            points = swept_options(swept[spec.name], given[spec.name], parse)
-            runs += [MethodRun(spec=spec, options=options, sweep=values) for values, options in points]
-        else:
-            runs.append(MethodRun(spec=spec, options=parse(given[spec.name])))
+        left_open, fixed = _open_options(spec, given[spec.name])
+        if left_open:
+            refuse_both(left_open, swept[spec.name])
+        points = swept_options(swept[spec.name], fixed, parse) if swept[spec.name] else [({}, parse(fixed))]
+        for values, options in points:
+            fault = "" if spec.learning is None or not left_open else spec.learning.refusal(options, left_open)
+            if fault:
+                raise UsageError(f"method {spec.name!r}: {fault}")
+            runs.append(MethodRun(spec=spec, options=options, sweep=values, open_options=left_open))
     return runs
+
+
+def leaves_options_open(parameters: Mapping[str, Any]) -> bool:
+    """Return whether a parameter is to be estimated from the input."""
+    return any(isinstance(value, str) and value == ESTIMATE for value in parameters.values())
+
+
+def _open_options(spec: MethodSpec, given: Mapping[str, Any]) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return the names of the parameters to be estimated, and the others."""
+    learnable = () if spec.learning is None else spec.learning.options
+    left_open = tuple(name for name in learnable if isinstance(given.get(name), str) and given[name] == ESTIMATE)
+    return left_open, {name: value for name, value in given.items() if name not in left_open}
 
 
 def require_estimates(runs: Sequence[MethodRun]) -> None:

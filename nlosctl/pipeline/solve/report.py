@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from nlosctl.contract.fields import Field, PolygonField
 from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import KINDS
-from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, MethodRun, MethodTally
+from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally
 
 __all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "heights_remark", "method_remarks"]
 
@@ -32,7 +33,8 @@ class RunReport:
 
     ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`; ``refits``
     counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`; ``rejoined`` are
-    snapshots across parts, see `nlosctl.io.measurements.returned_ids`.
+    snapshots across parts, see `nlosctl.io.measurements.returned_ids`; ``learned`` are
+    the options that the methods estimated from the input.
     """
 
     kind: str
@@ -46,6 +48,7 @@ class RunReport:
     flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
     refits: Counter[str] = field(default_factory=Counter)
     rejoined: list[str] = field(default_factory=list)
+    learned: dict[str, LearnedOptions] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     _COUNTED: ClassVar[tuple[str, ...]] = ("rows", "rows_left_out", "bad_rows", "snapshots", "snapshots_lost")
@@ -113,6 +116,7 @@ class RunReport:
                     "badly_fitted": tally.badly_fitted,
                     "used_share": tally.used_share,
                     "verdicts": dict(tally.verdicts),
+                    **({"estimated": dataclasses.asdict(self.learned[name])} if name in self.learned else {}),
                 }
                 for name, tally in self.methods.items()
             },
@@ -175,6 +179,7 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
         *_edge_remarks(runs, report, field),
         *_misses(report),
         *_own_remarks(runs),
+        *_estimated_options(report),
         *_no_positions(runs, report),
         *_half_ranges(runs),
         *_outlier_shares(runs, report),
@@ -227,6 +232,20 @@ def _misses(report: RunReport) -> list[str]:
 def _own_remarks(runs: Sequence[MethodRun]) -> list[str]:
     """Return what the methods state of their options."""
     return [f"{run.label}: {run.spec.remark(run.options)}" for run in runs if run.spec.remark is not None]
+
+
+def _estimated_options(report: RunReport) -> list[str]:
+    notes = []
+    for label, learned in report.learned.items():
+        passes = f"in {learned.passes} passes over the input"
+        for name, value in learned.values.items():
+            found = (
+                f"{name} = {value}, estimated" if value is not None else f"the input is too short to estimate {name}"
+            )
+            notes.append(f"{label}: {found}" + (f" {passes}" if value is not None else ""))
+        if not learned.settled:
+            notes.append(f"{label}: these values had not settled {passes}: they may be inaccurate")
+    return notes
 
 
 def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:

@@ -89,7 +89,11 @@ class MeasurementRun:
     def provenance(self) -> dict[str, Any]:
         """Return the methods, their parameters and the other options that determine the results, as plain values."""
         options = self._options
-        methods = [{"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)} for run in self._runs]
+        methods = [
+            {"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)}
+            | ({"estimated": list(run.learned.values)} if run.learned else {})
+            for run in self._runs
+        ]
         content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
         content |= read_settings(self.reader.options)
         if options.target_z_m is not None:
@@ -237,7 +241,12 @@ class MeasurementRun:
         return snapshot_seeds(self._options.seed, chunk.snapshot_ids())
 
     def _new_report(self) -> RunReport:
-        return RunReport(kind=self.reader.kind, inputs=[], methods={run.label: MethodTally() for run in self._runs})
+        return RunReport(
+            kind=self.reader.kind,
+            inputs=[],
+            methods={run.label: MethodTally() for run in self._runs},
+            learned={run.label: run.learned for run in self._runs if run.learned is not None},
+        )
 
     def _counts(self, chunk: Chunk, solution: ChunkSolution) -> dict[str, Any]:
         """Return the counts of a chunk, for the report to take."""

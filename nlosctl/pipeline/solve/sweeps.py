@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, TypeVar
 
 from nlosctl.contract.tables import SWEEP_PREFIX
 from nlosctl.errors import UsageError
 
-__all__ = ["SweepWords", "refuse_swept_columns", "sweep_points", "swept_options"]
+__all__ = ["SweepWords", "refuse_both", "refuse_swept_columns", "sweep_points", "swept_options"]
 
 SweepWords = Mapping[str, str | Sequence[Any]]
 """The values of each swept parameter: text separated by commas, or a sequence of Python values."""
@@ -37,9 +37,7 @@ def swept_options(
     ``parse`` makes options from parameters. Raises UsageError for an invalid or duplicate value, or a parameter that is
     also set without a sweep.
     """
-    for key in sweep:
-        if key in parameters:
-            raise UsageError(f"{key!r} is given by `parameters` and by `sweep`; leave out one")
+    refuse_both(parameters, sweep)
     seen: list[dict[str, Any]] = []
     for point in sweep_points(sweep):
         options = parse({**parameters, **point})
@@ -52,6 +50,13 @@ def swept_options(
             raise UsageError(f"`sweep`: {shown} occurs twice")
         seen.append(values)
         yield values, options
+
+
+def refuse_both(parameters: Container[str], sweep: SweepWords) -> None:
+    """Raise UsageError for a swept parameter that is also set without a sweep."""
+    for key in sweep:
+        if key in parameters:
+            raise UsageError(f"{key!r} is given by `parameters` and by `sweep`; leave out one")
 
 
 def refuse_swept_columns(points: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:

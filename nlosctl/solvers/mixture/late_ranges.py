@@ -141,6 +141,17 @@ class LateRanges(RowBlock):
         )
         return dataclasses.replace(ratio.in_plane(radius, *along), outlier=outlier.in_plane(radius, *along))
 
+    def late_bias(self, k: int, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return which share of row ``k`` as an outlier is late at points (B, P), and the mean of its bias in metres.
+
+        Where the mean of all biases is unknown, the bias is only known to be positive.
+        """
+        scaled, std = self._scaled(k, x, y), self.circles.std_m[:, k, None]
+        share: FloatArray = -np.expm1(-self._log_outlier(k, scaled))
+        if self.mean_m is not None:
+            scaled -= std / self.mean_m
+        return share, std * np.maximum(scaled + _mills(scaled), 0.0)
+
     def _scaled(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the excess of row ``k`` over the distance of points (B, P), in standard deviations."""
         circles = self.circles

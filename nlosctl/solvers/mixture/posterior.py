@@ -22,7 +22,7 @@ from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.proposal import MOST_POINTS, Proposal, make_proposal
 from nlosctl.solvers.mixture.spots import RowCandidates, component_masses, mode_spots, total_mass
 
-__all__ = ["direct_probability", "posterior_covariance"]
+__all__ = ["Weighted", "direct_probability", "posterior_covariance", "share_direct", "sum_points", "weighted_points"]
 
 
 _FIRST = 256
@@ -100,12 +100,11 @@ def direct_probability(
             probability[rows[dominates]] = about_best[dominates]
             sampled[rows[dominates]] = False
     for points, among in ((_POINTS_OF_ROWS, ~ambiguous), (_POINTS_OF_AMBIGUOUS, ambiguous)):
-        for rows in _sections(np.flatnonzero(sampled & among), points):
-            proposal = make_proposal(mixture, modes, region, rows, None)
-            weighted = _weigh(proposal, modes, rows, candidates, 0, points)
-            mass = _sum(weighted.weight)
-            for k, share in enumerate(_share_direct(proposal.mixture, weighted.direct)):
-                mean = _sum(share, weighted.weight) / np.where(mass > 0.0, mass, 1.0)
+        chosen = np.flatnonzero(sampled & among)
+        for rows, part, weighted in weighted_points(mixture, modes, region, candidates, chosen, points):
+            mass = sum_points(weighted.weight)
+            for k, share in enumerate(share_direct(part, weighted.direct)):
+                mean = sum_points(share, weighted.weight) / np.where(mass > 0.0, mass, 1.0)
                 probability[rows, k] = np.where(mass > 0.0, mean, probability[rows, k])
     return probability
 
@@ -127,11 +126,14 @@ def _by_rule(
     weight[~(candidates.allowed(rows, x, y) & np.isfinite(weight))] = 0.0
     mass, best = component_masses(mixture, disc, spots, axes), 1 + mixture.count
     scale = mass[:, best].copy()
-    mass[:, best] *= _sum(weight)
+    mass[:, best] *= sum_points(weight)
     total = total_mass(mass)
     with ignoring_division():
         probability = np.stack(
-            [_sum(share, weight) * scale + mass[:, 1 + k] for k, share in enumerate(_share_direct(mixture, direct))],
+            [
+                sum_points(share, weight) * scale + mass[:, 1 + k]
+                for k, share in enumerate(share_direct(mixture, direct))
+            ],
             axis=1,
         )
         for other in range(1, spots.x.shape[1]):
@@ -142,7 +144,16 @@ def _by_rule(
         return probability, mass[:, best] > _DOMINANT * total[:, 0]
 
 
-def _share_direct(mixture: Mixture, terms: list[FloatArray]) -> list[FloatArray]:
+def weighted_points(
+    mixture: Mixture, modes: Modes, region: Region, candidates: RowCandidates, rows: IntArray, points: int
+) -> Iterator[tuple[IntArray, Mixture, Weighted]]:
+    """Yield some of the snapshots ``rows`` at a time, their mixtures, and weighted points of their posteriors."""
+    for part in _sections(rows, points):
+        proposal = make_proposal(mixture, modes, region, part, None)
+        yield part, proposal.mixture, _weigh(proposal, modes, part, candidates, 0, points)
+
+
+def share_direct(mixture: Mixture, terms: list[FloatArray]) -> list[FloatArray]:
     """Return the rows' probabilities to be direct at points, from their terms (B, P) there."""
     obstructed = mixture.obstructed[:, None]
     if mixture.last is None:
@@ -185,7 +196,7 @@ def _settle(proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCan
 
 
 @dataclass(frozen=True)
-class _Weighted:
+class Weighted:
     """Points (B, P) about the best mode with their weights, and the rows' terms there."""
 
     x: FloatArray
@@ -199,17 +210,24 @@ class _Weighted:
         These are sums of squared weights times the squared distance from the best mode to the powers 2, 1 and 0.
         """
         x, y = self.weight * self.x, self.weight * self.y
-        moments = [_sum(self.weight), _sum(x), _sum(y), _sum(x, self.x), _sum(x, self.y), _sum(y, self.y)]
+        moments = [
+            sum_points(self.weight),
+            sum_points(x),
+            sum_points(y),
+            sum_points(x, self.x),
+            sum_points(x, self.y),
+            sum_points(y, self.y),
+        ]
         x *= self.x
         y *= self.y
         x += y
-        squares = [_sum(x, x), _sum(x, self.weight), _sum(self.weight, self.weight)]
+        squares = [sum_points(x, x), sum_points(x, self.weight), sum_points(self.weight, self.weight)]
         return np.stack(moments), np.stack(squares)
 
 
 def _weigh(
     proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCandidates, first: int, count: int
-) -> _Weighted:
+) -> Weighted:
     """Return ``count`` points after the ``first`` of some snapshots, weighted by posterior over proposal."""
     x, y, share = proposal.sample(first, count)
     direct: list[FloatArray] = []
@@ -222,10 +240,10 @@ def _weigh(
     x, y = x - modes.x[rows, :1], y - modes.y[rows, :1]
     for values in (weight, x, y):
         values[outside] = 0.0
-    return _Weighted(x, y, weight, direct)
+    return Weighted(x, y, weight, direct)
 
 
-def _sum(values: FloatArray, other: FloatArray | None = None) -> FloatArray:
+def sum_points(values: FloatArray, other: FloatArray | None = None) -> FloatArray:
     """Return the sums (B,) over the points of values, or of products of two; the same bits in any block."""
     if other is None:
         return np.asarray(np.einsum("bp->b", values))

@@ -13,7 +13,7 @@ from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.batches import Batch
 from nlosctl.contract.results import Estimates, Flags, Solution
 
-__all__ = ["solve_parts"]
+__all__ = ["solve_parts", "split_batch"]
 
 BatchT = TypeVar("BatchT", bound=Batch)
 
@@ -23,10 +23,11 @@ def solve_parts(batch: BatchT, chosen: BoolArray, solve: Callable[[BatchT], Solu
 
     So a kernel may treat the two differently, and a snapshot's bits still don't depend on its company.
     """
-    if chosen.all() or not chosen.any():
+    parts = split_batch(batch, chosen)
+    if len(parts) == 1:
         return solve(batch)
-    rows = [np.flatnonzero(~chosen), np.flatnonzero(chosen)]
-    solutions = [solve(_take(batch, part)) for part in rows]
+    rows = [indices for indices, _ in parts]
+    solutions = [solve(part) for _, part in parts]
     index = np.concatenate([part[solution.estimates.row] for part, solution in zip(rows, solutions, strict=True)])
     order = np.argsort(index, kind="stable")
     joined: dict[str, Any] = {}
@@ -44,6 +45,13 @@ def solve_parts(batch: BatchT, chosen: BoolArray, solve: Callable[[BatchT], Solu
             },
         )
     return Solution(estimates=Estimates(**joined), flags=flags)
+
+
+def split_batch(batch: BatchT, chosen: BoolArray) -> list[tuple[IntArray, BatchT]]:
+    """Return the snapshots that are not ``chosen`` (B,) and those that are, with their indices, if there are any."""
+    if chosen.all() or not chosen.any():
+        return [(np.arange(chosen.shape[0]), batch)]
+    return [(rows, _take(batch, rows)) for rows in (np.flatnonzero(~chosen), np.flatnonzero(chosen))]
 
 
 def _take(batch: BatchT, rows: IntArray) -> BatchT:
