@@ -20,6 +20,10 @@ from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 
 
+_BEARINGS_ALONE, _WITH_RANGES = 2.0, 4.0
+"""Default of ``ambiguous_within``: an optimum left out has at most 12 % of the probability, or with ranges 2 %."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class MaximumLikelihoodOptions:
     """Parameters of ``ml``."""
@@ -31,8 +35,11 @@ class MaximumLikelihoodOptions:
     feasible: bool = option(
         False, meaning="constrain the estimate to what the scene allows (sides of mirrors, annulus, visibility)"
     )
-    ambiguous_within: float = option(
-        2.0, unit="nats", minimum=0.0, meaning="an estimate is ambiguous if another optimum is at most this much worse"
+    ambiguous_within: float | None = option(
+        None,
+        unit="nats",
+        minimum=0.0,
+        meaning="an estimate is ambiguous if another optimum is at most this much worse; default: 2, with ranges 4",
     )
     use_ranges: bool = option(True, meaning="whether ranges enter the likelihood, where present")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
@@ -45,7 +52,8 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     covariance is the inverse Fisher information at the estimate, equations (27)-(29), with the closed-form gradient of
     reflected bearings on circles. On a circle without a blocker each row takes the path that fits best, the search
     starts from the crossings of all pairs of rays too, and up to 10 distinct optima are returned, best first. Ranges,
-    where present, enter the likelihood; a mirrored row's range is the unfolded length.
+    where present, enter the likelihood, and the search starts from the crossings of their circles too; a mirrored row's
+    range is the unfolded length.
     """
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
@@ -60,6 +68,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             ranges,
             lognormal=options.range_noise == "lognormal",
             min_range_m=options.min_range_m,
+            ambiguous_within=_WITH_RANGES if options.ambiguous_within is None else options.ambiguous_within,
             max_iterations=options.max_iterations,
         )
     optima = find_optima(lines, start.x, start.y, options.max_iterations)
@@ -85,7 +94,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
         optima.snapshot,
         first.normal,
         min_range_m=options.min_range_m,
-        ambiguous_within=options.ambiguous_within,
+        ambiguous_within=_BEARINGS_ALONE if options.ambiguous_within is None else options.ambiguous_within,
         constrained_status=constrained_status,
     )
 

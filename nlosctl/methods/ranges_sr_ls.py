@@ -15,7 +15,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
 from nlosctl.solvers.ranges.optima import RangeOptimum, finish_range_fix
-from nlosctl.solvers.ranges.search import End, find_two_optima
+from nlosctl.solvers.ranges.search import End, find_range_optima
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
 __all__ = ["METHOD", "SquaredRangeOptions", "solve"]
@@ -47,7 +47,7 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
     fit = fit_squared_ranges(
         circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
     )
-    one, other = find_two_optima(SquaredRangeProblem.of_circles(circles), circles, fit, _MAX_ITERATIONS)
+    one, other = find_range_optima(SquaredRangeProblem.of_circles(circles), circles, fit, _MAX_ITERATIONS)
     return finish_range_fix(
         batch,
         circles,

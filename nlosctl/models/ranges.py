@@ -110,6 +110,18 @@ class RangeCircles(RowBlock):
         impossible = self._impossible(k, x, y, length)
         return length if impossible is None else np.where(impossible, self._far_off(k)[:, None], length)
 
+    def half_chi_squares(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square (B, P) at points (B, P)."""
+        total = np.zeros_like(x)
+        for k in range(self.range_m.shape[1]):
+            scaled = self.length_m(k, x, y)
+            scaled -= self.range_m[:, k, None]
+            scaled /= self.std_m[:, k, None]
+            scaled *= scaled
+            total += scaled
+        total *= 0.5
+        return total
+
     def path(self, k: int, x: FloatArray, y: FloatArray) -> RangePath:
         """Return the path of row ``k`` to points (B,).
 

@@ -17,6 +17,8 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_sequential, bearings_suppress
+from nlosctl.models.bearings import sight_lines
+from nlosctl.solvers.bearings.row_terms import DirectBearings
 
 SHARE = 0.3
 """Relative standard deviations of ranges: large enough that the two error laws differ clearly."""
@@ -208,3 +210,88 @@ def test_parallel_bearings_with_ranges_are_a_fix_of_sequential() -> None:
     found = estimate(bearings_sequential.METHOD, batch)
     assert [Status(int(status)).word for status in found.status] == ["ok"]
     np.testing.assert_allclose(found.position_m[0], estimate(bearings_ml.METHOD, batch).position_m[0], atol=0.02)
+
+
+def coarse_batch(snapshots: int, bearing_std_deg: float, range_std_m: float) -> BearingBatch:
+    """Return coarse bearings with fine ranges of three sensors in a field of 1 km."""
+    generator = np.random.default_rng(4)
+    sensor, source = generator.uniform(0.0, 1e3, (snapshots, 3, 2)), generator.uniform(0.0, 1e3, (snapshots, 1, 2))
+    away, std = source - sensor, np.radians(bearing_std_deg)
+    bearing = np.arctan2(away[..., 1], away[..., 0]) + std * generator.normal(size=(snapshots, 3))
+    range_m = np.hypot(away[..., 0], away[..., 1]) + range_std_m * generator.normal(size=(snapshots, 3))
+    return bearing_batch(
+        sensor,
+        np.angle(np.exp(1j * bearing)),
+        std,
+        range_m=np.asfortranarray(np.maximum(range_m, 1.0)),
+        range_std_m=np.full((snapshots, 3), range_std_m, order="F"),
+    )
+
+
+@pytest.mark.parametrize(("bearing_std_deg", "range_std_m"), [(15.0, 1.0), (40.0, 0.1)])
+def test_coarse_bearings_with_fine_ranges_have_their_global_optimum(bearing_std_deg: float, range_std_m: float) -> None:
+    """No search by scipy from a grid ends below the cost of the fix; none of 400 has not converged."""
+    batch = coarse_batch(400, bearing_std_deg, range_std_m)
+    found = estimate(bearings_ml.METHOD, batch)
+    assert Status.NOT_CONVERGED not in found.status
+    best = np.flatnonzero(found.alternative == 0)
+    nodes = np.linspace(0.0, 1e3, 4)
+    for row in range(10):
+
+        def scaled(at: np.ndarray, row: int = row) -> np.ndarray:
+            dx, dy = (at - batch.sensor_xy_m[row]).T
+            turned = np.angle(np.exp(1j * (batch.bearing_rad[row] - np.arctan2(dy, dx))))
+            off = batch.range_m[row] - np.hypot(dx, dy)
+            return np.concatenate([turned / batch.bearing_std_rad[row], off / range_std_m])
+
+        reached = min(least_squares(scaled, (x, y), method="lm").cost for x in nodes for y in nodes)
+        assert found.cost[best[row]] <= reached * (1.0 + 1e-6)
+
+
+def test_a_far_crossing_of_circles_is_found() -> None:
+    """Bearings of 15 degrees decide between two crossings of circles, though their own search ends at the other."""
+    batch = bearing_batch(
+        [(498.958, 574.676), (716.427, 455.851), (53.218, 670.419)],
+        np.radians([[-10.521, -6.33, -12.243]]),
+        np.radians(15.0),
+        range_m=np.asfortranarray([[405.754, 162.469, 841.583]]),
+        range_std_m=np.ones((1, 3), order="F"),
+    )
+    found = estimate(bearings_ml.METHOD, batch)
+    np.testing.assert_allclose(found.position_m, [(825.9, 335.6), (876.9, 452.4)], atol=0.1)
+    np.testing.assert_allclose(found.cost, (5.95, 93.19), atol=0.005)
+    assert [Status(int(status)).word for status in found.status] == ["ok", "ok"]
+    near = estimate(bearings_ml.METHOD, batch, ambiguous_within=90.0)
+    assert [Status(int(status)).word for status in near.status] == ["ambiguous", "ambiguous"]
+
+
+@pytest.mark.parametrize(("std_deg", "expected"), [(40.0, ["ambiguous", "ambiguous"]), (10.0, ["ok", "ok"])])
+def test_two_crossings_are_ambiguous_with_ranges(std_deg: float, expected: list[str]) -> None:
+    """Two crossings of circles are ambiguous if their costs differ by less than four nats; else the likelier is ok."""
+    source, sensors = np.array([30.0, 20.0]), np.array([(0.0, 0.0), (60.0, 0.0)])
+    batch = bearing_batch(
+        [sensors],
+        np.radians([[20.0, 160.0]]),
+        np.radians(std_deg),
+        range_m=np.asfortranarray(np.hypot(*(source - sensors).T)[None]),
+        range_std_m=np.full((1, 2), 0.1, order="F"),
+    )
+    found = estimate(bearings_ml.METHOD, batch)
+    assert [Status(int(status)).word for status in found.status] == expected
+    np.testing.assert_allclose(found.position_m, [(30.0, 20.0), (30.0, -20.0)], atol=0.5)
+    far, near = (np.degrees(np.arctan2(side * 20.0, 30.0)) - 20.0 for side in (-1.0, 1.0))
+    assert found.cost[1] - found.cost[0] == pytest.approx((far**2 - near**2) / std_deg**2, rel=0.02)
+
+
+@pytest.mark.parametrize("lognormal", [False, True])
+def test_values_of_a_row_are_those_of_its_derivatives(lognormal: bool) -> None:
+    """Half the chi-square of a row at many points is that which comes with its derivatives, at each of them."""
+    batch, _ = ranged_batch(20)
+    lines = sight_lines(batch)
+    rows = DirectBearings.of(lines, np.full(20, 1e-9), batch.range_m, batch.range_std_m, lognormal=lognormal)
+    x, y = np.random.default_rng(1).uniform(-500.0, 500.0, (2, 20, 7))
+    for k in range(4):
+        wide = rows.values(k, x, y)
+        for point in range(7):
+            expected = rows.terms(k, x[:, point], y[:, point]).half_chi_square
+            np.testing.assert_allclose(wide[:, point], expected, rtol=1e-12)

@@ -6,18 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import Estimates, Solution, has_position
+from nlosctl.contract.results import Solution, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.blocks import RowBlock, sum_measurements
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes, mark_crossings_behind
-from nlosctl.solvers.bearings.ray_crossings import end_rays
+from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor
 from nlosctl.solvers.bearings.row_terms import DirectBearings
-from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
+from nlosctl.solvers.ranges.optima import RangeOptimum, are_apart, paired_estimates
+from nlosctl.solvers.ranges.search import find_two_optima
 
 __all__ = ["RangedBearingProblem", "count_scalars", "fit_ranged_bearings", "range_columns"]
 
@@ -60,6 +61,14 @@ class RangedBearingProblem(RowBlock):
                 gauss += row.gauss
         return Evaluation.of_newton(cost, gradient, exact, gauss)
 
+    def half_chi_squares(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square (B, P) at points (B, P)."""
+        total = np.zeros_like(x)
+        with ignoring_overflow():
+            for k in range(self.rows.weight.shape[1]):
+                total += self.rows.values(k, x, y)
+        return total
+
     def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of bearings and ranges together at points (B,)."""
         total = SymmetricMatrix.full(x.shape, 0.0)
@@ -78,56 +87,54 @@ def fit_ranged_bearings(
     *,
     lognormal: bool,
     min_range_m: float,
+    ambiguous_within: float,
     max_iterations: int,
 ) -> Solution:
     """Return the maximum-likelihood solution of rows with bearings and, where not NaN, ranges (B, K).
 
-    The better end of two searches: from ``start`` (B,) (of the bearings alone), and from the mean of the rays' ends,
-    weighted by their spread. The covariance is the inverse of the joint information, the cost half the chi-square.
+    The better of the two best optima that `find_two_optima` reaches from ``start`` (B,) (of the bearings alone), the
+    mean of the rays' ends, weighted by their spread, and `starting_points`; the other is the alternative. The
+    covariance is the inverse of the joint information, the cost half the chi-square.
     """
     smallest = np.full(start_x.shape, np.finfo(np.float64).tiny)
     problem = RangedBearingProblem(DirectBearings.of(lines, smallest, *ranges, lognormal=lognormal))
-    first = minimize(problem, start_x, start_y, max_iterations=max_iterations)
-    second = minimize(problem, *_mean_end(lines, *ranges), max_iterations=max_iterations)
-    best = _better(first, second)
-    x, y = np.where(best, second.x, first.x), np.where(best, second.y, first.y)
-    converged = np.where(best, second.converged, first.converged)
-    covariance = problem.information(x, y).inverse()
-    rays = lines.ray_residuals(x, y)
-    status = judge_fixes(lines, x, y, rays, covariance, min_range_m)
-    status[~converged & has_position(status)] = Status.NOT_CONVERGED
-    mark_crossings_behind(status, lines, rays.chi_square)
-    scalars = count_scalars(batch, ranges[0])
-    status[scalars < _UNKNOWNS] = Status.TOO_FEW
-    position = (x + lines.center_x, y + lines.center_y)
-    cost = np.where(best, second.cost, first.cost)
-    estimates = Estimates.of(
-        status,
-        position,
-        covariance,
-        cost,
-        batch.measurements,
-        chi_square=2.0 * cost,
-        degrees_of_freedom=scalars - _UNKNOWNS,
+    x, y = mean_end(lines, *ranges)
+    x, y = np.where(np.isfinite(x), x, start_x), np.where(np.isfinite(y), y, start_y)
+    pole = surest_sensor(lines, *ranges, x, y)
+    points = tuple(
+        np.concatenate([[start], part])
+        for start, part in zip((start_x, start_y), starting_points(lines, *ranges), strict=True)
     )
-    if not batch.want_flags:
-        return Solution(estimates=estimates)
-    return Solution(estimates=estimates, flags=bearing_flags(batch, lines, status, x, y))
-
-
-def _mean_end(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    ends = end_rays(lines, range_m)
-    spread = lines.std_rad * range_m
-    weight = np.where(ends.valid, 1.0 / (spread * spread + std_m * std_m), 0.0)
-    with ignoring_division():
-        total = sum_measurements(weight)
-        x = sum_measurements(np.where(ends.valid, weight * ends.x, 0.0)) / total
-        y = sum_measurements(np.where(ends.valid, weight * ends.y, 0.0)) / total
-    return x, y
-
-
-def _better(first: Minimum, second: Minimum) -> BoolArray:
-    """Return where the second end is better: it settled and the other did not, or its cost is less."""
+    thorough = batch.measurements <= THOROUGH_UP_TO
+    ends = find_two_optima(problem, problem, pole, (x, y), (points[0], points[1]), max_iterations, thorough=thorough)
+    best, other = (
+        RangeOptimum(end.x, end.y, problem.information(end.x, end.y).inverse(), end.cost, end.converged) for end in ends
+    )
+    scalars = count_scalars(batch, ranges[0])
+    status, other_status = (_judge(lines, optimum, scalars, min_range_m) for optimum in (best, other))
+    another = (status == Status.OK) & other.converged & are_apart(best, other)
+    second = another & (other_status == Status.OK)
     with ignoring_invalid():
-        cheaper: BoolArray = (second.converged == first.converged) & (second.cost < first.cost)
-    return (second.converged & ~first.converged) | cheaper
+        ambiguous = another & (other.cost - best.cost <= ambiguous_within)
+    status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
+    estimates = paired_estimates(
+        np.flatnonzero(second),
+        (lines.center_x, lines.center_y),
+        (best, other),
+        (best.cost, other.cost),
+        (status, other_status),
+        (2.0 * best.cost, 2.0 * other.cost),
+        batch.measurements,
+        scalars - _UNKNOWNS,
+    )
+    flags = bearing_flags(batch, lines, status, best.x, best.y) if batch.want_flags else None
+    return Solution(estimates=estimates, flags=flags)
+
+
+def _judge(lines: SightLines, optimum: RangeOptimum, scalars: IntArray, min_range_m: float) -> StatusArray:
+    rays = lines.ray_residuals(optimum.x, optimum.y)
+    status = judge_fixes(lines, optimum.x, optimum.y, rays, optimum.covariance, min_range_m)
+    status[~optimum.converged & has_position(status)] = Status.NOT_CONVERGED
+    mark_crossings_behind(status, lines, rays.chi_square)
+    status[scalars < _UNKNOWNS] = Status.TOO_FEW
+    return status

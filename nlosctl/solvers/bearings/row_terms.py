@@ -199,6 +199,22 @@ class DirectBearings(RowBlock):
             row = self._with_range(self.measured_m[:, k], self.precision[:, k], row, dx, dy)
         return row, along, squared_range
 
+    def values(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square of row ``k`` at points (B, P), wherever it is seen from; as `terms` has it."""
+        lines = self.lines
+        cosine, sine = lines.cosine[:, k, None], lines.sine[:, k, None]
+        dx, dy = x - lines.origin_x[:, k, None], y - lines.origin_y[:, k, None]
+        half_chi_square = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
+        half_chi_square *= half_chi_square
+        half_chi_square *= self.weight[:, k, None]
+        range_m = np.sqrt(np.maximum(dx * dx + dy * dy, self.squared_minimum[:, None]))
+        if lines.focusing is not None:
+            half_chi_square *= squared_tube_ratio(lines.focusing, k, range_m)
+        if self.precision is not None and self.measured_m is not None:
+            scaled = self._scaled_range_residual(range_m, self.measured_m[:, k, None], self.precision[:, k, None])
+            half_chi_square += 0.5 * scaled * scaled
+        return half_chi_square
+
     def _scaled_range_residual(self, range_m: FloatArray, measured_m: FloatArray, precision: FloatArray) -> FloatArray:
         if self.lognormal:
             return np.log(measured_m / range_m) * precision

@@ -15,11 +15,13 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
 from nlosctl.solvers.ranges.bent_search import find_bent_optima
 from nlosctl.solvers.ranges.likelihood import RangeProblem
-from nlosctl.solvers.ranges.search import End, find_two_optima
+from nlosctl.solvers.ranges.search import End, find_range_optima
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
-__all__ = ["RangeOptimum", "finish_range_fix", "optimize_ranges"]
+__all__ = ["RangeOptimum", "are_apart", "finish_range_fix", "optimize_ranges", "paired_estimates"]
 
+
+_UNKNOWNS = 2
 
 _RELATIVE_MINIMUM_RANGE = 1e-6
 _ROUNDING = 1e-10
@@ -43,7 +45,7 @@ class RangeOptimum:
 def optimize_ranges(
     circles: RangeCircles, max_iterations: int, infeasible_nats: float
 ) -> tuple[RangeOptimum, RangeOptimum]:
-    """Return the two best range least-squares optima of `find_two_optima`, or with circles `find_bent_optima`; (8).
+    """Return the two best range least-squares optima of `find_range_optima`, or with circles `find_bent_optima`; (8).
 
     The covariance is the inverse Fisher information at the optimum.
     """
@@ -64,7 +66,7 @@ def optimize_ranges(
 def _straight_optima(circles: RangeCircles, max_iterations: int) -> tuple[End, End]:
     weight = 1.0 / (circles.std_m * circles.std_m)
     fit = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
-    return find_two_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
+    return find_range_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
 
 
 def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
@@ -100,13 +102,20 @@ def finish_range_fix(
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
     too_few = circles.single_origin()
     status[too_few] = other_status[too_few] = Status.TOO_FEW
-    another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged & _apart(best, rest)
+    another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged & are_apart(best, rest)
     second = another & (other_status == Status.OK)
     with ignoring_invalid():
         ambiguous = another & (other_cost - cost <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
-    estimates = _estimates(
-        circles, np.flatnonzero(second), (best, rest), (cost, other_cost), (status, other_status), chi_squares
+    estimates = paired_estimates(
+        np.flatnonzero(second),
+        (circles.center_x, circles.center_y),
+        (best, rest),
+        (cost, other_cost),
+        (status, other_status),
+        chi_squares,
+        batch.measurements,
+        np.full(batch.size, batch.measurements - _UNKNOWNS),
     )
     flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
@@ -168,7 +177,8 @@ def _gauss_newton_gain(circles: RangeCircles, optimum: RangeOptimum) -> FloatArr
         return circles.information(optimum.x, optimum.y).inverse().quadratic_form(*gradient)
 
 
-def _apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
+def are_apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
+    """Return which optima (B,) are two points."""
     with ignoring_invalid():
         apart: BoolArray = np.hypot(best.x - rest.x, best.y - rest.y) > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(
             best.covariance.trace
@@ -176,16 +186,18 @@ def _apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
     return apart
 
 
-def _estimates(
-    circles: RangeCircles,
+def paired_estimates(
     second: IntArray,
+    center: tuple[FloatArray, FloatArray],
     optima: tuple[RangeOptimum, RangeOptimum],
     costs: tuple[FloatArray, FloatArray],
     statuses: tuple[StatusArray, StatusArray],
     chi_squares: tuple[FloatArray, FloatArray],
+    measurements: int,
+    degrees_of_freedom: IntArray,
 ) -> Estimates:
-    """Return a row per snapshot, and one more for each of the ``second`` snapshots."""
-    snapshots = np.arange(circles.center_x.shape[0], dtype=np.int64)
+    """Return a row per snapshot (B,), and one more for each of the ``second`` snapshots, about local origins."""
+    snapshots = np.arange(center[0].shape[0], dtype=np.int64)
     row = np.concatenate([snapshots, second])
     alternative = np.repeat([0, 1], [snapshots.shape[0], second.shape[0]])
     order = np.lexsort((alternative, row))
@@ -196,18 +208,16 @@ def _estimates(
 
     best, rest = optima
     status = np.concatenate([statuses[0], statuses[1][second]])[order]
-    position = (join(best.x, rest.x) + circles.center_x[row], join(best.y, rest.y) + circles.center_y[row])
+    position = (join(best.x, rest.x) + center[0][row], join(best.y, rest.y) + center[1][row])
     pairs = zip(best.covariance, rest.covariance, strict=True)
-    covariance = SymmetricMatrix(*(join(first, other) for first, other in pairs))
-    measurements = circles.range_m.shape[1]
     return Estimates.of(
         status,
         position,
-        covariance,
+        SymmetricMatrix(*(join(first, other) for first, other in pairs)),
         join(*costs),
         measurements,
         row=row,
         alternative=alternative,
         chi_square=join(*chi_squares),
-        degrees_of_freedom=measurements - len(position),
+        degrees_of_freedom=degrees_of_freedom[row],
     )

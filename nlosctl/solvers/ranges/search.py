@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from nlosctl.solvers.optimization.polar_coordinates import Pole, minimize_about_
 from nlosctl.solvers.optimization.problem import Problem
 from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit
 
-__all__ = ["End", "cross_pairs", "find_two_optima", "surest_pole"]
+__all__ = ["End", "cross_pairs", "every_pair", "find_range_optima", "find_two_optima", "surest_pairs", "surest_pole"]
 
 _EVERY_CROSSING = 4
 """Up to this many rows a descent starts from every crossing; of more rows one descent, from the likeliest other one."""
@@ -25,7 +25,7 @@ _EVERY_CROSSING = 4
 _PARTNERS = 4
 """So many of the farthest sensors have their circles crossed with that of the surest range, if there are more rows."""
 
-_EXPLAINED_OF_FEW, _EXPLAINED_OF_MANY = 0.6, 0.3
+_EXPLAINED, _EXPLAINED_IF_THOROUGH = 0.3, 0.6
 """A point leads to a known optimum if its cost is at least this share of what the quadratic model there predicts."""
 
 _DISTINCT_STANDARD_DEVIATIONS = 1e-3
@@ -59,30 +59,65 @@ class End(RowBlock):
         return cheaper | (self.converged & ~known.converged)
 
 
-def find_two_optima(
+class Landscape(Protocol):
+    """Measurements of B snapshots that points are compared with."""
+
+    def half_chi_squares(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return half the chi-square (B, P) at points (B, P)."""
+        ...
+
+    def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
+        """Return the Fisher information (B,) at points (B,)."""
+        ...
+
+    def take(self, rows: IntArray) -> Self:
+        """Return the measurements of some snapshots."""
+        ...
+
+
+def find_range_optima(
     problem: Problem, circles: RangeCircles, fit: SquaredRangeFit, max_iterations: int
 ) -> tuple[End, End]:
-    """Return the two best optima of ``problem``, a cost of ``circles``, the second NaN where there is only one.
+    """Return the two best optima of ``problem``, a cost of ``circles``, as `find_two_optima`.
 
-    The first descent starts from the squared-range fit. Further ones start from the likeliest of these points that does
-    not lead to a known optimum, as long as there is one: the fit's mirror image, and the crossings of all circles. Of
-    more than four rows there is one further descent, and the crossings are those with the circle of the surest range.
+    The first descent starts from the squared-range fit. The other points are the fit's mirror image and the crossings
+    of all circles, of more than four rows those with the circle of the surest range.
     """
-    pole = surest_pole(circles)
     few = circles.range_m.shape[1] <= _EVERY_CROSSING
-    x, y = cross_pairs(circles, *(_every_pair(circles) if few else _surest_pairs(circles)))
-    x, y = np.concatenate([[fit.mirror_x], x]), np.concatenate([[fit.mirror_y], y])
-    cost = _half_chi_squares(circles, x, y)
+    x, y = cross_pairs(circles, *(every_pair(circles) if few else surest_pairs(circles)))
+    points = np.concatenate([[fit.mirror_x], x]), np.concatenate([[fit.mirror_y], y])
+    pole = surest_pole(circles)
+    return find_two_optima(problem, circles, pole, (fit.x, fit.y), points, max_iterations, thorough=few)
+
+
+def find_two_optima(
+    problem: Problem,
+    landscape: Landscape,
+    pole: Pole,
+    start: tuple[FloatArray, FloatArray],
+    points: tuple[FloatArray, FloatArray],
+    max_iterations: int,
+    *,
+    thorough: bool,
+) -> tuple[End, End]:
+    """Return the two best optima of ``problem``, a cost of the ``landscape``, the second NaN where there is only one.
+
+    The first descent is from ``start`` (B,). Further ones start from the likeliest of ``points`` (P, B) that does not
+    lead to a known optimum: if ``thorough`` as long as there is one, else one.
+    """
+    x, y = points
+    cost = landscape.half_chi_squares(x.T, y.T).T
     open_points = np.isfinite(cost)
     rows = np.arange(cost.shape[1])
-    rounds, share = (cost.shape[0], _EXPLAINED_OF_FEW) if few else (1, _EXPLAINED_OF_MANY)
-    end = _descend(problem, pole, fit.x, fit.y, max_iterations)
+    rounds, share = (cost.shape[0], _EXPLAINED_IF_THOROUGH) if thorough else (1, _EXPLAINED)
+    end = _descend(problem, pole, *start, max_iterations)
     optima = _TwoBest(end)
     for _ in range(rounds):
-        there, poles = (circles, pole) if rows.size == cost.shape[1] else (circles.take(rows), pole.take(rows))
+        there, poles = (landscape, pole) if rows.size == cost.shape[1] else (landscape.take(rows), pole.take(rows))
         information = there.information(end.x, end.y)
         optima.note(rows, end, information)
-        known = _Optimum(poles, end, information, _half_chi_squares(there, end.x[None], end.y[None])[0])
+        half_chi_square = there.half_chi_squares(end.x[:, None], end.y[:, None])[:, 0]
+        known = _Optimum(poles, end, information, half_chi_square)
         still = open_points[:, rows] & ~known.explains(x[:, rows], y[:, rows], cost[:, rows], share)
         open_points[:, rows] = still
         rows = rows[still.any(axis=0)]
@@ -90,9 +125,8 @@ def find_two_optima(
             return optima.best, optima.other
         index = np.argmin(np.where(open_points[:, rows], cost[:, rows], np.inf), axis=0)
         open_points[index, rows] = False
-        start = x[index, rows], y[index, rows]
-        end = _descend(problem.take(rows), pole.take(rows), *start, max_iterations)
-    optima.note(rows, end, circles.take(rows).information(end.x, end.y))
+        end = _descend(problem.take(rows), pole.take(rows), x[index, rows], y[index, rows], max_iterations)
+    optima.note(rows, end, landscape.take(rows).information(end.x, end.y))
     return optima.best, optima.other
 
 
@@ -119,31 +153,19 @@ def cross_pairs(circles: RangeCircles, first: IntArray, second: IntArray) -> tup
     return x, y
 
 
-def _every_pair(circles: RangeCircles) -> tuple[IntArray, IntArray]:
+def every_pair(circles: RangeCircles) -> tuple[IntArray, IntArray]:
+    """Return all pairs of rows (P,)."""
     first, second = np.triu_indices(circles.range_m.shape[1], 1)
     return first.astype(np.int64), second.astype(np.int64)
 
 
-def _surest_pairs(circles: RangeCircles) -> tuple[IntArray, IntArray]:
+def surest_pairs(circles: RangeCircles) -> tuple[IntArray, IntArray]:
     """Return the row (B, P) of the surest range, and the rows of the sensors farthest from its own."""
     surest = np.argmin(circles.std_m, axis=1)
     pole = surest_pole(circles)
     dx, dy = circles.sensor_x - pole.x[:, None], circles.sensor_y - pole.y[:, None]
     partner = np.argsort(-(dx * dx + dy * dy), axis=1, kind="stable")[:, :_PARTNERS]
     return np.broadcast_to(surest[:, None], partner.shape), partner
-
-
-def _half_chi_squares(circles: RangeCircles, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return half the chi-square (P, B) at points (P, B)."""
-    total = np.zeros(x.shape)
-    for k in range(circles.range_m.shape[1]):
-        dx, dy = x - circles.sensor_x[:, k], y - circles.sensor_y[:, k]
-        distance = dx * dx + dy * dy
-        if circles.height is not None:
-            distance += circles.height[:, k] * circles.height[:, k]
-        scaled = (np.sqrt(distance) - circles.range_m[:, k]) / circles.std_m[:, k]
-        total += scaled * scaled
-    return 0.5 * total
 
 
 def _descend(problem: Problem, pole: Pole, x: FloatArray, y: FloatArray, max_iterations: int) -> End:
