@@ -484,7 +484,7 @@ def test_a_long_part_is_made_from_slices(cli: Cli, tmp_path: Path, monkeypatch: 
             made.append(work.names[number] if isinstance(work, PartWork) else "slice")
             yield work.make(number)
 
-    monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs: engine)
+    monkeypatch.setattr("nlosctl.pipeline.engine.dask_engine.dask_engine", lambda scheduler, jobs, timeout_s: engine)
     monkeypatch.setenv("NLOSCTL_TASK_ROWS", "8")
     outcomes = {}
     for name, more in (("here", ()), ("there", ("--engine", "dask"))):
