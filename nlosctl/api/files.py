@@ -10,6 +10,7 @@ from typing import Any
 
 from nlosctl.api.tables import BadRows, SceneLike, TableSink, input_options, inputs_of, set_aside
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
 from nlosctl.jobs import convert as convert_job
 from nlosctl.jobs import evaluate as evaluate_job
@@ -120,17 +121,20 @@ def simulate(
     *,
     trials: int = 1000,
     seed: int = 0,
+    scene: SceneLike = None,
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Any:
     """Draw a table of measurements with ground truth; its metadata contain the scene.
 
-    ``sweep`` runs parameters through several values, with ``trials`` snapshots each; see ``nlosctl simulate``. Raises
+    ``scene`` is a Scene or the path of a scene file, for the scenarios ``bearings`` and ``ranges``. ``sweep`` runs
+    parameters through several values, with ``trials`` snapshots each; see ``nlosctl simulate``. Raises
     UsageError for an unknown scenario or parameter.
     """
     options = SolveOptions(parameters=parameters, sweep=sweep or {}, seed=seed)
     drawn = TableSink()
-    simulate_job.simulate(scenario, trials, options, OutputOptions(), sink=drawn.start)
+    own = scene if scene is None or isinstance(scene, Scene) else fspath(scene)
+    simulate_job.simulate(scenario, trials, options, OutputOptions(), scene=own, sink=drawn.start)
     return drawn.table()
 
 

@@ -126,7 +126,7 @@ class InputOptions:
         "localize", minimum=1, metavar="N")
     scene: Scene | str | None = _option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
-        "localize identify-los bound validate convert plot", metavar="FILE")
+        "localize identify-los bound validate convert plot simulate", metavar="FILE")
     crs: str | None = _option(
         None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} convert", metavar="CODE")
     origin: str | tuple[float, float] | None = _option(

@@ -21,11 +21,15 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """A sensor at ``position`` (x, y in metres); ``heading_deg`` is its boresight, clockwise from +y."""
+    """A sensor at ``position`` (x, y in metres); ``heading_deg`` is its boresight, clockwise from +y.
+
+    ``z_m`` is its height, which all sensors of a scene have, or none.
+    """
 
     name: str
     position: tuple[float, float]
     heading_deg: float | None = None
+    z_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +126,11 @@ class Scene:
     sensors: tuple[Sensor, ...] = ()
     reflectors: tuple[Reflector, ...] = field(default=())
     frame: EarthFrame | None = None
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether the sensors have heights."""
+        return any(sensor.z_m is not None for sensor in self.sensors)
 
     @property
     def has_circles(self) -> bool:

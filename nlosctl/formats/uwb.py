@@ -47,7 +47,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
         raise UsageError("importer 'uwb' takes only one of the parameters std, variance and range_std_m")
     optional = (options.tag, options.std, options.variance)
     wanted = [options.time, options.anchor, options.range, *(name for name in optional if name)]
-    positions = {sensor.name: sensor.position for sensor in file.scene.sensors}
+    sensors = {sensor.name: sensor for sensor in file.scene.sensors}
     metres = _METRES[options.range_unit]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
@@ -55,11 +55,13 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
         if not anchor:
             raise UnfitError("empty, expected the name of the anchor", options.anchor)
         time_s = number(cells[options.time], options.time) * _SECONDS[options.time_unit]
-        x, y = positions.get(anchor, (None, None))
+        known = sensors.get(anchor)
+        x, y = known.position if known is not None else (None, None)
         values: dict[str, Any] = {
             "sensor": anchor,
             "sensor_x_m": x,
             "sensor_y_m": y,
+            "sensor_z_m": known.z_m if known is not None else None,
             "range_m": number(cells[options.range], options.range, 1e-9, LARGEST_NUMBER) * metres,
             "range_std_m": _std(cells, options, metres),
             "time_s": time_s,

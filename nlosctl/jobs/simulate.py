@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from nlosctl.contract.run_options import OutputOptions, SolveOptions
-from nlosctl.io.scenes.scene_file import scene_to_toml
+from nlosctl.contract.scene import Scene
+from nlosctl.io.paths.locations import location
+from nlosctl.io.scenes.scene_file import find_scene, scene_to_toml
 from nlosctl.io.writers.output_set import OutputSet, check_targets
 from nlosctl.jobs.console import Console, Silent
 from nlosctl.jobs.files import open_output
@@ -21,16 +23,22 @@ def simulate(
     options: SolveOptions,
     write: OutputOptions,
     *,
+    scene: Scene | str | None = None,
     sink: Callable[[Any, dict[str, str]], Any] | None = None,
     console: Console | None = None,
 ) -> tuple[Simulation, int]:
     """Write ``trials`` snapshots of a scenario, and its scene if wanted; return the simulation and the number of rows.
 
+    ``scene`` is a scene, or its file, for the scenarios that take one.
     ``sink`` returns, for schema and metadata, a receiver of the rows that replaces the output. Raises UsageError
     for an unknown scenario or parameter.
     """
-    simulation = Simulation(scenario, options.parameters, seed=options.seed, trials=trials, sweep=options.sweep)
-    check_targets([write.output, write.scene_out], overwrite=write.overwrite, inputs=[])
+    paths = [location(scene)] if isinstance(scene, str) else []
+    own = find_scene(scene, {}, None) if isinstance(scene, str) else scene
+    simulation = Simulation(
+        scenario, options.parameters, seed=options.seed, trials=trials, sweep=options.sweep, scene=own
+    )
+    check_targets([write.output, write.scene_out], overwrite=write.overwrite, inputs=paths)
     rows = 0
     with OutputSet() as outputs, (console or Silent()).progress("simulate") as progress:
         if sink is not None:

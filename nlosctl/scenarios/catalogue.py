@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["find_scenario", "scenario_module", "scenarios"]
 
 _MODULES = {
+    "bearings": "nlosctl.scenarios.scene_bearings",
     "echo-field": "nlosctl.scenarios.echo_field",
     "liang": "nlosctl.scenarios.liang",
     "madhow-ring": "nlosctl.scenarios.madhow_ring",
@@ -25,6 +26,7 @@ _MODULES = {
     "mixed-ranges": "nlosctl.scenarios.mixed_ranges",
     "over-the-horizon": "nlosctl.scenarios.over_the_horizon",
     "random": "nlosctl.scenarios.random_field",
+    "ranges": "nlosctl.scenarios.scene_ranges",
     "ring": "nlosctl.scenarios.ring",
     "room": "nlosctl.scenarios.room",
     "shen": "nlosctl.scenarios.shen",

@@ -26,6 +26,7 @@ class ScenarioSpec:
 
     ``options`` is a frozen dataclass whose fields are its parameters, ``scene(options)`` returns its sensors and
     reflectors, and ``generate(options, generator, snapshots)`` samples that many snapshots, using only ``generator``.
+    ``of_scene(scene)`` returns the same scenario in a scene of the user's own; None: it has a scene of its own.
     """
 
     name: str
@@ -35,6 +36,7 @@ class ScenarioSpec:
     options: type[Any]
     scene: Callable[[Any], Scene]
     generate: Callable[[Any, np.random.Generator, int], Columns]
+    of_scene: Callable[[Scene], ScenarioSpec] | None = None
 
 
 def draw_snapshots(spec: ScenarioSpec, options: Any, seed: int, trials: int) -> Iterator[Columns]:

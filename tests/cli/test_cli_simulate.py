@@ -12,8 +12,8 @@ from cli_support import Outcome, read_parquet
 pytestmark = pytest.mark.extensive
 
 Cli = Callable[..., Outcome]
-SCENARIOS = ["mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
-OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "mixed-ranges", "room", "shen"]
+SCENARIOS = ["bearings", "mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
+OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "mixed-ranges", "ranges", "room", "shen"]
 """Scenarios that have tests of their own."""
 
 

@@ -14,6 +14,8 @@ from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = ["schema"]
 
+_SCENE = "scene"
+
 
 def schema(
     table: Annotated[
@@ -32,7 +34,10 @@ def schema(
     json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Show the columns of a table: name, type, unit, meaning; with --json as a Frictionless Table Schema."""
+    """Show the columns of a table: name, type, unit, meaning; with --json as a Frictionless Table Schema.
+
+    'schema scene' shows the keys of a scene file; with --json as a JSON Schema.
+    """
     from nlosctl.contract.tables import TABLES
 
     if write is not None:
@@ -43,16 +48,30 @@ def schema(
         if json:
             print_json(rows)
         else:
-            print_table(rows, ["table", "title"])
+            scene = {"table": _SCENE, "title": "Scene file (TOML, not a table): sensors, reflectors, position on earth"}
+            print_table([*rows, scene], ["table", "title"])
+        return
+    if table == _SCENE:
+        _show_scene(json)
         return
     if table not in TABLES:
-        raise UsageError(f"no table {table!r}{did_you_mean(table, TABLES)}; there are: {', '.join(TABLES)}")
+        known = [*TABLES, _SCENE]
+        raise UsageError(f"no table {table!r}{did_you_mean(table, known)}; there are: {', '.join(known)}")
     if json:
         from nlosctl.io.schemas import table_schema
 
         print_json(table_schema(TABLES[table]))
         return
     _show(table)
+
+
+def _show_scene(json: bool) -> None:
+    from nlosctl.io.scenes.scene_schema import scene_keys, scene_schema
+
+    if json:
+        print_json(scene_schema())
+    else:
+        print_table(scene_keys(), ["table", "key", "type", "required", "meaning"])
 
 
 def _show(name: str) -> None:

@@ -10,7 +10,7 @@ from nlosctl.cli.options.completion import complete_scenario
 from nlosctl.cli.options.declarations import ConfigFile, Debug, Json, Quiet
 from nlosctl.cli.options.settings import takes_options
 from nlosctl.cli.terminal import Terminal, preview_sinks, print_json, print_table
-from nlosctl.contract.run_options import OutputOptions, SolveOptions
+from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.errors import UsageError
 
 __all__ = ["simulate"]
@@ -25,6 +25,7 @@ def simulate(
         ),
     ] = None,
     *,
+    read: InputOptions,
     options: SolveOptions,
     write: OutputOptions,
     trials: Annotated[
@@ -38,7 +39,12 @@ def simulate(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Simulate measurements of a scenario, with ground truth. The same seed gives the same file."""
+    """Simulate measurements of a scenario, with ground truth. The same seed gives the same file.
+
+    With --scene FILE the sensors and reflectors are your own: the scenario is 'bearings' (default) or 'ranges'.
+    """
+    if scenario is None and read.scene is not None:
+        scenario = "bearings"
     if scenario is None:
         if options.parameters or options.sweep or show or write.scene_out is not None or write.output != "-":
             raise UsageError("name a scenario; 'nlosctl simulate' alone lists them")
@@ -51,7 +57,9 @@ def simulate(
 
     terminal = Terminal(quiet)
     with preview_sinks("measurements", write) as sinks:
-        simulation, rows = simulate(scenario, trials, options, write, sink=sinks.get("measurements"), console=terminal)
+        simulation, rows = simulate(
+            scenario, trials, options, write, scene=read.scene, sink=sinks.get("measurements"), console=terminal
+        )
     drawn = f"{simulation.snapshots} snapshots of {simulation.kind}, {rows} rows, seed {options.seed}"
     terminal.note(f"{scenario}: {drawn}")
 

@@ -165,6 +165,7 @@ RANGES = Table(
             name="sensor_z_m",
             type="number",
             unit="m",
+            scene_axis=2,
             meaning="sensor height, for slant ranges to targets at a height of their own (target_z_m)",
         ),
         *_PATH,

@@ -32,7 +32,8 @@ class Column:
     """One column: its name, type, unit and what a value must satisfy.
 
     ``too_large_means`` explains values beyond ``largest_magnitude``. ``constant_allowed`` lets the setting
-    ``constants`` fill a missing column. ``scene_axis`` (0: x, 1: y) lets the scene's sensor position fill it.
+    ``constants`` fill a missing column. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
+    sensor position fill it.
     ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth or flags of an
     earlier step: checked for their type and copied, never passed to a method. ``of_circles`` marks
     flags that are only set in a scene with circles. ``earth_place`` names the location (see `EARTH_PLACES`) whose

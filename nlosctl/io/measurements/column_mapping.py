@@ -86,8 +86,8 @@ class ColumnPlan:
 
     @property
     def scene_axes(self) -> tuple[str, ...]:
-        """The columns that the scene's sensor positions can fill: all of them, or none."""
-        return tuple(column.name for column in self.table.columns if column.scene_axis is not None)
+        """The columns that the scene's sensor positions in the plane can fill: all of them, or none."""
+        return tuple(column.name for column in self.table.columns if column.scene_axis in (0, 1))
 
     @property
     def types(self) -> dict[str, ColumnType]:

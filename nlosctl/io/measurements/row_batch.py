@@ -26,6 +26,9 @@ from nlosctl.io.readers.base import RecordBatch, plain, text_at
 
 __all__ = ["ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows"]
 
+_HEIGHT = 2
+"""The axis of the scene's positions that is a height."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RowBatch:
@@ -240,7 +243,9 @@ class RowConverter:
     ) -> npt.NDArray[Any] | None:
         """Return one column (N,) of the contract, None for numbers that are absent; ``done`` are those before it."""
         mapped = self._plan.mapped.get(column.name)
-        if column.scene_axis is not None and (mapped is None or batch.column(mapped.name).null_count):
+        if column.scene_axis == _HEIGHT and mapped is None:
+            return self._scene_columns.heights(done["sensor"])
+        if column.scene_axis in (0, 1) and (mapped is None or batch.column(mapped.name).null_count):
             return self._scene_columns.positions(column, mapped, batch, done["sensor"], faults)
         if mapped is None:
             if column.name in self._plan.constants:

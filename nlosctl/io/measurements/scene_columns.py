@@ -58,6 +58,14 @@ class SceneColumns:
             faults.append(Fault(mask=unknown, column=name, describe=self._unknown_sensor(cells)))
         return filled
 
+    def heights(self, sensor: IntArray) -> FloatArray | None:
+        """Return the heights (N,) of the scene's sensors, NaN for others; None if the scene has no heights."""
+        if not self._scene.has_heights:
+            return None
+        heights = {known.name: known.z_m for known in self._scene.sensors}
+        axis = [np.nan if (z := heights.get(name)) is None else z for name in self._sensors.names]
+        return np.array([*axis, np.nan])[sensor]
+
     def _unknown_sensor(self, cells: Any) -> Describe:
         positions = self._positions_m
         if not positions:

@@ -8,15 +8,23 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import msgspec
 
 from nlosctl.contract.limits import LARGEST_NUMBER, parse_toml, read_limited
-from nlosctl.contract.scene import CircleReflector, EarthFrame, LineReflector, Scene, SegmentReflector, Sensor
+from nlosctl.contract.scene import EarthFrame, Scene, Sensor
 from nlosctl.errors import DataError, did_you_mean, hide_secrets
 from nlosctl.geometry.earth import EarthPlane
 from nlosctl.io.paths.locations import Location, is_local, location, near_name
+from nlosctl.io.scenes.scene_entries import (
+    REFLECTOR_KINDS,
+    TOML_NAMES,
+    EntryError,
+    FrameEntry,
+    SceneEntries,
+    SensorEntry,
+)
 
 __all__ = ["SCENE_KEY", "find_scene", "plane_of", "scene_from_toml", "scene_to_toml"]
 
@@ -28,123 +36,6 @@ _LONGEST_NAME = 255
 
 _IN_METADATA = "the scene in the table's metadata"
 
-Number = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
-Point = tuple[Number, Number]
-
-_TOML_NAMES = {"start": "from", "end": "to"}
-"""Keys of a scene file that differ from the names of the scene's fields."""
-
-
-class _EntryError(ValueError):
-    """A fault of an entry: its key ("" for the entry itself), and the rest of the message."""
-
-
-class _Entry(msgspec.Struct, forbid_unknown_fields=True):
-    """A table of a scene file. Its fields are the file's keys; ``scene_type`` is the class that it becomes."""
-
-    scene_type: ClassVar[type[Any]]
-
-    def to_scene(self) -> Any:
-        """Return the entry as the scene's object."""
-        return self.scene_type(**msgspec.structs.asdict(self))
-
-
-class _SensorEntry(_Entry):
-    scene_type = Sensor
-
-    name: str
-    position: Point
-    heading_deg: Number | None = None
-
-
-class _LineEntry(_Entry, tag_field="kind", tag="line"):
-    scene_type = LineReflector
-
-    name: str
-    point: Point | None = None
-    direction: Point | None = None
-    slope: Number | None = None
-    intercept: Number | None = None
-
-    def __post_init__(self) -> None:
-        by_slope = self.slope is not None or self.intercept is not None
-        if by_slope and (self.point is not None or self.direction is not None):
-            raise _EntryError("", "has both point/direction and slope/intercept, expected one of the two pairs")
-        for key in ("slope", "intercept") if by_slope else ("point", "direction"):
-            if getattr(self, key) is None:
-                raise _EntryError(key, "missing; a line has point and direction, or slope and intercept")
-        if self.direction == (0.0, 0.0):
-            raise _EntryError("direction", "got [0, 0], expected a direction of any length except zero")
-
-    def to_scene(self) -> LineReflector:
-        if self.point is not None and self.direction is not None:
-            return LineReflector(name=self.name, point=self.point, direction=self.direction)
-        return LineReflector(name=self.name, point=(0.0, self.intercept or 0.0), direction=(1.0, self.slope or 0.0))
-
-
-class _SegmentEntry(_Entry, tag_field="kind", tag="segment", rename=_TOML_NAMES):
-    scene_type = SegmentReflector
-
-    name: str
-    start: Point
-    end: Point
-
-    def __post_init__(self) -> None:
-        if self.start == self.end:
-            raise _EntryError("to", "got the same point as 'from', expected a different one: a wall has a length")
-
-
-class _CircleEntry(_Entry, tag_field="kind", tag="circle"):
-    scene_type = CircleReflector
-
-    name: str
-    center: Point
-    radius: Number
-    blocker_radius: Number | None = None
-    min_elevation_deg: Number | None = None
-
-    def __post_init__(self) -> None:
-        radius, blocker, elevation = self.radius, self.blocker_radius, self.min_elevation_deg
-        if not radius > 0.0:
-            raise _EntryError("radius", f"got {radius:g}, expected a radius above 0")
-        if blocker is not None and not 0.0 < blocker < radius:
-            raise _EntryError(
-                "blocker_radius", f"got {blocker:g}, expected one inside the reflector: in (0, {radius:g})"
-            )
-        if elevation is not None and blocker is None:
-            raise _EntryError("min_elevation_deg", "needs a blocker_radius: without a blocker there is no horizon")
-        if elevation is not None and not 0.0 <= elevation < 90.0:
-            raise _EntryError("min_elevation_deg", f"got {elevation:g}, expected an angle in [0, 90)")
-
-
-class _FrameEntry(_Entry):
-    scene_type = EarthFrame
-
-    crs: str | None = None
-    origin_lat_deg: Number | None = None
-    origin_lon_deg: Number | None = None
-    rotation_deg: Number = 0.0
-
-    def __post_init__(self) -> None:
-        origin = {"origin_lat_deg": self.origin_lat_deg, "origin_lon_deg": self.origin_lon_deg}
-        if list(origin.values()).count(None) != (0 if self.crs is None else 2):
-            raise _EntryError("", "expected either crs, or origin_lat_deg and origin_lon_deg")
-        if self.crs is not None and not re.fullmatch(r"[A-Za-z]\w*:\w+", self.crs):
-            raise _EntryError("crs", f"got {self.crs!r}, expected the code of an authority, such as EPSG:32632")
-        for (key, value), most in zip(origin.items(), (90.0, 180.0), strict=True):
-            if value is not None and abs(value) > most:
-                raise _EntryError(key, f"got {value!r}, expected {-most:g} to {most:g}")
-
-
-class _SceneEntries(msgspec.Struct, forbid_unknown_fields=True):
-    sensor: list[_SensorEntry] = []
-    reflector: list[_LineEntry | _SegmentEntry | _CircleEntry] = []
-    frame: _FrameEntry | None = None
-
-
-_KINDS: dict[str, type[_Entry]] = {"line": _LineEntry, "segment": _SegmentEntry, "circle": _CircleEntry}
-"""Entries of reflectors by their ``kind``."""
-
 
 def scene_from_toml(text: str, name: str) -> Scene:
     """Return the scene in TOML ``text``; ``name`` is the file's name, for messages.
@@ -153,17 +44,18 @@ def scene_from_toml(text: str, name: str) -> Scene:
     """
     tree = parse_toml(text, name)
     for key in tree:
-        if key not in _SceneEntries.__struct_fields__:
-            near = did_you_mean(key, _SceneEntries.__struct_fields__)
+        if key not in SceneEntries.__struct_fields__:
+            near = did_you_mean(key, SceneEntries.__struct_fields__)
             raise DataError(f"{name}: unknown key {key!r}{near}; a scene has [[sensor]], [[reflector]] and [frame]")
     try:
-        entries = msgspec.convert(tree, _SceneEntries)
+        entries = msgspec.convert(tree, SceneEntries)
     except msgspec.ValidationError as error:
         raise DataError(f"{name}: {_fault(tree, error)}") from error
     for key in ("sensor", "reflector"):
         _check_names(name, key, [entry.name for entry in getattr(entries, key)])
+    _check_heights(name, entries.sensor)
     return Scene(
-        sensors=tuple(entry.to_scene() for entry in entries.sensor),
+        sensors=tuple(_sensor(entry) for entry in entries.sensor),
         reflectors=tuple(entry.to_scene() for entry in entries.reflector),
         frame=None if entries.frame is None else entries.frame.to_scene(),
     )
@@ -177,15 +69,15 @@ def _fault(tree: Mapping[str, Any], error: msgspec.ValidationError) -> str:
     if not isinstance(entry, dict) or not (index or table == "frame"):
         expected = "a table headed [frame]" if table == "frame" else f"tables headed [[{table}]]"
         return f"{table}: got {tree[table]!r}, expected {expected}"
-    if isinstance(error.__cause__, _EntryError):
+    if isinstance(error.__cause__, EntryError):
         key, fault = error.__cause__.args
         return f"{where}.{key}: {fault}" if key else f"{where}: {fault}"
-    if table == "reflector" and entry.get("kind") not in list(_KINDS):
+    if table == "reflector" and entry.get("kind") not in list(REFLECTOR_KINDS):
         kind = entry.get("kind")
-        near = did_you_mean(kind, _KINDS) if isinstance(kind, str) else ""
+        near = did_you_mean(kind, REFLECTOR_KINDS) if isinstance(kind, str) else ""
         got = repr(kind) if "kind" in entry else "nothing"
-        return f"{where}.kind: got {got}, expected one of {', '.join(map(repr, _KINDS))}{near}"
-    struct = _KINDS[entry["kind"]] if table == "reflector" else _SensorEntry if index else _FrameEntry
+        return f"{where}.kind: got {got}, expected one of {', '.join(map(repr, REFLECTOR_KINDS))}{near}"
+    struct = REFLECTOR_KINDS[entry["kind"]] if table == "reflector" else SensorEntry if index else FrameEntry
     fields = {field.encode_name: field for field in msgspec.structs.fields(struct)}
     keys = ["kind", *fields] if table == "reflector" else [*fields]
     for unknown in entry:
@@ -202,7 +94,23 @@ def _fault(tree: Mapping[str, Any], error: msgspec.ValidationError) -> str:
 def _expected(kind: Any) -> str:
     if "str" in str(kind):
         return "text"
+    if "list" in str(kind):
+        return "two numbers, [x, y], or three with the height, [x, y, z]"
     return "two numbers, [x, y]" if "tuple" in str(kind) else "a number"
+
+
+def _sensor(entry: SensorEntry) -> Sensor:
+    x, y, *z = entry.position
+    return Sensor(name=entry.name, position=(x, y), heading_deg=entry.heading_deg, z_m=z[0] if z else None)
+
+
+def _check_heights(file: str, sensors: Sequence[SensorEntry]) -> None:
+    for index, sensor in enumerate(sensors):
+        if len(sensor.position) != len(sensors[0].position):
+            raise DataError(
+                f"{file}: sensor[{index}].position: got {sensor.position!r}, expected {len(sensors[0].position)} "
+                f"numbers as for sensor[0]: either all sensors of a scene have a height, or none has"
+            )
 
 
 def _check_names(file: str, key: str, names: Sequence[str]) -> None:
@@ -217,7 +125,7 @@ def _check_names(file: str, key: str, names: Sequence[str]) -> None:
 
 def scene_to_toml(scene: Scene) -> str:
     """Return the scene as TOML text that reads back to an equal scene."""
-    kinds = {entry.scene_type: kind for kind, entry in _KINDS.items()}
+    kinds = {entry.scene_type: kind for kind, entry in REFLECTOR_KINDS.items()}
     blocks = [] if scene.frame is None else [_block("[frame]", scene.frame)]
     blocks += [_block("[[sensor]]", sensor) for sensor in scene.sensors]
     blocks += [_block("[[reflector]]", reflector, kind=kinds[type(reflector)]) for reflector in scene.reflectors]
@@ -228,8 +136,10 @@ def _block(head: str, item: Any, **keys: Any) -> str:
     """Return an object of a scene as a TOML table: ``keys``, then the fields that differ from their defaults."""
     for field in dataclasses.fields(item):
         value = getattr(item, field.name)
-        if value != field.default:
-            keys[_TOML_NAMES.get(field.name, field.name)] = value
+        if isinstance(item, Sensor) and field.name == "position" and item.z_m is not None:
+            value = (*value, item.z_m)
+        if value != field.default and field.name != "z_m":
+            keys[TOML_NAMES.get(field.name, field.name)] = value
     return "\n".join([head, *(f"{name} = {_toml_value(value)}" for name, value in keys.items()), ""])
 
 

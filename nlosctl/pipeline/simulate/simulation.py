@@ -17,7 +17,7 @@ from nlosctl.io.results.tables import measurement_table
 from nlosctl.pipeline.engine.writing import file_metadata
 from nlosctl.pipeline.solve.sweeps import SweepWords, swept_options
 from nlosctl.scenarios.catalogue import find_scenario
-from nlosctl.scenarios.spec import draw_block, draw_snapshots
+from nlosctl.scenarios.spec import ScenarioSpec, draw_block, draw_snapshots
 
 __all__ = ["Simulation"]
 
@@ -26,14 +26,21 @@ class Simulation:
     """A scenario with its parameters, seed and number of snapshots, at every point of the sweep.
 
     The snapshots of the points follow each other, ``trials`` of each, with consecutive numbers. Every point uses the
-    same random numbers, so that points differ by their parameters only. Raises UsageError for an unknown scenario or
-    parameter, and for a sweep whose points do not fit into one file.
+    same random numbers, so that points differ by their parameters only. ``scene`` is for the scenarios that take one.
+    Raises UsageError for an unknown scenario or parameter, and for a sweep whose points do not fit into one file.
     """
 
     def __init__(
-        self, scenario: str, parameters: Mapping[str, Any], *, seed: int, trials: int, sweep: SweepWords | None = None
+        self,
+        scenario: str,
+        parameters: Mapping[str, Any],
+        *,
+        seed: int,
+        trials: int,
+        sweep: SweepWords | None = None,
+        scene: Scene | None = None,
     ) -> None:
-        self._spec = find_scenario(scenario)
+        self._spec = _in_scene(find_scenario(scenario), scene)
         parse = partial(parse_options, self._spec.options, owner=f"scenario {scenario!r}")
         if trials < 1:
             raise UsageError(f"`trials` must be an int of at least 1. Got {trials!r} instead.")
@@ -99,3 +106,14 @@ class Simulation:
                 f"simulate them one by one with `parameters`"
             )
         return tables[0].schema
+
+
+def _in_scene(spec: ScenarioSpec, scene: Scene | None) -> ScenarioSpec:
+    """Return the scenario in the user's scene, if there is one; raises UsageError for a scenario that takes none."""
+    if scene is None:
+        return spec
+    if spec.of_scene is None:
+        raise UsageError(
+            f"scenario {spec.name!r} has a scene of its own; `scene` is for the scenarios bearings and ranges"
+        )
+    return spec.of_scene(scene)

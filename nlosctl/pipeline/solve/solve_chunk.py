@@ -229,11 +229,15 @@ def dense_batch(
 def with_sensor_heights(chunk: Chunk, target_z_m: float) -> Chunk:
     """Return the chunk with ``sensor_height_m``: the height of each sensor above the plane of the targets, in metres.
 
-    Raises UsageError without a column ``sensor_z_m``.
+    Raises UsageError without heights of all sensors.
     """
     if "sensor_z_m" not in chunk.columns:
-        raise UsageError("`target_z_m` needs the column 'sensor_z_m', the height of each sensor")
+        raise UsageError(
+            "`target_z_m` needs the height of each sensor: a column 'sensor_z_m', or position = [x, y, z] in the scene"
+        )
     height = chunk.columns["sensor_z_m"] - target_z_m
+    if np.isnan(height).any():
+        raise UsageError("`target_z_m` needs the height of each sensor, and the scene lacks some sensors; add them")
     return dataclasses.replace(chunk, columns={**chunk.columns, "sensor_height_m": height})
 
 

@@ -1,0 +1,138 @@
+"""The tables of a scene file: what msgspec decodes, and checks that no type expresses."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, ClassVar
+
+import msgspec
+
+from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.scene import CircleReflector, EarthFrame, LineReflector, SegmentReflector, Sensor
+
+__all__ = ["REFLECTOR_KINDS", "TOML_NAMES", "Entry", "EntryError", "FrameEntry", "SceneEntries", "SensorEntry"]
+
+Number = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Point = tuple[Number, Number]
+Place = Annotated[list[Number], msgspec.Meta(min_length=2, max_length=3)]
+"""Two coordinates, or three with the height."""
+
+TOML_NAMES = {"start": "from", "end": "to"}
+"""Keys of a scene file that differ from the names of the scene's fields."""
+
+
+class EntryError(ValueError):
+    """A fault of an entry: its key ("" for the entry itself), and the rest of the message."""
+
+
+class Entry(msgspec.Struct, forbid_unknown_fields=True):
+    """A table of a scene file. Its fields are the file's keys; ``scene_type`` is the class that it becomes."""
+
+    scene_type: ClassVar[type[Any]]
+
+    def to_scene(self) -> Any:
+        """Return the entry as the scene's object."""
+        return self.scene_type(**msgspec.structs.asdict(self))
+
+
+class SensorEntry(Entry):
+    """A table [[sensor]]."""
+
+    scene_type = Sensor
+
+    name: str
+    position: Place
+    heading_deg: Number | None = None
+
+
+class LineEntry(Entry, tag_field="kind", tag="line"):
+    scene_type = LineReflector
+
+    name: str
+    point: Point | None = None
+    direction: Point | None = None
+    slope: Number | None = None
+    intercept: Number | None = None
+
+    def __post_init__(self) -> None:
+        by_slope = self.slope is not None or self.intercept is not None
+        if by_slope and (self.point is not None or self.direction is not None):
+            raise EntryError("", "has both point/direction and slope/intercept, expected one of the two pairs")
+        for key in ("slope", "intercept") if by_slope else ("point", "direction"):
+            if getattr(self, key) is None:
+                raise EntryError(key, "missing; a line has point and direction, or slope and intercept")
+        if self.direction == (0.0, 0.0):
+            raise EntryError("direction", "got [0, 0], expected a direction of any length except zero")
+
+    def to_scene(self) -> LineReflector:
+        if self.point is not None and self.direction is not None:
+            return LineReflector(name=self.name, point=self.point, direction=self.direction)
+        return LineReflector(name=self.name, point=(0.0, self.intercept or 0.0), direction=(1.0, self.slope or 0.0))
+
+
+class SegmentEntry(Entry, tag_field="kind", tag="segment", rename=TOML_NAMES):
+    scene_type = SegmentReflector
+
+    name: str
+    start: Point
+    end: Point
+
+    def __post_init__(self) -> None:
+        if self.start == self.end:
+            raise EntryError("to", "got the same point as 'from', expected a different one: a wall has a length")
+
+
+class CircleEntry(Entry, tag_field="kind", tag="circle"):
+    scene_type = CircleReflector
+
+    name: str
+    center: Point
+    radius: Number
+    blocker_radius: Number | None = None
+    min_elevation_deg: Number | None = None
+
+    def __post_init__(self) -> None:
+        radius, blocker, elevation = self.radius, self.blocker_radius, self.min_elevation_deg
+        if not radius > 0.0:
+            raise EntryError("radius", f"got {radius:g}, expected a radius above 0")
+        if blocker is not None and not 0.0 < blocker < radius:
+            raise EntryError(
+                "blocker_radius", f"got {blocker:g}, expected one inside the reflector: in (0, {radius:g})"
+            )
+        if elevation is not None and blocker is None:
+            raise EntryError("min_elevation_deg", "needs a blocker_radius: without a blocker there is no horizon")
+        if elevation is not None and not 0.0 <= elevation < 90.0:
+            raise EntryError("min_elevation_deg", f"got {elevation:g}, expected an angle in [0, 90)")
+
+
+class FrameEntry(Entry):
+    """The table [frame]."""
+
+    scene_type = EarthFrame
+
+    crs: str | None = None
+    origin_lat_deg: Number | None = None
+    origin_lon_deg: Number | None = None
+    rotation_deg: Number = 0.0
+
+    def __post_init__(self) -> None:
+        origin = {"origin_lat_deg": self.origin_lat_deg, "origin_lon_deg": self.origin_lon_deg}
+        if list(origin.values()).count(None) != (0 if self.crs is None else 2):
+            raise EntryError("", "expected either crs, or origin_lat_deg and origin_lon_deg")
+        if self.crs is not None and not re.fullmatch(r"[A-Za-z]\w*:\w+", self.crs):
+            raise EntryError("crs", f"got {self.crs!r}, expected the code of an authority, such as EPSG:32632")
+        for (key, value), most in zip(origin.items(), (90.0, 180.0), strict=True):
+            if value is not None and abs(value) > most:
+                raise EntryError(key, f"got {value!r}, expected {-most:g} to {most:g}")
+
+
+class SceneEntries(msgspec.Struct, forbid_unknown_fields=True):
+    """All tables of a scene file."""
+
+    sensor: list[SensorEntry] = []
+    reflector: list[LineEntry | SegmentEntry | CircleEntry] = []
+    frame: FrameEntry | None = None
+
+
+REFLECTOR_KINDS: dict[str, type[Entry]] = {"line": LineEntry, "segment": SegmentEntry, "circle": CircleEntry}
+"""Entries of reflectors by their ``kind``."""

@@ -1,0 +1,66 @@
+"""The schema of scene files, from the entries that read them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from nlosctl.io.scenes.scene_entries import REFLECTOR_KINDS, Entry, FrameEntry, SceneEntries, SensorEntry
+
+__all__ = ["scene_keys", "scene_schema"]
+
+_MEANINGS = {
+    "name": "name, by which rows refer to it; unique",
+    "position": "x, y in metres, or x, y, z with the height (in all sensors of a scene, or none)",
+    "heading_deg": "boresight, clockwise from +y",
+    "kind": "line: an endless mirror; segment: a wall that reflects and blocks; circle: a mirror seen from inside",
+    "point": "x, y in metres of a point of the line (with direction)",
+    "direction": "direction of the line, of any length (with point)",
+    "slope": "slope of the line (with intercept, in place of point and direction)",
+    "intercept": "y in metres at x = 0 (with slope)",
+    "from": "x, y in metres of the wall's first end",
+    "to": "x, y in metres of the wall's other end",
+    "center": "x, y in metres of the circle's centre",
+    "radius": "radius in metres",
+    "blocker_radius": "radius in metres of an opaque concentric circle",
+    "min_elevation_deg": "least elevation above the sensor's horizontal that is received (with blocker_radius)",
+    "crs": "projected CRS of x and y, such as EPSG:32632 (in place of the origin)",
+    "origin_lat_deg": "latitude of x = y = 0 (WGS 84)",
+    "origin_lon_deg": "longitude of x = y = 0 (WGS 84)",
+    "rotation_deg": "direction of the x axis, counter-clockwise from east",
+}
+
+
+def scene_keys() -> list[dict[str, str]]:
+    """Return a row for each key of a scene file: table, key, type, whether it is required, and its meaning."""
+    tables: dict[str, type[Entry]] = {"[[sensor]]": SensorEntry, "[frame]": FrameEntry}
+    tables |= {f"[[reflector]] {kind}": entry for kind, entry in REFLECTOR_KINDS.items()}
+    rows = []
+    for table, entry in tables.items():
+        if table.startswith("[[reflector]]"):
+            kind = table.rpartition(" ")[2]
+            rows.append(_row(table, "kind", repr(kind), is_required=True))
+        for field in msgspec.structs.fields(entry):
+            rows.append(_row(table, field.encode_name, _type_name(field.type), is_required=field.required))
+    return rows
+
+
+def scene_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a scene file, which is TOML."""
+    schema = msgspec.json.schema(SceneEntries)
+    for definition in schema["$defs"].values():
+        for key, content in definition.get("properties", {}).items():
+            if key in _MEANINGS:
+                content["description"] = _MEANINGS[key]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scene", **schema}
+
+
+def _row(table: str, key: str, kind: str, *, is_required: bool) -> dict[str, str]:
+    required = "required" if is_required else ""
+    return {"table": table, "key": key, "type": kind, "required": required, "meaning": _MEANINGS[key]}
+
+
+def _type_name(kind: Any) -> str:
+    names = {"list": "2 or 3 numbers", "tuple": "2 numbers", "str": "text"}
+    return next((name for word, name in names.items() if word in str(kind)), "number")
