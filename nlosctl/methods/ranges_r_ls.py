@@ -32,7 +32,8 @@ def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
 
     Levenberg-Marquardt from the squared-range fit, from its image in the sensors' principal axis and from the crossings
     of circles, in polar coordinates about the sensor of the surest range; with a row by a circle, from the crossings of
-    pairs of rows. The covariance is the inverse Fisher information at the estimate.
+    pairs of rows. The covariance is the inverse Fisher information at the estimate; where circles nearly touch, the
+    second moment of the likelihood about it.
     """
     circles = range_circles(batch)
     one, other = optimize_ranges(circles, options.max_iterations, options.ambiguous_within)

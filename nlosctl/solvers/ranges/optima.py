@@ -15,8 +15,9 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
 from nlosctl.solvers.ranges.bent_search import find_bent_optima
 from nlosctl.solvers.ranges.likelihood import RangeProblem
-from nlosctl.solvers.ranges.search import End, find_range_optima
+from nlosctl.solvers.ranges.search import End, find_range_optima, surest_pole
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
+from nlosctl.solvers.ranges.valley import valley_covariance
 
 __all__ = ["RangeOptimum", "are_apart", "finish_range_fix", "optimize_ranges", "paired_estimates"]
 
@@ -26,6 +27,9 @@ _UNKNOWNS = 2
 _RELATIVE_MINIMUM_RANGE = 1e-6
 _ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
+
+_RIVAL = 10.0
+"""An optimum this many nats costlier than the best is no rival: its covariance is the inverse information."""
 
 _DISTINCT_STANDARD_DEVIATIONS = 1e-3
 """Optima nearer to each other than this are the same."""
@@ -47,20 +51,22 @@ def optimize_ranges(
 ) -> tuple[RangeOptimum, RangeOptimum]:
     """Return the two best range least-squares optima of `find_range_optima`, or with circles `find_bent_optima`; (8).
 
-    The covariance is the inverse Fisher information at the optimum.
+    The covariance is the inverse Fisher information at the optimum, or, without rows by a circle, `valley_covariance`.
     """
     bent = circles.bent_snapshots()
-    if not bent.any():
-        best, other = _straight_optima(circles, max_iterations)
-        return _with_covariance(circles, best), _with_covariance(circles, other)
-    best, other = (End.missing(bent.size) for _ in range(2))
     straight, rows = np.flatnonzero(~bent), np.flatnonzero(bent)
-    parts = [(rows, find_bent_optima(circles.take(rows), max_iterations, infeasible_nats))]
-    parts += [(straight, _straight_optima(circles.take(straight), max_iterations))] if straight.size else []
-    for some, (mine, my_other) in parts:
-        best.put(some, mine)
-        other.put(some, my_other)
-    return _with_covariance(circles, best), _with_covariance(circles, other)
+    if not rows.size:
+        best, other = _straight_optima(circles, max_iterations)
+    else:
+        best, other = (End.missing(bent.size) for _ in range(2))
+        parts = [(rows, find_bent_optima(circles.take(rows), max_iterations, infeasible_nats))]
+        parts += [(straight, _straight_optima(circles.take(straight), max_iterations))] if straight.size else []
+        for some, (mine, my_other) in parts:
+            best.put(some, mine)
+            other.put(some, my_other)
+    with ignoring_invalid():
+        rivals = straight[other.cost[straight] - best.cost[straight] <= _RIVAL]
+    return _with_covariance(circles, best, straight), _with_covariance(circles, other, rivals)
 
 
 def _straight_optima(circles: RangeCircles, max_iterations: int) -> tuple[End, End]:
@@ -69,8 +75,13 @@ def _straight_optima(circles: RangeCircles, max_iterations: int) -> tuple[End, E
     return find_range_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
 
 
-def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
-    return RangeOptimum(end.x, end.y, circles.information(end.x, end.y).inverse(), end.cost, end.converged)
+def _with_covariance(circles: RangeCircles, end: End, rows: IntArray) -> RangeOptimum:
+    """Return optima (B,) with their covariances, by `valley_covariance` in some ``rows``."""
+    covariance = circles.information(end.x, end.y).inverse()
+    part = circles.take(rows)
+    wider = valley_covariance(part, surest_pole(part), end.x[rows], end.y[rows], covariance.take(rows))
+    covariance.put(rows, wider)
+    return RangeOptimum(end.x, end.y, covariance, end.cost, end.converged)
 
 
 def finish_range_fix(
