@@ -72,7 +72,7 @@ def _spelled(column: Column) -> list[dict[str, Any]]:
         {
             "name": spelling.name,
             "type": _TYPES[column.type],
-            "description": f"replaces {column.name}",
+            "description": f"replaces {column.name}{f': {spelling.meaning}' if spelling.meaning else ''}",
             "unit": spelling.name.rpartition("_")[2],
             "optional": True,
             "replaces": column.name,

@@ -234,7 +234,7 @@ def test_triplets_are_tested() -> None:
     np.testing.assert_allclose(2.0 * column(result.estimates, "cost"), [2509.86, 6266.36], rtol=1e-3)
     assert (column(result.estimates, "fit_p_value") < 1e-300).all()
     assert any("ml fits badly: in 2 of 2 fits" in note for note in result.report.notes)
-    assert any("2 of 2 paths fit (0 as given) if all arrivals are turned" in note for note in result.report.notes)
+    assert any("2 of 2 paths fit (0 as given) if 'doa_deg' is read as turned" in note for note in result.report.notes)
 
 
 def test_no_p_value_without_spare_scalars_or_covariance() -> None:

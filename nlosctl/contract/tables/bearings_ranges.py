@@ -10,6 +10,36 @@ from nlosctl.contract.tables.shared import DEGREE, EARLIER_FLAGS, SNAPSHOT, TRUT
 
 __all__ = ["BEARINGS", "RANGES"]
 
+
+def _directions() -> tuple[Spelling, ...]:
+    """Return the spellings of a direction in degrees: from +x or from north, in either sense, towards or back."""
+    spellings = []
+    for back in (False, True):
+        for zero, senses in (("bearing", ("", "_cw")), ("azimuth", ("", "_ccw"))):
+            for other in senses:
+                north, clockwise = zero == "azimuth", (zero == "azimuth") != bool(other)
+                sense, origin = "clockwise" if clockwise else "counter-clockwise", "north" if north else "+x"
+                spellings.append(
+                    Spelling(
+                        name=f"{'back_' if back else ''}{zero}{other}_deg",
+                        scale=-DEGREE if clockwise else DEGREE,
+                        offset=(0.5 * math.pi if north else 0.0) + (math.pi if back else 0.0),
+                        from_north=north,
+                        meaning=f"{sense} from {origin}{', from the source to the sensor' if back else ''}",
+                        usual=not back and not other,
+                    )
+                )
+    return tuple(spellings)
+
+
+def _lengths(name: str) -> tuple[Spelling, ...]:
+    """Return the spellings of ``name`` (without its unit) in other units of length."""
+    units = (("km", 1000.0, "kilometres"), ("cm", 0.01, "centimetres"), ("mm", 0.001, "millimetres"))
+    return tuple(
+        Spelling(name=f"{name}_{unit}", scale=scale, meaning=meaning, usual=False) for unit, scale, meaning in units
+    )
+
+
 _TRUTH = (
     *TRUTH_POSITION,
     Column(
@@ -52,6 +82,7 @@ _RANGE = (
         nullable=True,
         positive=True,
         meaning="path length from source to sensor",
+        spellings=_lengths("range"),
     ),
     Column(
         name="range_std_m",
@@ -61,6 +92,7 @@ _RANGE = (
         positive=True,
         constant_allowed=True,
         meaning="standard deviation of the range error",
+        spellings=_lengths("range_std"),
     ),
 )
 
@@ -128,10 +160,7 @@ BEARINGS = Table(
             largest_magnitude=2.0 * math.pi,
             too_large_means="they seem to be degrees: rename the column to bearing_deg (compass bearings: azimuth_deg)",
             meaning="direction from the sensor towards the incoming wave, counter-clockwise from +x",
-            spellings=(
-                Spelling(name="bearing_deg", scale=DEGREE),
-                Spelling(name="azimuth_deg", scale=-DEGREE, offset=0.5 * math.pi, from_north=True),
-            ),
+            spellings=_directions(),
         ),
         Column(
             name="bearing_std_rad",

@@ -18,13 +18,16 @@ ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
 class Spelling:
     """Another name for a column, in another unit: ``canonical = value * scale + offset``.
 
-    With ``from_north`` it is a direction from true north, for any plane on the earth.
+    With ``from_north`` it is a direction from true north, for any plane on the earth. ``meaning`` completes "as ...".
+    Messages on a missing column list the ``usual`` spellings only.
     """
 
     name: str
     scale: float
     offset: float = 0.0
     from_north: bool = False
+    meaning: str = ""
+    usual: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +62,11 @@ class Column:
     add: str = ""
     every_run: bool = False
     spellings: tuple[Spelling, ...] = ()
+
+    @property
+    def usual_names(self) -> tuple[str, ...]:
+        """The names of its usual other spellings."""
+        return tuple(spelling.name for spelling in self.spellings if spelling.usual)
 
     @property
     def accepted_names(self) -> tuple[str, ...]:

@@ -37,7 +37,16 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
             largest_magnitude=2.0 * math.pi,
             too_large_means=f"they seem to be degrees: rename the column to {name}_deg",
             meaning=f"{meaning}, counter-clockwise from +x",
-            spellings=(Spelling(name=f"{name}_deg", scale=DEGREE),),
+            spellings=(
+                Spelling(name=f"{name}_deg", scale=DEGREE),
+                Spelling(
+                    name=f"back_{name}_deg",
+                    scale=DEGREE,
+                    offset=math.pi,
+                    meaning="turned by 180 degrees (an arrival: the direction of travel)",
+                    usual=False,
+                ),
+            ),
         ),
         Column(
             name=f"{name}_std_rad",

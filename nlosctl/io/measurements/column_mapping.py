@@ -111,8 +111,8 @@ def kind_of_columns(names: Iterable[str]) -> str:
 def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file: str) -> tuple[str, ...]:
     """Return the file's names with ``renames`` (contract's name -> file's name) applied.
 
-    Raises UsageError for a name that the contract does not have, DataError if the file does not have the column, or has
-    the new name already.
+    Two columns may exchange their names. Raises UsageError for a name that the contract does not have, DataError if the
+    file does not have the column, or has the new name already.
     """
     if not renames:
         return tuple(names)
@@ -128,7 +128,7 @@ def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file:
                 f"{file}: `columns` {wanted}={given}: no column {given!r}{did_you_mean(given, names)}. "
                 f"The file has: {', '.join(names)}"
             )
-        if wanted in names and wanted != given:
+        if wanted in names and wanted not in renames.values():
             raise DataError(f"{file}: `columns` {wanted}={given}: the file already has a column {wanted!r}")
         by_file_name[given] = wanted
     return tuple(by_file_name.get(name, name) for name in names)
@@ -221,7 +221,7 @@ def _check_constants(table: Table, constants: Mapping[str, float], mapped: Mappi
 def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file: str) -> str:
     parts = []
     for column in missing:
-        others = [spelling.name for spelling in column.spellings]
+        others = list(column.usual_names)
         near = did_you_mean(column.name, [name for name in names if name not in contract_names()])
         if column.earth_place:
             others = [f"{column.earth_place}_lat_deg with {column.earth_place}_lon_deg"]

@@ -1,66 +1,189 @@
-"""Likely causes of triplets that do not fit: one change for all paths after which most of them do."""
+"""Likely causes of measurements that do not fit: one change of all rows after which most snapshots do."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import erfc
 
+from nlosctl.contract.results import is_fix
 from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import KINDS, Spelling
+from nlosctl.contract.tables.shared import DEGREE
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.models.triplets import path_rows
-from nlosctl.pipeline.solve.method_runs import MethodTally
-from nlosctl.pipeline.solve.solve_chunk import dense_batch
+from nlosctl.pipeline.solve.advice import Measured
+from nlosctl.pipeline.solve.method_runs import method_runs
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch
 from nlosctl.solvers.triplets.target_fits import fit_paths
 
-__all__ = ["cause_remarks", "fit_after_changes", "most_are_bad"]
+__all__ = ["cause_remarks", "fit_after_changes"]
+
+Columns = Mapping[str, npt.NDArray[Any]]
 
 _BAD_P_VALUE = 1e-3
+_BAD_P_VALUE_OF_FEW = 0.05
+_FEW = 5
 _MOST = 0.5
+_NEARLY_ALL = 0.9
 _MOSTLY_INDIRECT = 0.8
 _LARGEST_CHUNK = 2000
-_TRIED = "tried"
-_AS_GIVEN = "as given"
-_TURNED = "turned"
+_MOST_SNAPSHOTS = 200
+_FEWEST_PAIRS = 5
+_TRIED, _AS_GIVEN, _PAIRS, _SHORT, _DEGREES = "tried", "as given", "pairs", "short", "degrees"
 _EXCHANGED = "exchanged"
 _EXCHANGE = {"dod_rad": "doa_rad", "doa_rad": "dod_rad", "dod_std_rad": "doa_std_rad", "doa_std_rad": "dod_std_rad"}
-_TEXTS = {
-    _TURNED: "if all arrivals are turned by 180 degrees: are they directions of travel? The direction of arrival is "
-    "that from the receiver to where the wave comes from; add 180 degrees to the column",
-    _EXCHANGED: "if departure and arrival are exchanged; exchange the two columns of directions",
-}
+_VARIED = {"bearings": "bearing_rad", "ranges": "range_m", "triplets": "doa_rad"}
 
 
-def most_are_bad(tally: MethodTally) -> bool:
-    """Return whether most fits of a chunk are bad, or nearly all of its paths are flagged as indirect."""
-    flagged = tally.verdicts["indirect"] + tally.verdicts["direct"]
-    indirect = tally.verdicts["indirect"] > _MOSTLY_INDIRECT * flagged
-    return indirect or tally.badly_fitted > _MOST * tally.tested
+def _spelling(measured: Measured) -> Spelling:
+    """Return the spelling under which the file has the column that is varied; radians count as their degrees."""
+    column = KINDS[measured.kind].column(_VARIED[measured.kind])
+    given = next((spelling for spelling in column.spellings if spelling.name in measured.names), None)
+    return given or Spelling(name=column.name, scale=1.0 if column.unit == "m" else DEGREE, meaning="metres")
 
 
-def fit_after_changes(chunk: Chunk) -> dict[str, int]:
-    """Return how many paths were tried (at most the chunk's first 2000), and how many fit as given and after changes.
+def _others(measured: Measured) -> list[Spelling]:
+    """Return the other spellings of that column: first those turned by 180 degrees, then the usual ones."""
+    given, column = _spelling(measured), KINDS[measured.kind].column(_VARIED[measured.kind])
+    known = [*column.spellings, *([Spelling(name=column.name, scale=1.0, meaning="metres")] * (column.unit == "m"))]
+    others = [other for other in known if other.meaning and not _same(given, other)]
+    return sorted(others, key=lambda other: (not _is_turned(given, other), not other.usual))
 
-    Each path is fitted by itself. The changes: all arrivals turned by 180 degrees; departure and arrival exchanged.
+
+def _same(given: Spelling, other: Spelling) -> bool:
+    return given.scale == other.scale and given.offset == other.offset
+
+
+def _is_turned(given: Spelling, other: Spelling) -> bool:
+    return given.scale == other.scale and abs(given.offset - other.offset) == np.pi
+
+
+def fit_after_changes(chunk: Chunk, measured: Measured) -> dict[str, int]:
+    """Return how many snapshots (of triplets: paths) were tried, and how many fit as given and after each change.
+
+    At most the first 200 of a chunk (2000 paths) are tried: those of three or more rows, else (``pairs``) of two.
     """
+    if measured.kind == "triplets":
+        return _fits_of_paths(chunk, measured)
+    rows = np.add.reduceat(~chunk.left_out, chunk.offsets[:-1]) if chunk.left_out.size else np.zeros(0, dtype=np.int64)
+    wanted = np.flatnonzero(rows > 2)[:_MOST_SNAPSHOTS]
+    pairs = not wanted.size
+    if pairs:
+        wanted = np.flatnonzero(rows == 2)[:_MOST_SNAPSHOTS]
+    if not wanted.size:
+        return {}
+    part = _snapshots(chunk, wanted)
+    counts = {_TRIED: wanted.size, _PAIRS: wanted.size * pairs, _AS_GIVEN: _fitting(part, measured)}
+    counts[_DEGREES] = wanted.size * _are_degrees(part.columns)
+    for name, columns in _changes(part.columns, measured):
+        counts[name] = _fitting(replace(part, columns=columns), measured)
+    return counts
+
+
+def _snapshots(chunk: Chunk, wanted: npt.NDArray[Any]) -> Chunk:
+    """Return a chunk of some snapshots of another, without its table."""
+    starts, ends = chunk.offsets[wanted], chunk.offsets[wanted + 1]
+    rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
+    return replace(
+        chunk,
+        table=None,
+        snapshot=chunk.snapshot.take(wanted),
+        offsets=np.concatenate([[0], np.cumsum(ends - starts)]),
+        columns={name: values[rows] for name, values in chunk.columns.items()},
+        left_out=chunk.left_out[rows],
+    )
+
+
+def _are_degrees(columns: Columns) -> bool:
+    """Return whether all positions of sensors may be longitudes and latitudes of a region of a degree."""
+    x, y = columns["sensor_x_m"], columns["sensor_y_m"]
+    return bool((np.abs(x) <= 360.0).all() and (np.abs(y) <= 90.0).all() and max(np.ptp(x), np.ptp(y)) < 1.0)
+
+
+def _changes(columns: Columns, measured: Measured) -> Iterator[tuple[str, Columns]]:
+    given, name = _spelling(measured), _VARIED[measured.kind]
+    stated = (columns[name] - given.offset) / given.scale
+    for other in _others(measured):
+        changed = {**columns, name: stated * other.scale + other.offset}
+        if name == "range_m" and "range_std_m" not in measured.constants:
+            changed["range_std_m"] = columns["range_std_m"] * (other.scale / given.scale)
+        yield other.name, changed
+
+
+def _fitting(chunk: Chunk, measured: Measured) -> int:
+    """Return the number of snapshots with a fix by maximum likelihood whose residuals fit their standard deviations.
+
+    Few snapshots fit after one of seven changes by chance more easily; they need a larger p-value.
+    """
+    runs = tuple(method_runs(["ml"], measured.kind, "localize", {}))
+    solver = ChunkSolver(kind=measured.kind, scene=measured.scene, runs=runs)
+    estimates = solver.solve(chunk, np.zeros(len(chunk.snapshot), dtype=np.uint64)).estimates
+    assert estimates is not None  # noqa: S101 - ml estimates
+    least = _BAD_P_VALUE if len(chunk.snapshot) >= _FEW else _BAD_P_VALUE_OF_FEW
+    fits = is_fix(estimates.status) & ~(estimates.fit_p_value < least)
+    return int(np.count_nonzero(fits & (estimates.alternative == 0)))
+
+
+def _fits_of_paths(chunk: Chunk, measured: Measured) -> dict[str, int]:
+    """Return the counts of paths, each fitted by itself, and of those that are shorter than their baseline."""
     rows = np.flatnonzero(~chunk.left_out)[:_LARGEST_CHUNK, None]
-    turned = {**chunk.columns, "doa_rad": chunk.columns["doa_rad"] + np.pi}
     exchanged = {**chunk.columns, **{name: chunk.columns[other] for name, other in _EXCHANGE.items()}}
-    changes = {_AS_GIVEN: chunk.columns, _TURNED: turned, _EXCHANGED: exchanged}
+    changes = {_AS_GIVEN: chunk.columns, **dict(_changes(chunk.columns, measured)), _EXCHANGED: exchanged}
     counts = {_TRIED: rows.size}
     for name, columns in changes.items():
         batch: Any = dense_batch("triplets", columns, rows, scene=Scene())
         p_value = erfc(np.sqrt(fit_paths(path_rows(batch)).cost))
         counts[name] = int(np.count_nonzero(p_value >= _BAD_P_VALUE))
+    one = {name: values[rows[:, 0]] for name, values in chunk.columns.items()}
+    baseline = np.hypot(one["tx_x_m"] - one["rx_x_m"], one["tx_y_m"] - one["rx_y_m"])
+    counts[_SHORT] = int(np.count_nonzero(one["path_length_m"] < baseline - 3.0 * one["path_length_std_m"]))
     return counts
 
 
-def cause_remarks(counts: Mapping[str, int]) -> list[str]:
-    """Return a line for the change after which most paths fit that do not fit as given; ``counts`` of all chunks."""
+def cause_remarks(counts: Mapping[str, int], measured: Measured) -> list[str]:
+    """Return a line for the change after which most fit that do not fit as given; ``counts`` of all chunks."""
     tried = counts.get(_TRIED, 0)
-    best = max(_TEXTS, key=lambda name: counts.get(name, 0))
-    if not tried or counts[_AS_GIVEN] > _MOST * tried or counts[best] <= _MOST * tried:
+    if not tried or counts[_AS_GIVEN] > _MOST * tried:
         return []
-    return [f"{counts[best]} of {tried} paths fit ({counts[_AS_GIVEN]} as given) {_TEXTS[best]}"]
+    if counts.get(_SHORT, 0) > _MOST * tried:
+        return [
+            f"{counts[_SHORT]} of {tried} paths are shorter than the way from transmitter to receiver: are the delays "
+            "relative to the first path? Add its delay to all, or give path_length_m"
+        ]
+    pairs = counts.get(_PAIRS, 0) > _MOST * tried
+    changes = [other.name for other in _others(measured)] + [_EXCHANGED] * (measured.kind == "triplets")
+    best = max(changes, key=lambda name: counts.get(name, 0))
+    if counts.get(best, 0) > (_NEARLY_ALL if pairs else _MOST) * tried and not (pairs and tried < _FEWEST_PAIRS):
+        what = "paths" if measured.kind == "triplets" else "snapshots"
+        return [f"{counts[best]} of {tried} {what} fit ({counts[_AS_GIVEN]} as given) {_change(best, measured)}"]
+    if counts.get(_DEGREES, 0) > _MOST * tried and "sensor_x_m" in measured.names:
+        lat, lon = measured.option("sensor_y_m", "sensor_lat_deg"), measured.option("sensor_x_m", "sensor_lon_deg")
+        return [f"the sensors' x and y are within a degree: are they longitudes and latitudes? Then {lat} and {lon}"]
+    return []
+
+
+def _change(name: str, measured: Measured) -> str:
+    given = _spelling(measured).name
+    if name == _EXCHANGED:
+        dod = given.replace("doa", "dod")
+        return (
+            f"if departure and arrival are exchanged: {measured.option(dod, given)} and {measured.option(given, dod)}"
+        )
+    meaning = next(other.meaning for other in _others(measured) if other.name == name)
+    header = measured.headers.get(given, given)
+    if given.endswith("_rad"):
+        return f"if {header!r} is read as {meaning}: convert it to degrees and name it {name}"
+    option = measured.option(given, name)
+    if measured.kind == "ranges" and "range_std_m" not in measured.constants:
+        option += f" and {measured.option(_std(given), _std(name))}"
+    return f"if {header!r} is read {'in' if measured.kind == 'ranges' else 'as'} {meaning}: {option}"
+
+
+def _std(name: str) -> str:
+    return re.sub("^range_", "range_std_", name)

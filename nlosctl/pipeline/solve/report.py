@@ -16,10 +16,17 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field, PolygonField
 from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import KINDS
 from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally
 
-__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "heights_remark", "method_remarks"]
+__all__ = [
+    "MethodTally",
+    "RunReport",
+    "chi_square_p_value",
+    "fit_p_values",
+    "heights_remark",
+    "method_remarks",
+    "offers_mixture",
+]
 
 _NEARLY_ALL = 0.9995
 _CLOSED_FORM_DEGREES = 40
@@ -33,8 +40,8 @@ class RunReport:
 
     ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`; ``refits``
     counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`; ``rejoined`` are
-    snapshots across parts, see `nlosctl.io.measurements.returned_ids`; ``learned`` are
-    the options that the methods estimated from the input.
+    snapshots across parts, see `nlosctl.io.measurements.returned_ids`; ``largest_snapshot`` is its number of rows that
+    take part; ``learned`` are the options that the methods estimated from the input.
     """
 
     kind: str
@@ -44,6 +51,7 @@ class RunReport:
     bad_rows: int = 0
     snapshots: int = 0
     snapshots_lost: int = 0
+    largest_snapshot: int = 0
     methods: dict[str, MethodTally] = field(default_factory=dict)
     flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
     refits: Counter[str] = field(default_factory=Counter)
@@ -57,8 +65,8 @@ class RunReport:
         """Return all counts as plain values, for `take`."""
         methods = {name: tally.counts() for name, tally in self.methods.items()}
         counted = {name: getattr(self, name) for name in self._COUNTED}
-        further = {"inputs": self.inputs, "flat_plane": self.flat_plane, "refits": dict(self.refits)}
-        further["rejoined"] = self.rejoined
+        further: dict[str, Any] = {"inputs": self.inputs, "flat_plane": self.flat_plane, "refits": dict(self.refits)}
+        further |= {"rejoined": self.rejoined, "largest_snapshot": self.largest_snapshot}
         return {**counted, "methods": methods, **further}
 
     def take(self, counts: Mapping[str, Any]) -> None:
@@ -71,6 +79,7 @@ class RunReport:
             self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
         self.refits.update(counts["refits"])
         self.rejoined += counts["rejoined"]
+        self.largest_snapshot = max(self.largest_snapshot, counts["largest_snapshot"])
         for entry in counts["inputs"]:
             if self.inputs and self.inputs[-1]["name"] == entry["name"]:
                 self.inputs[-1] = {**entry, "rows": self.inputs[-1]["rows"] + entry["rows"]}
@@ -180,7 +189,6 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
         *_misses(report),
         *_own_remarks(runs),
         *_estimated_options(report),
-        *_no_positions(runs, report),
         *_half_ranges(runs),
         *_outlier_shares(runs, report),
         *_bad_fits(runs, report),
@@ -248,14 +256,6 @@ def _estimated_options(report: RunReport) -> list[str]:
     return notes
 
 
-def _no_positions(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
-    located = any(tally.answered or tally.statuses[Status.OUTSIDE_FIELD.word] for tally in report.methods.values())
-    if located or not report.snapshots or all(run.spec.job != "localize" for run in runs):
-        return []
-    names = [spelling.name for column in KINDS[report.kind].columns for spelling in column.spellings]
-    return [f"no snapshot got a fix; check units and sense of the angles (there are also {', '.join(names)})"]
-
-
 def _fits(report: RunReport) -> str:
     return "fits" if report.kind == "triplets" else "snapshots"
 
@@ -281,7 +281,7 @@ def _outlier_shares(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     bad = [(name, tally) for name, tally in report.methods.items() if tally.fits_badly]
-    advice = "; try `method` mixture-ml" if bad and _offers_mixture(runs, report.kind) else ""
+    advice = "; try `method` mixture-ml" if bad and offers_mixture(runs, report.kind) else ""
     return [
         f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} {_fits(report)} the residuals are larger than "
         f"their standard deviations explain{advice}"
@@ -289,7 +289,7 @@ def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     ]
 
 
-def _offers_mixture(runs: Sequence[MethodRun], kind: str) -> bool:
+def offers_mixture(runs: Sequence[MethodRun], kind: str) -> bool:
     """Return whether mixture-ml exists for this kind and does the job of the runs, but did not run."""
     if "mixture-ml" in {run.spec.name for run in runs}:
         return False

@@ -22,6 +22,7 @@ from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
 from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
+from nlosctl.pipeline.solve.advice import Measured, advice, trials
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, heights_remark, method_remarks
@@ -134,13 +135,18 @@ class MeasurementRun:
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, self._known_columns(), self._options.field),
-            *(self._causes() if self.report.refits else ()),
+            *advice(self._runs, self.report, self._measured()),
         ]
 
-    def _causes(self) -> list[str]:
-        from nlosctl.pipeline.solve.likely_causes import cause_remarks
-
-        return cause_remarks(self.report.refits)
+    def _measured(self) -> Measured:
+        options = self.reader.options
+        return Measured(
+            kind=self.reader.kind,
+            scene=self.reader.scene,
+            names=tuple(self.reader.column_names),
+            headers=options.columns,
+            constants=tuple(options.constants),
+        )
 
     def _known_columns(self) -> list[str]:
         """Return the columns of the input, and those that a constant replaces."""
@@ -252,6 +258,8 @@ class MeasurementRun:
         """Return the counts of a chunk, for the report to take."""
         report, frame = self._new_report(), self.reader.scene.frame
         report.rows = int(chunk.offsets[-1])
+        taking_part = np.add.reduceat(~chunk.left_out, chunk.offsets[:-1], dtype=np.int64)
+        report.largest_snapshot = int(taking_part.max())
         for number, run in enumerate(self._runs):
             tally = report.methods[run.label]
             if solution.estimates is not None:
@@ -259,8 +267,7 @@ class MeasurementRun:
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
         self._count_lone_rows(chunk, solution, report)
-        if self.reader.kind == "triplets":
-            report.refits.update(self._refits(chunk, report))
+        report.refits.update(trials(self._runs, report, chunk, self._measured()))
         if frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
@@ -271,11 +278,6 @@ class MeasurementRun:
             from nlosctl.pipeline.solve.outlier_shares import count_lone_rows
 
             count_lone_rows(methods, chunk, solution.estimates)
-
-    def _refits(self, chunk: Chunk, report: RunReport) -> dict[str, int]:
-        from nlosctl.pipeline.solve.likely_causes import fit_after_changes, most_are_bad
-
-        return fit_after_changes(chunk) if any(map(most_are_bad, report.methods.values())) else {}
 
     def _finish(self) -> None:
         read = self.reader.report

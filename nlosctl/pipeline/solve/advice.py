@@ -1,0 +1,111 @@
+"""What to do where most snapshots of a run do not fit, or none has a fix: advice by kind and status."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.statuses import Status
+from nlosctl.io.measurements.reader import Chunk
+from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
+from nlosctl.pipeline.solve.report import RunReport, offers_mixture
+
+__all__ = ["Measured", "advice", "trials"]
+
+_MOST = 0.5
+_MOSTLY_INDIRECT = 0.8
+
+_LENGTHS = "are positions and measurements in the units of their columns (metres; range_km, range_cm, range_mm)?"
+_ONE_SOURCE = "are the rows of a snapshot of one source, and are their standard deviations correct?"
+_ADVICE = {
+    ("bearings", Status.DEGENERATE): "the lines are nearly parallel for their errors, or meet at a sensor: "
+    "are the standard deviations in the unit of their column, and the positions in metres?",
+    ("ranges", Status.DEGENERATE): f"the circles do not determine a point: {_LENGTHS}",
+    ("triplets", Status.DEGENERATE): "the paths do not determine a point: are they longer than the way from "
+    "transmitter to receiver, and the positions in metres?",
+}
+_OF_ALL_KINDS = {
+    Status.BEHIND: f"the lines meet behind sensors: {_ONE_SOURCE}",
+    Status.NOT_CONVERGED: _LENGTHS,
+    Status.NO_CANDIDATE: "no two rows agree within the search region; enlarge it by `field`",
+    Status.NO_TARGET: "no path is direct: are the standard deviations correct?",
+    Status.NO_CONSENSUS: _ONE_SOURCE,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What the trials know of the input: kind, scene, columns after renaming, headers by new names, constants."""
+
+    kind: str
+    scene: Scene
+    names: Collection[str]
+    headers: Mapping[str, str]
+    constants: Collection[str]
+
+    def option(self, name: str, other: str) -> str:
+        """Return the setting that reads the file's column for ``name`` as ``other``."""
+        return f"`columns` {other}={self.headers.get(name, name)}"
+
+
+def trials(runs: Sequence[MethodRun], report: RunReport, chunk: Chunk, measured: Measured) -> dict[str, int]:
+    """Return how many snapshots of a chunk fit after changes, if most have no fix or a bad one; not for echoes."""
+    tallies = [report.methods[run.label] for run in runs if run.spec.job != "identify-los"]
+    if not any(_most_are_bad(tally) for tally in tallies):
+        return {}
+    from nlosctl.pipeline.solve.likely_causes import fit_after_changes
+
+    return fit_after_changes(chunk, measured)
+
+
+def _most_are_bad(tally: MethodTally) -> bool:
+    """Return whether most snapshots have no fix or a bad one, or nearly all paths are called indirect."""
+    flagged = tally.verdicts["indirect"] + tally.verdicts["direct"]
+    if flagged:
+        return tally.verdicts["indirect"] > _MOSTLY_INDIRECT * flagged or tally.badly_fitted > _MOST * tally.tested
+    total = tally.total - tally.statuses[Status.TOO_FEW.word]
+    return total - tally.answered + tally.badly_fitted > _MOST * total
+
+
+def advice(runs: Sequence[MethodRun], report: RunReport, measured: Measured) -> list[str]:
+    """Return the likely cause where most snapshots do not fit, else advice by the statuses if there is no fix."""
+    if report.refits:
+        from nlosctl.pipeline.solve.likely_causes import cause_remarks
+
+        causes = cause_remarks(report.refits, measured)
+        if causes:
+            return causes
+    return _no_fix(runs, report, measured)
+
+
+def _no_fix(runs: Sequence[MethodRun], report: RunReport, measured: Measured) -> list[str]:
+    """Return a line of advice if no method of ``localize`` has a fix; it follows from the most frequent status."""
+    tallies = [report.methods[run.label] for run in runs]
+    located = any(tally.answered or tally.statuses[Status.OUTSIDE_FIELD.word] for tally in tallies)
+    if located or not report.snapshots or all(run.spec.job != "localize" for run in runs):
+        return []
+    statuses: Counter[str] = sum((tally.statuses for tally in tallies), Counter())
+    status = next(status for status in Status if status.word == statuses.most_common(1)[0][0])
+    column = measured.headers.get("snapshot", "snapshot")
+    few = status == Status.TOO_FEW
+    advice = _few_rows(runs, report, column) if few else _of_status(runs, report, status)
+    return [f"no snapshot has a fix ({statuses[status.word]} of {statuses.total()} are {status.word}): {advice}"]
+
+
+def _few_rows(runs: Sequence[MethodRun], report: RunReport, snapshot_column: str) -> str:
+    largest, least = report.largest_snapshot, min(run.spec.minimum_measurements for run in runs)
+    if largest == 1 and report.snapshots > 1:
+        return (
+            f"every snapshot has one row, because no two rows have the same {snapshot_column!r}; give the rows of one "
+            "position of the source the same value, such as the number of a window of time"
+        )
+    rows = "1 row" if largest == 1 else f"{largest} rows"
+    return f"the largest snapshot has {rows} that take part, and at least {least} are needed"
+
+
+def _of_status(runs: Sequence[MethodRun], report: RunReport, status: Status) -> str:
+    if status == Status.BEHIND and offers_mixture(runs, report.kind):
+        return "the lines meet behind sensors; if some bearings are outliers, try `method` mixture-ml"
+    return _ADVICE.get((report.kind, status)) or _OF_ALL_KINDS.get(status, status.meaning)
