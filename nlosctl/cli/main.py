@@ -69,6 +69,19 @@ class _Terminated(KeyboardInterrupt):
         self.number = number
 
 
+class _Command(SettingsCommand):
+    """A command that notes the variables NLOSCTL_... that set nothing, unless it is quiet."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Print the notes, and run the command."""
+        if not ctx.params.get("quiet") and any(name.startswith("NLOSCTL_") for name in os.environ):
+            from nlosctl.cli.options.config_file import unknown_variables
+
+            for line in unknown_variables(ctx.find_root().command.commands):
+                print_message(line)
+        return super().invoke(ctx)
+
+
 app = typer.Typer(
     name="nlosctl",
     help="Localize radio, acoustic and radar sources from files of measurements when some paths are not line of "
@@ -114,7 +127,7 @@ _COMMANDS = (
 for _name, _command in _COMMANDS:
     _epilog = PLOT_EPILOG if _command is plot else None
     _help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(_command.__doc__ or ""))  # paragraphs fill the terminal
-    app.command(_name, cls=SettingsCommand, epilog=_epilog, help=_help)(_guarded(_command))
+    app.command(_name, cls=_Command, epilog=_epilog, help=_help)(_guarded(_command))
 app.add_typer(methods_app, name="methods")
 app.add_typer(config_app, name="config")
 

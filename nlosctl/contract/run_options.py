@@ -110,11 +110,11 @@ class InputOptions:
         f"{_READ} plot", metavar="NAME=HEADER", complete="column")
     constants: Mapping[str, float] = _with_flags(
         {},
-        _std("--bearing-std-deg", "bearing_std_rad", "bearing", "localize bound validate"),
-        _std("--range-std-m", "range_std_m", "range", "localize identify-los validate"),
-        _std("--dod-std-deg", "dod_std_rad", "departure direction", "localize detect-ip validate"),
-        _std("--doa-std-deg", "doa_std_rad", "arrival direction", "localize detect-ip validate"),
-        _std("--path-length-std-m", "path_length_std_m", "path length", "localize detect-ip validate"))
+        _std("--bearing-std-deg", "bearing_std_rad", "bearing", "localize bound validate plot"),
+        _std("--range-std-m", "range_std_m", "range", "localize identify-los bound validate plot"),
+        _std("--dod-std-deg", "dod_std_rad", "departure direction", "localize detect-ip validate plot"),
+        _std("--doa-std-deg", "doa_std_rad", "arrival direction", "localize detect-ip validate plot"),
+        _std("--path-length-std-m", "path_length_std_m", "path length", "localize detect-ip validate plot"))
     all_rows: bool = _option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
         f"{_SOLVE} bound")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 
 from nlosctl.errors import UsageError
@@ -17,6 +18,8 @@ __all__ = [
     "Sensor",
     "parse_frame",
 ]
+
+_ORIGIN = "`origin`"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,15 +103,22 @@ class EarthFrame:
 
 
 def parse_frame(text: str, option: str) -> EarthFrame:
-    """Return the frame of ``LAT,LON[,ROTATION]`` or ``CRS [ROTATION]`` (commas or spaces); raises UsageError."""
+    """Return the frame of ``LAT,LON[,ROTATION]`` or ``CRS [ROTATION]`` (commas or spaces); raises UsageError.
+
+    A number alone is an EPSG code, except as an origin.
+    """
     parts = text.replace(",", " ").split()
+    if len(parts) == 1 and option != _ORIGIN and re.fullmatch(r"[0-9]{4,6}", parts[0]):
+        parts = [f"EPSG:{parts[0]}"]
     numbers = [number for part in parts if (number := _number(part)) is not None]
     if len(numbers) == len(parts) and len(parts) in (2, 3) and abs(numbers[0]) <= 90.0 and abs(numbers[1]) <= 180.0:
         turn = numbers[2] if len(parts) == 3 else 0.0
         return EarthFrame(origin_lat_deg=numbers[0], origin_lon_deg=numbers[1], rotation_deg=turn)
     if len(parts) in (1, 2) and len(numbers) == len(parts) - 1 and _number(parts[0]) is None:
         return EarthFrame(crs=parts[0], rotation_deg=numbers[0] if numbers else 0.0)
-    raise UsageError(f"{option} takes LAT,LON in degrees (LAT from -90 to 90) or a CRS. Got {text!r} instead.")
+    if option == _ORIGIN:
+        raise UsageError(f"{option} takes LAT,LON in degrees (LAT from -90 to 90). Got {text!r} instead.")
+    raise UsageError(f"{option} takes a CRS, such as EPSG:32632 (LAT,LON belongs to `origin`). Got {text!r} instead.")
 
 
 def _number(text: str) -> float | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any
@@ -10,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from nlosctl.cli.options.completion import complete_command
+from nlosctl.cli.options.config_file import unknown_variables
 from nlosctl.cli.options.declarations import CONFIG_HELP, Debug, Json
 from nlosctl.cli.options.settings import (
     CONFIG_VARIABLE,
@@ -19,15 +19,11 @@ from nlosctl.cli.options.settings import (
     command_settings,
     long_name,
     options_of,
-    variable_name,
 )
 from nlosctl.cli.terminal import print_json, print_message, print_table
-from nlosctl.contract.limits import LIMITS, SIZES, limit_variable, size_variable
 from nlosctl.errors import UsageError, did_you_mean
 
 __all__ = ["config_app"]
-
-_OTHER_VARIABLES = (CONFIG_VARIABLE, "NLOSCTL_DEBUG", "NLOSCTL_NO_PLUGINS")
 
 config_app = typer.Typer(help="Show the effective settings and their sources.", no_args_is_help=True)
 
@@ -65,7 +61,8 @@ def show(
         settings = list(_settings(inner, flags or [], config))
         rows += settings if command is not None else [row for row in settings if row["source"] != "default"]
     if command is None:
-        _report_unknown_variables(commands)
+        for line in unknown_variables(commands):
+            print_message(line)
     if json:
         print_json(rows)
     elif not rows:
@@ -109,12 +106,3 @@ def _shown(value: Any) -> str:
     if isinstance(value, list | tuple):
         return shlex.join(map(str, value))
     return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _report_unknown_variables(commands: dict[str, Any]) -> None:
-    """Print the variables NLOSCTL_... without effect: a misspelt name would remain unnoticed."""
-    known = {variable_name(name, option) for name, command in commands.items() for option in options_of(command)}
-    known.update(_OTHER_VARIABLES, map(limit_variable, LIMITS), map(size_variable, SIZES))
-    for variable in sorted(os.environ):
-        if variable.startswith("NLOSCTL_") and variable not in known:
-            print_message(f"nlosctl: {variable} sets nothing{did_you_mean(variable, known)}")

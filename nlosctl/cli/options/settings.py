@@ -16,10 +16,8 @@ import typer
 from typer.core import TyperCommand
 
 from nlosctl.cli.options import completion
-from nlosctl.contract.limits import parse_toml, read_limited
 from nlosctl.contract.run_options import PANELS, Flag, InputOptions, OutputOptions, SolveOptions, flags_of
-from nlosctl.errors import DataError, UsageError, did_you_mean
-from nlosctl.io.paths.locations import location
+from nlosctl.errors import UsageError
 
 __all__ = [
     "CONFIG_VARIABLE",
@@ -69,7 +67,9 @@ class SettingsCommand(TyperCommand):
 def take_config(context: typer.Context, value: str | None) -> str | None:
     """Add the settings of the config file as defaults after those of the environment: the callback of ``--config``."""
     if value is not None:
-        given = {name: setting.value for name, setting in _from_file(context, value).items()}
+        from nlosctl.cli.options.config_file import settings_of_file
+
+        given = {name: setting.value for name, setting in settings_of_file(context, value).items()}
         context.default_map = {**given, **(context.default_map or {})}
     return value
 
@@ -79,7 +79,11 @@ def command_settings(context: Any, config: str | None) -> dict[str, Setting]:
     from_environment = _from_environment(context.command, context.info_name, os.environ)
     if config is None and _CONFIG in from_environment:
         config = from_environment[_CONFIG].value
-    return {**({} if config is None else _from_file(context, config)), **from_environment}
+    if config is None:
+        return from_environment
+    from nlosctl.cli.options.config_file import settings_of_file
+
+    return {**settings_of_file(context, config), **from_environment}
 
 
 def options_of(command: Any) -> dict[str, Any]:
@@ -126,46 +130,6 @@ def _split(text: str, variable: str) -> list[str]:
         return shlex.split(text)
     except ValueError as error:
         raise UsageError(f"{variable}: {str(error).lower()} in {text!r}; quote words with blanks") from error
-
-
-def _from_file(context: Any, path: str) -> dict[str, Setting]:
-    """Return the settings in the command's table of a TOML file; every table must be that of a command."""
-    content = _read(path)
-    commands = context.find_root().command.commands
-    for name in content:
-        if name not in commands:
-            raise UsageError(f"--config {path}: no command {name!r}{did_you_mean(name, commands)}")
-    command = context.info_name
-    section = content.get(command, {})
-    if not isinstance(section, dict):
-        raise UsageError(f"--config {path}: {command}: got {section!r}, expected a table [{command}]")
-    known = {name: option for name, option in options_of(context.command).items() if name != _CONFIG}
-    settings = {}
-    for key, value in section.items():
-        parameter = known.get(key.replace("_", "-"))
-        if parameter is None:
-            raise UsageError(f"--config {path}: [{command}] has no setting {key!r}{did_you_mean(key, known)}")
-        repeatable = bool(getattr(parameter, "multiple", False))
-        settings[str(parameter.name)] = Setting(value=_value(value, repeatable=repeatable), source=f"config {path}")
-    return settings
-
-
-def _read(path: str) -> dict[str, Any]:
-    try:
-        text = read_limited(location(path), f"--config {path}")
-    except OSError as error:
-        raise DataError(f"--config {path}: {error.strerror}") from error
-    return parse_toml(text, f"--config {path}")
-
-
-def _value(setting: Any, *, repeatable: bool) -> Any:
-    if isinstance(setting, dict):
-        return [f"{key}={_text(item)}" for key, item in setting.items()]
-    return [setting] if repeatable and not isinstance(setting, list) else setting
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

@@ -20,7 +20,7 @@ from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES
+from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, KINDS, SCORES
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.measurements.reader import MeasurementReader
@@ -156,7 +156,7 @@ def read_sampled(file: PlotInput, wanted: Sequence[str], limit: int | None) -> S
 
 def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) -> PlotSnapshot:
     """Return the measurements of one snapshot (default: the first); raises DataError if it does not exist."""
-    reader = MeasurementReader([file.input()], options)
+    reader = MeasurementReader([file.input()], _with_missing_constants(file, options))
     try:
         for chunk in reader.chunks():
             ids = [str(word) for word in chunk.snapshot.to_pylist()]
@@ -178,6 +178,18 @@ def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) 
     finally:
         reader.close()
     raise DataError(f"{file.name}: no snapshot {snapshot!r}")
+
+
+def _with_missing_constants(file: PlotInput, options: InputOptions) -> InputOptions:
+    """Return the options without constants that the file has as columns: all files of a figure share the options."""
+    columns = {column.name: column for column in KINDS[file.kind].columns if column.constant_allowed}
+    known = {*file.names, *options.columns}
+    constants = {
+        name: value
+        for name, value in options.constants.items()
+        if name in columns and known.isdisjoint(columns[name].accepted_names)
+    }
+    return dataclasses.replace(options, constants=constants)
 
 
 def read_rows_of_snapshot(file: PlotInput, snapshot: str | None) -> tuple[str, Columns]:

@@ -8,14 +8,10 @@ from dataclasses import dataclass
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.io.measurements.reader import Chunk
-from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
+from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.report import RunReport, offers_mixture
 
-__all__ = ["Measured", "advice", "trials"]
-
-_MOST = 0.5
-_MOSTLY_INDIRECT = 0.8
+__all__ = ["Measured", "advice"]
 
 _LENGTHS = "are positions and measurements in the units of their columns (metres; range_km, range_cm, range_mm)?"
 _ONE_SOURCE = "are the rows of a snapshot of one source, and are their standard deviations correct?"
@@ -48,25 +44,6 @@ class Measured:
     def option(self, name: str, other: str) -> str:
         """Return the setting that reads the file's column for ``name`` as ``other``."""
         return f"`columns` {other}={self.headers.get(name, name)}"
-
-
-def trials(runs: Sequence[MethodRun], report: RunReport, chunk: Chunk, measured: Measured) -> dict[str, int]:
-    """Return how many snapshots of a chunk fit after changes, if most have no fix or a bad one; not for echoes."""
-    tallies = [report.methods[run.label] for run in runs if run.spec.job != "identify-los"]
-    if not any(_most_are_bad(tally) for tally in tallies):
-        return {}
-    from nlosctl.pipeline.solve.likely_causes import fit_after_changes
-
-    return fit_after_changes(chunk, measured)
-
-
-def _most_are_bad(tally: MethodTally) -> bool:
-    """Return whether most snapshots have no fix or a bad one, or nearly all paths are called indirect."""
-    flagged = tally.verdicts["indirect"] + tally.verdicts["direct"]
-    if flagged:
-        return tally.verdicts["indirect"] > _MOSTLY_INDIRECT * flagged or tally.badly_fitted > _MOST * tally.tested
-    total = tally.total - tally.statuses[Status.TOO_FEW.word]
-    return total - tally.answered + tally.badly_fitted > _MOST * total
 
 
 def advice(runs: Sequence[MethodRun], report: RunReport, measured: Measured) -> list[str]:

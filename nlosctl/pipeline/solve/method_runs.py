@@ -36,6 +36,8 @@ __all__ = [
 STATUS_WORDS = tuple(status.word for status in Status)
 _BAD_FIT_P_VALUE = 1e-3
 _BAD_FIT_SHARE = 0.05
+_MOST = 0.5
+_MOSTLY_INDIRECT = 0.8
 _VERDICTS = {"ip": ("direct", "indirect"), "los": ("not line of sight", "line of sight")}
 _ANSWERED = {status.word for status in Status if status.is_fix}
 
@@ -153,6 +155,15 @@ class MethodTally:
     def answered(self) -> int:
         """The number of snapshots and targets with a fix."""
         return sum(count for word, count in self.statuses.items() if word in _ANSWERED)
+
+    @property
+    def mostly_bad(self) -> bool:
+        """Whether most snapshots have no fix or a bad one, or nearly all paths are called indirect."""
+        flagged = self.verdicts["indirect"] + self.verdicts["direct"]
+        if flagged:
+            return self.verdicts["indirect"] > _MOSTLY_INDIRECT * flagged or self.badly_fitted > _MOST * self.tested
+        total = self.total - self.statuses[Status.TOO_FEW.word]
+        return total - self.answered + self.badly_fitted > _MOST * total
 
     @property
     def used_share(self) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
 from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
-from nlosctl.pipeline.solve.advice import Measured, advice, trials
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, heights_remark, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
+
+if TYPE_CHECKING:
+    from nlosctl.pipeline.solve.advice import Measured
 
 __all__ = ["MeasurementRun"]
 
@@ -135,10 +137,19 @@ class MeasurementRun:
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, self._known_columns(), self._options.field),
-            *advice(self._runs, self.report, self._measured()),
+            *self._advice(),
         ]
 
+    def _advice(self) -> list[str]:
+        if not self.report.refits and any(tally.answered for tally in self.report.methods.values()):
+            return []
+        from nlosctl.pipeline.solve.advice import advice
+
+        return advice(self._runs, self.report, self._measured())
+
     def _measured(self) -> Measured:
+        from nlosctl.pipeline.solve.advice import Measured
+
         options = self.reader.options
         return Measured(
             kind=self.reader.kind,
@@ -267,7 +278,10 @@ class MeasurementRun:
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
         self._count_lone_rows(chunk, solution, report)
-        report.refits.update(trials(self._runs, report, chunk, self._measured()))
+        if any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los"):
+            from nlosctl.pipeline.solve.likely_causes import fit_after_changes
+
+            report.refits.update(fit_after_changes(chunk, self._measured()))
         if frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
