@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.report import RunReport, offers_mixture
 
@@ -41,13 +42,25 @@ class Measured:
     headers: Mapping[str, str]
     constants: Collection[str]
 
+    @classmethod
+    def of(cls, reader: MeasurementReader) -> Measured:
+        """Return what a reader knows of its inputs."""
+        return cls(
+            kind=reader.kind,
+            scene=reader.scene,
+            names=reader.column_names,
+            headers=reader.options.columns,
+            constants=reader.options.constants,
+        )
+
     def option(self, name: str, other: str) -> str:
         """Return the setting that reads the file's column for ``name`` as ``other``."""
         return f"`columns` {other}={self.headers.get(name, name)}"
 
 
-def advice(runs: Sequence[MethodRun], report: RunReport, measured: Measured) -> list[str]:
+def advice(runs: Sequence[MethodRun], report: RunReport, reader: MeasurementReader) -> list[str]:
     """Return the likely cause where most snapshots do not fit, else advice by the statuses if there is no fix."""
+    measured = Measured.of(reader)
     if report.refits:
         from nlosctl.pipeline.solve.likely_causes import cause_remarks
 

@@ -15,7 +15,7 @@ from nlosctl.contract.results import is_fix
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Spelling
 from nlosctl.contract.tables.shared import DEGREE
-from nlosctl.io.measurements.reader import Chunk
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.models.triplets import path_rows
 from nlosctl.pipeline.solve.advice import Measured
 from nlosctl.pipeline.solve.method_runs import method_runs
@@ -64,11 +64,12 @@ def _is_turned(given: Spelling, other: Spelling) -> bool:
     return given.scale == other.scale and abs(given.offset - other.offset) == np.pi
 
 
-def fit_after_changes(chunk: Chunk, measured: Measured) -> dict[str, int]:
+def fit_after_changes(chunk: Chunk, reader: MeasurementReader) -> dict[str, int]:
     """Return how many snapshots (of triplets: paths) were tried, and how many fit as given and after each change.
 
     At most the first 200 of a chunk (2000 paths) are tried: those of three or more rows, else (``pairs``) of two.
     """
+    measured = Measured.of(reader)
     if measured.kind == "triplets":
         return _fits_of_paths(chunk, measured)
     rows = np.add.reduceat(~chunk.left_out, chunk.offsets[:-1]) if chunk.left_out.size else np.zeros(0, dtype=np.int64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, heights_remark, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
-
-if TYPE_CHECKING:
-    from nlosctl.pipeline.solve.advice import Measured
 
 __all__ = ["MeasurementRun"]
 
@@ -145,19 +142,7 @@ class MeasurementRun:
             return []
         from nlosctl.pipeline.solve.advice import advice
 
-        return advice(self._runs, self.report, self._measured())
-
-    def _measured(self) -> Measured:
-        from nlosctl.pipeline.solve.advice import Measured
-
-        options = self.reader.options
-        return Measured(
-            kind=self.reader.kind,
-            scene=self.reader.scene,
-            names=tuple(self.reader.column_names),
-            headers=options.columns,
-            constants=tuple(options.constants),
-        )
+        return advice(self._runs, self.report, self.reader)
 
     def _known_columns(self) -> list[str]:
         """Return the columns of the input, and those that a constant replaces."""
@@ -281,7 +266,7 @@ class MeasurementRun:
         if any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los"):
             from nlosctl.pipeline.solve.likely_causes import fit_after_changes
 
-            report.refits.update(fit_after_changes(chunk, self._measured()))
+            report.refits.update(fit_after_changes(chunk, self.reader))
         if frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
