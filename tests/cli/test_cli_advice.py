@@ -140,7 +140,7 @@ def test_longitudes_as_metres(cli: Cli, tmp_path: Path) -> None:
     ("rows", "words", "advice"),
     [
         (["a,s,0,0,10,1", "b,t,9,0,20,1"], (), "every snapshot has one row, because no two rows have the same"),
-        (["a,s,0,0,10,1"], (), "the largest snapshot has 1 row that take part, and at least 2 are needed"),
+        (["a,s,0,0,10,1"], (), "the largest snapshot has 1 row that take part, and a fix needs"),
         (["a,s,0,0,10,1", "a,t,0,9,10,1"], (), "the lines are nearly parallel"),
         (["a,s,0,0,0,1", "a,t,9,9,180,1", "a,u,5,90,90,1", "a,v,50,9,20,1"], ("-m", "ls"), "try --method mixture-ml"),
         (["a,s,0,0,45,1", "a,t,9,0,135,1"], ("-m", "mixture-ml", "--field", "90,99,90,99"), "enlarge it by --field"),

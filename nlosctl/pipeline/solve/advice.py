@@ -92,7 +92,8 @@ def _few_rows(runs: Sequence[MethodRun], report: RunReport, snapshot_column: str
             "position of the source the same value, such as the number of a window of time"
         )
     rows = "1 row" if largest == 1 else f"{largest} rows"
-    return f"the largest snapshot has {rows} that take part, and at least {least} are needed"
+    needed = f"at least {least} rows are needed" if least > 1 else "a fix needs at least two measured values"
+    return f"the largest snapshot has {rows} that take part, and {needed}"
 
 
 def _of_status(runs: Sequence[MethodRun], report: RunReport, status: Status) -> str:
