@@ -17,6 +17,8 @@ LAWS = {
     "both": {},
     "both, posterior": {"covariance": "posterior"},
     "positive": {"bias": "positive"},
+    "positive, mean estimated": {"bias": "positive", "bias_mean_m": "estimate"},
+    "positive, both estimated": {"bias": "positive", "bias_mean_m": "estimate", "alpha": "estimate"},
     "positive, mean given": {"bias": "positive"},
 }
 
@@ -65,7 +67,14 @@ def main(trials: int) -> None:
             probability = np.array(result.flags["los_probability"].to_pylist(), dtype=float).reshape(ranges.shape)
             calibration = calibration_error(probability[number].ravel(), direct[number].ravel())
             numbers = ok.mean(), (nees < 5.991).mean(), (nees > 100.0).mean(), np.sqrt((error**2).sum(axis=1).mean())
-            print(f"{mean_std:4g} {name:22}", *(f"{value:.3f}" for value in (*numbers, calibration)), flush=True)
+            learned = result.report.learned
+            values = {} if not learned else learned["mixture-ml"].values | {"passes": learned["mixture-ml"].passes}
+            print(
+                f"{mean_std:4g} {name:26}",
+                *(f"{value:.3f}" for value in (*numbers, calibration)),
+                values or "",
+                flush=True,
+            )
     print("rows, std: ok or ambiguous without a source, no_consensus with one (no outliers)")
     for count in (3, 4, 5, 6, 8, 12, 50):
         for std in (0.3, 1.0, 3.0):

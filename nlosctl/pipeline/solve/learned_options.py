@@ -36,8 +36,9 @@ MOST_PASSES = 25
 _SETTLED = 1e-3
 """Values have settled when a step changes their logarithms by no more than this."""
 
-_MOST_GAIN = 20.0
-"""An extrapolated step is at most so many times the plain one."""
+_MOST_GAIN = 50.0
+_LONGEST = math.log(100.0)
+"""An extrapolated step is at most so many times the plain one, and no longer than this if the plain one is shorter."""
 
 _DIGITS = 6
 """Significant digits of the values: so short that a run can be repeated by typing them."""
@@ -108,7 +109,7 @@ class _Iteration:
     def _extrapolate(self, names: list[str], point: list[float], step: list[float]) -> list[float]:
         """Return the step to the fixed point if steps are linear between this point and the earlier one, else ``step``.
 
-        With one value that is the secant method for a step of zero.
+        With one value that is the secant method for a step of zero. A step back, or out of the bounds, is not taken.
         """
         if self._earlier is None:
             return step
@@ -119,9 +120,14 @@ class _Iteration:
             return step
         share = math.fsum(a * b for a, b in zip(change, step, strict=True)) / squared
         longer = [by - share * (at + more) for by, at, more in zip(step, moved, change, strict=True)]
+        length, plain = math.hypot(*longer), math.hypot(*step)
+        limit = min(_MOST_GAIN * plain, max(plain, _LONGEST))
+        if length > limit:
+            longer = [by * (limit / length) for by in longer]
         values = [math.exp(at + by) for at, by in zip(point, longer, strict=True)]
+        forward = math.fsum(a * b for a, b in zip(longer, step, strict=True)) >= 0.0
         inside = all(within_bounds(self.run.spec.options, *pair) for pair in zip(names, values, strict=True))
-        return longer if inside and math.hypot(*longer) <= _MOST_GAIN * math.hypot(*step) else step
+        return longer if forward and inside else step
 
     def _set(self, values: Mapping[str, float | None]) -> None:
         self.run = dataclasses.replace(self.run, options=dataclasses.replace(self.run.options, **values))
