@@ -159,8 +159,8 @@ class SolveOptions:
         short="-m", metavar="NAME", complete="method")
     parameters: Mapping[str, Any] = _option(
         {}, "--param", "Method",
-        "Parameter of method, scenario or format; METHOD:KEY=VALUE: only that method. Repeatable.",
-        f"{_SOLVE} simulate convert", short="-p", metavar="KEY=VALUE", complete="parameter")
+        "Parameter of method, scenario, format or figure; METHOD:KEY=VALUE: only that method. Repeatable.",
+        f"{_SOLVE} simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
     sweep: Mapping[str, Any] = _option(
         {}, "--sweep", "Method", "Parameter values to run in turn; several sweeps form a grid. Repeatable.",
         f"{_SOLVE} simulate", metavar="KEY=V1,V2,...", complete="parameter")

@@ -103,7 +103,8 @@ class Experiment:
     numbers that the figure shows: statistics of one condition's samples by name, with the unit in the name. ``panels``
     draws them. ``trials`` and ``quick_trials`` are numbers of trials per condition, ``chunk_trials`` is the number
     sampled at a time (part of the meaning of a seed). ``random`` is false if the trials are the points of a lattice:
-    then no number has a Monte-Carlo error.
+    then no number has a Monte-Carlo error. ``options`` is a class of further parameters (see
+    `nlosctl.reproduce.variation`): those that differ from their defaults are in each condition.
     """
 
     name: str
@@ -119,6 +120,7 @@ class Experiment:
     comparisons: tuple[Comparison, ...] = ()
     chunk_trials: int = 500
     random: bool = True
+    options: type[Any] | None = None
 
     def chunks(self, seed: int, trials: int) -> list[Chunk]:
         """Return the chunks of each condition."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from nlosctl.errors import DataError, MissingExtraError
 from nlosctl.io.results.array_file import write_arrays
@@ -22,13 +23,15 @@ __all__ = ["Outcome", "output_folder", "run_experiment"]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """A finished experiment: rows of its claims, files written, trials per condition, trials already in the folder.
+    """A finished experiment: rows of its claims, numbers of its figure, files written, trials per condition.
 
-    ``without_pictures`` explains how to get pictures, if they could not be drawn.
+    ``resumed`` trials were already in the folder. ``without_pictures`` explains how to get pictures, if they could not
+    be drawn.
     """
 
     experiment: Experiment
     rows: list[ClaimRow]
+    numbers: Mapping[str, Any]
     files: list[Path]
     trials: int
     seed: int
@@ -79,11 +82,12 @@ def _run(
         store.open(overwrite=overwrite)
     results, resumed = draw_samples(experiment, seed=seed, trials=trials, store=store, jobs=jobs, progress=progress)
     files: list[Path] = []
+    numbers = figure_columns(experiment, results)
     without_pictures = None
     if folder is not None:
         files.append(folder / f"{experiment.name}.parquet")
         metadata = {"nlosctl.reproduce": experiment.fingerprint(seed, trials, __version__)}
-        write_arrays(files[0], figure_columns(experiment, results), metadata)
+        write_arrays(files[0], numbers, metadata)
         try:
             files += _pictures(experiment, results, folder)
         except MissingExtraError as error:
@@ -91,6 +95,7 @@ def _run(
     return Outcome(
         experiment=experiment,
         rows=claim_rows(experiment, results),
+        numbers=numbers,
         files=files,
         trials=trials,
         seed=seed,
@@ -104,7 +109,10 @@ def _pictures(experiment: Experiment, results: Results, folder: Path) -> list[Pa
     from nlosctl.plotting.panel_drawing import draw_panels
 
     paths = [folder / f"{experiment.name}.{extension}" for extension in ("png", "svg")]
-    figure = draw_panels(experiment.title, experiment.panels(results))
+    panels = experiment.panels(results)
+    if not panels:
+        return []
+    figure = draw_panels(experiment.title, panels)
     for path in paths:
         save_figure(figure, path, overwrite=True)
     return paths

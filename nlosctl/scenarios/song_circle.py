@@ -14,8 +14,7 @@ from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "SongCircleOptions", "generate", "scene"]
 
-_REFLECTOR_M, _EARTH_M = 6671e3, 6371e3  # Section 5.2
-_TARGET_M = (6371e3 + 50e3, 0.0)  # Tables III and IV
+_EARTH_M = 6371e3  # Section 5.2
 _ANGLES_OVER_PI = {"a": (0.10, 0.08, -0.09, -0.06), "b": (0.11, -0.07, -0.12)}  # Tables III and IV
 
 
@@ -29,6 +28,12 @@ class SongCircleOptions:
     bearing_std_deg: float = option(
         1.0, unit="deg", minimum=0.0, maximum=180.0, exclusive=True, meaning="standard deviation of every bearing"
     )
+    layer_height_m: float = option(
+        300e3, unit="m", minimum=60e3, maximum=2000e3, meaning="height of the ionosphere above the earth"
+    )
+    target_height_m: float = option(
+        50e3, unit="m", minimum=0.0, maximum=59e3, meaning="height of the target above the earth"
+    )
 
 
 def scene(options: SongCircleOptions) -> Scene:
@@ -39,7 +44,8 @@ def scene(options: SongCircleOptions) -> Scene:
         Sensor(name=name, position=(float(x), float(y)))
         for name, (x, y) in zip(sensor_names(len(positions)), positions, strict=True)
     )
-    ionosphere = CircleReflector(name="ionosphere", center=(0.0, 0.0), radius=_REFLECTOR_M, blocker_radius=_EARTH_M)
+    radius = _EARTH_M + options.layer_height_m
+    ionosphere = CircleReflector(name="ionosphere", center=(0.0, 0.0), radius=radius, blocker_radius=_EARTH_M)
     return Scene(sensors=tuple(sensors), reflectors=(ionosphere,))
 
 
@@ -53,7 +59,7 @@ def generate(options: SongCircleOptions, generator: np.random.Generator, snapsho
         generator=generator,
         names=tuple(sensor.name for sensor in world.sensors),
         sensor_xy_m=np.broadcast_to(positions, (*shape, 2)),
-        source_xy_m=np.broadcast_to(np.array(_TARGET_M), (snapshots, 2)),
+        source_xy_m=np.broadcast_to(np.array([_EARTH_M + options.target_height_m, 0.0]), (snapshots, 2)),
         bearing_std_rad=np.full(shape, np.radians(options.bearing_std_deg)),
         reflector=np.zeros(shape, dtype=np.int64),
     )

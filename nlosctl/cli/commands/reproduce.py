@@ -82,21 +82,26 @@ def reproduce(
     Each of our numbers has a Monte Carlo standard error; the verdict allows three of them, and is "undecided" where
     they are too large (with --quick, often). The same seed gives the same files for any number of jobs, interrupted or
     not.
+
+    Parameters (-p bearing_std_deg=0.5,2) replace those of the paper: the figure's numbers are printed, without claims.
     """
     if not names:
-        if output is not None or page is not None or trials is not None or quick:
+        if options.parameters or output is not None or page is not None or trials is not None or quick:
             raise UsageError("name a figure or table, or all; 'nlosctl reproduce' alone lists them")
         _list(json)
         return
     if quick and trials is not None:
         raise UsageError("--quick and --trials both set the number of trials; give one")
+    if page is not None and options.parameters:
+        raise UsageError("--page compares with the papers, and --param is for parameters of your own; leave one out")
     if page is not None and output is None:
         raise UsageError("--page needs -o FOLDER for the results and figures")
     from nlosctl.io.writers.output_set import check_targets
     from nlosctl.reproduce.catalogue import chosen_names, find_experiment
     from nlosctl.reproduce.run import output_folder
+    from nlosctl.reproduce.variation import varied
 
-    experiments = [find_experiment(name) for name in chosen_names(names)]
+    experiments = [varied(find_experiment(name), options.parameters) for name in chosen_names(names)]
     check_targets([page], overwrite=write.overwrite, inputs=[])
     folder = None if output is None else output_folder(output)
     terminal = Terminal(quiet=quiet)
@@ -189,8 +194,14 @@ def _list(json: bool) -> None:
 
 def _print(outcomes: list[Outcome], json: bool) -> None:
     rows = [row for outcome in outcomes for row in outcome.rows]
+    plain = [outcome for outcome in outcomes if not outcome.rows]
     if json:
-        print_json([_as_json(row) for row in rows])
+        numbers = [{"name": outcome.experiment.name, **row} for outcome in plain for row in _numbers(outcome)]
+        print_json([*numbers, *map(_as_json, rows)])
+        return
+    for outcome in plain:
+        _print_numbers(outcome)
+    if not rows:
         return
     print_table(
         [
@@ -206,6 +217,18 @@ def _print(outcomes: list[Outcome], json: bool) -> None:
         ],
         ["name", "claim", "paper", "allowed", "ours", "verdict"],
     )
+
+
+def _numbers(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return a row per condition: an experiment with other parameters than the paper's has no claims."""
+    columns = {name: values.tolist() for name, values in outcome.numbers.items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _print_numbers(outcome: Outcome) -> None:
+    rows = [{name: value for name, value in row.items() if not name.endswith("_se")} for row in _numbers(outcome)]
+    text = [{name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in row.items()} for row in rows]
+    print_table(text, [*text[0]])
 
 
 def _as_json(row: ClaimRow) -> dict[str, Any]:

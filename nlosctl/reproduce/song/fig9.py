@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from nlosctl.arrays import FloatArray
+from nlosctl.contract.options import option
 from nlosctl.methods.bearings_ml_grid import finish_grid_fix
 from nlosctl.models.bearings import sight_lines
 from nlosctl.plotting.panels import LinesPanel, Panel
@@ -27,6 +29,28 @@ _EPSILONS_DEG = (0.1, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 _GRID = {"width_m": 160e3, "height_m": 200e3, "step_m": 1e3}
 """The paper's search region, with its vertices every kilometre."""
 
+
+@dataclass(frozen=True, kw_only=True)
+class Fig9Options:
+    """Parameters of ``song-fig9`` beside the conditions: the grid search, and the world."""
+
+    grid_width_m: float = option(
+        _GRID["width_m"], unit="m", minimum=0.0, exclusive=True, meaning="width of the grid of the grid search"
+    )
+    grid_height_m: float = option(
+        _GRID["height_m"], unit="m", minimum=0.0, exclusive=True, meaning="height of the grid of the grid search"
+    )
+    grid_step_m: float = option(
+        _GRID["step_m"], unit="m", minimum=100.0, meaning="distance of the vertices of the grid"
+    )
+    layer_height_m: float = option(
+        300e3, unit="m", minimum=60e3, maximum=2000e3, meaning="height of the ionosphere above the earth"
+    )
+    target_height_m: float = option(
+        50e3, unit="m", minimum=0.0, maximum=59e3, meaning="height of the target above the earth"
+    )
+
+
 _METHODS = ("ls", "stansfield", "stansfield-focused", "ml")
 _LABELS = {
     "ls": "least squares",
@@ -39,8 +63,10 @@ _LABELS = {
 
 
 def _sample(condition: Condition, chunk: Chunk) -> Samples:
-    trials = simulated("song-circle", chunk, **condition)
-    about_fix, about_truth = _grid_errors(trials)
+    world = {name: value for name, value in condition.items() if not name.startswith("grid_")}
+    trials = simulated("song-circle", chunk, **world)
+    grid = {name: float(condition.get(f"grid_{name}", value)) for name, value in _GRID.items()}
+    about_fix, about_truth = _grid_errors(trials, grid)
     return {
         "crlb": bound_rms_m(trials),
         **{method: fixes(trials, chunk, method).error_m for method in _METHODS},
@@ -49,15 +75,15 @@ def _sample(condition: Condition, chunk: Chunk) -> Samples:
     }
 
 
-def _grid_errors(trials: Simulated) -> tuple[FloatArray, FloatArray]:
+def _grid_errors(trials: Simulated, grid: dict[str, float]) -> tuple[FloatArray, FloatArray]:
     """Return the errors (T,) of the paper's grid search, those of ``ml-grid``, and of one about the true position."""
     batch = batch_of(trials)
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
-    best = search_blocks(lines, first.x, first.y, **_GRID)
+    best = search_blocks(lines, first.x, first.y, **grid)
     fix = finish_grid_fix(batch, lines, best, first.normal, 0.0).estimates
     x, y = trials.truth_m[:, 0] - lines.center_x, trials.truth_m[:, 1] - lines.center_y
-    near = search_blocks(lines, x, y, **_GRID)
+    near = search_blocks(lines, x, y, **grid)
     about_truth = np.where(near.exists, np.hypot(near.x - x, near.y - y), np.nan)
     return np.hypot(*(fix.position_m - trials.truth_m).T), about_truth
 
@@ -190,4 +216,5 @@ EXPERIMENT = Experiment(
     trials=1000,
     quick_trials=24,
     chunk_trials=250,
+    options=Fig9Options,
 )
