@@ -11,6 +11,7 @@ from typing import Any, NoReturn, TextIO, cast
 
 from nlosctl.cli.options.settings import with_flags
 from nlosctl.contract.run_options import OutputOptions
+from nlosctl.contract.step_progress import watch_steps
 from nlosctl.errors import DataError, hide_secrets, printable
 from nlosctl.jobs.console import Progress, json_text
 
@@ -125,10 +126,20 @@ class Terminal:
         from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        columns = (TextColumn(title), BarColumn(), TextColumn(f"{{task.completed:,.0f}} {unit}"), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn(f"{{task.completed:,.0f}} {unit}"),
+            TimeRemainingColumn(),
+        )
         with Bar(*columns, console=Console(file=cast(TextIO, _ForgivingTerminal(sys.stderr))), transient=True) as bar:
             task = bar.add_task(title, total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
+
+            def show_share(share: float) -> None:
+                bar.update(task, description=f"{title}, {share * 100.0:.0f} % of the present step")
+
+            with watch_steps(show_share):
+                yield lambda done, total: bar.update(task, completed=done, total=total, description=title)
 
 
 class Preview:

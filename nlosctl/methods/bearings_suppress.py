@@ -54,7 +54,11 @@ class SuppressOptions(BearingOutlierOptions):
         minimum=0,
         meaning="likeliest crossings, apart from each other, to start from besides; 0: none, as published",
     )
-    max_pairs: int = option(5000, minimum=1, meaning="pairs of rows to choose from; a random subset if there are more")
+    max_pairs: int = option(
+        5000,
+        minimum=1,
+        meaning="pairs of rows to choose from; a random subset if there are more. All draws depend on the row order",
+    )
 
 
 def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
@@ -66,7 +70,8 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     none is left, further random pairs are tried until one is inside. The estimate is the one with the greatest
     likelihood (23), the cost its negative logarithm in nats. The covariance is the inverse of the information, (18),
     of the rows in the set, at the estimate. The statuses are those of ``mixture-ml``, judged at the optimum of (23)
-    that the estimate leads to.
+    that the estimate leads to. The draws depend on the order of the rows within a snapshot: another order moves fixes
+    as another seed does.
     """
     grouped, groups = grouped_batch(batch)
     model = outlier_model(grouped, groups, options)

@@ -7,6 +7,7 @@ import io
 import pytest
 
 from nlosctl.cli import terminal
+from nlosctl.contract.step_progress import note_step
 
 
 @pytest.mark.parametrize("ends", ["closed", "hung up"])
@@ -27,3 +28,21 @@ def test_a_bar_ignores_a_closed_terminal(ends: str) -> None:
         stream.close()
     shown.flush()
     shown.close()
+
+
+def test_a_long_step_shows_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within a snapshot of thousands of rows the bar shows the finished share; a short loop shows nothing."""
+
+    class Screen(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen = Screen()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", screen)
+    with terminal.Terminal().progress("localize"):
+        note_step(32, 64)
+        note_step(1600, 2400)
+    note_step(0, 2400)
+    assert "67 % of the present step" in screen.getvalue()
+    assert "50 %" not in screen.getvalue()

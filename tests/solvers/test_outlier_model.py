@@ -9,9 +9,11 @@ import pytest
 from outlier_worlds import mixture_cost, ring_batch, without_flags
 
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.fields import SensorsField
 from nlosctl.methods import bearings_mixture_ml
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
 from nlosctl.solvers.mixture.outlier_model import OutlierModel, grouped_batch, outlier_model
+from nlosctl.solvers.mixture.path_groups import group_paths
 
 
 def _model(batch: BearingBatch, *, lognormal: bool = False, path_prior: str = "uniform") -> OutlierModel:
@@ -116,3 +118,65 @@ def test_first_arrival_prior_ignores_later_paths() -> None:
     assert np.asarray(one.flags.used)[batch.path == 0].any()
     assert other.flags is not None
     assert np.array_equal(one.flags.used, np.asarray(other.flags.used)[:, ::-1])
+
+
+def test_groups_agree_with_a_comparison_of_all_pairs() -> None:
+    """Leader, rank and size of each row follow from comparing it with every other row of its snapshot."""
+    generator = np.random.default_rng(8)
+    for _ in range(200):
+        shape = (int(generator.integers(1, 5)), int(generator.integers(1, 10)))
+        keys = [
+            generator.integers(0, 3, shape),
+            np.where(generator.random(shape) < 0.5, -0.0, 1.5),
+            np.where(generator.random(shape) < 0.5, 0.0, -0.0),
+        ]
+        path = generator.integers(-1, 3, shape)
+        groups = group_paths(keys, path)
+        for b, k in np.ndindex(shape):
+            rivals = [j for j in range(shape[1]) if all(key[b, j] == key[b, k] for key in keys)]
+            assert groups.leader[b, k] == min(rivals)
+            assert groups.size[b, k] == len(rivals)
+            assert groups.rank[b, k] == sum((path[b, j], j) < (path[b, k], k) for j in rivals)
+        ordered = [groups.leader[b, groups.order[b]] for b in range(shape[0])] if groups.order is not None else []
+        assert all(np.all(np.diff(leaders) >= 0) for leaders in ordered)
+        assert (groups.order is None) == bool((groups.size == 1).all())
+
+
+def drive(rows: int, seed: int) -> BearingBatch:
+    """Return one snapshot of a moving sensor at ``rows`` points of a circle of 500 m, 5 deg, 30 % outliers."""
+    generator = np.random.default_rng(seed)
+    around = np.linspace(0.0, 2.0 * np.pi, rows, endpoint=False)
+    sensor_xy = 500.0 * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    bearing = np.arctan2(170.0 - sensor_xy[:, 1], -60.0 - sensor_xy[:, 0])
+    bearing += np.radians(5.0) * generator.normal(size=rows)
+    bearing = np.where(generator.random(rows) < 0.3, generator.uniform(-np.pi, np.pi, rows), bearing)
+    number = np.zeros((1, rows), dtype=np.int64)
+    return BearingBatch(
+        seed=np.zeros(1, dtype=np.uint64),
+        field=SensorsField(factor=1.0),
+        sensor=number,
+        sensor_xy_m=sensor_xy[None],
+        bearing_rad=bearing[None],
+        bearing_std_rad=np.full((1, rows), np.radians(5.0)),
+        path=number - 1,
+        reflector=number - 1,
+    )
+
+
+def test_a_drive_has_one_fix_in_any_order_of_its_rows() -> None:
+    """Of 2400 rows of one sensor the same are used in any order, and the fix moves by less than .01 std."""
+    batch = drive(2400, 3)
+    one = bearings_mixture_ml.solve(batch, MixtureOptions())
+    covariance, position = one.estimates.covariance_m2[0], one.estimates.position_m[0]
+    assert np.hypot(*(position - (-60.0, 170.0))) < 5.0
+    for seed in (1, 2):
+        order = np.random.default_rng(seed).permutation(2400)
+        names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector")
+        shuffled = dataclasses.replace(batch, **{name: getattr(batch, name)[:, order] for name in names})
+        other = bearings_mixture_ml.solve(shuffled, MixtureOptions())
+        offset = other.estimates.position_m[0] - position
+        matrix = np.array([[covariance[0], covariance[1]], [covariance[1], covariance[2]]])
+        assert offset @ np.linalg.solve(matrix, offset) < 0.01**2
+        assert one.flags is not None
+        assert other.flags is not None
+        np.testing.assert_array_equal(np.asarray(other.flags.used)[0], np.asarray(one.flags.used)[0, order])

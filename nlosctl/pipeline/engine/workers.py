@@ -22,6 +22,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from nlosctl.contract.step_progress import ignore_steps
 from nlosctl.errors import MethodError
 
 __all__ = ["CAN_FORK", "map_in_order", "map_in_processes", "usable_jobs"]
@@ -138,6 +139,7 @@ def _begin_work(function: Callable[[Any], Any]) -> None:
     """Store the function, leave Ctrl-C to the parent process, and exit when the parent does."""
     global _inherited
     _inherited = function
+    ignore_steps()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
         if signal.getsignal(number) is not signal.SIG_IGN:

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
+from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
@@ -137,6 +138,7 @@ class Mixture(RowBlock):
         group = obstructed
         ratios = None if self.outliers is None else self.outliers.scores(x, y)
         for k in range(self.count):
+            note_step(k, self.count)
             direct = self.rows.half_chi_square(k, x, y) if ratios is None else ratios[0][k]
             np.subtract(self.log_direct[:, k, None], direct, out=direct)
             np.exp(direct, out=direct)

@@ -47,35 +47,49 @@ class PathGroups:
 def group_paths(keys: Sequence[npt.NDArray[Any]], path: IntArray) -> PathGroups:
     """Return the groups of rows (B, K) whose ``keys`` are all equal; ``path`` (B, K) numbers the rows of a group.
 
-    Rows of equal path number count as ranked in the file's order. Cost K^2.
+    Rows of equal path number count as ranked in the file's order. Cost K log K.
     """
-    count = path.shape[1]
-    leader, rank, size = (np.zeros(path.shape, dtype=np.int64, order="F") for _ in range(3))
-    leader[...] = np.arange(count)
-    several = False
-    for k in range(count):
-        for j in range(count):
-            if j == k:
-                size[:, k] += 1
-                continue
-            same = keys[0][:, j] == keys[0][:, k]
-            if not same.any():
-                continue
-            for key in keys[1:]:
-                same &= key[:, j] == key[:, k]
-            several = several or bool(same.any())
-            size[:, k] += same
-            earlier = path[:, j] <= path[:, k] if j < k else path[:, j] < path[:, k]
-            rank[:, k] += same & earlier
-            if j < k:
-                np.minimum(leader[:, k], np.where(same, j, count), out=leader[:, k])
-    if not several:
-        return PathGroups(leader, rank, size, None, None)
+    if _all_different(keys[0]):
+        return _alone(path.shape)
+    by_row = np.lexsort(keys[::-1], axis=1)
+    starts = np.ones(path.shape, dtype=bool)
+    starts[:, 1:] = False
+    for key in keys:
+        starts[:, 1:] |= _steps(np.take_along_axis(key, by_row, axis=1))
+    if starts.all():
+        return _alone(path.shape)
+    position = np.arange(path.shape[1])
+    begin = np.maximum.accumulate(np.where(starts, position, 0), axis=1)
+    ends = np.concatenate([starts[:, 1:], np.ones_like(starts[:, :1])], axis=1)
+    end = np.minimum.accumulate(np.where(ends, position, position[-1])[:, ::-1], axis=1)[:, ::-1]
+    leader, rank, size = (np.empty(path.shape, dtype=np.int64, order="F") for _ in range(3))
+    np.put_along_axis(leader, by_row, np.take_along_axis(by_row, begin, axis=1), axis=1)
+    np.put_along_axis(size, by_row, end - begin + 1, axis=1)
+    by_path = np.lexsort((path, *keys[::-1]), axis=1)
+    np.put_along_axis(rank, by_path, position - begin, axis=1)
     order = np.asfortranarray(np.argsort(leader, axis=1, kind="stable"))
     sorted_leader = np.take_along_axis(leader, order, axis=1)
     last = np.ones(path.shape, dtype=bool, order="F")
     last[:, :-1] = sorted_leader[:, 1:] != sorted_leader[:, :-1]
     return PathGroups(leader, rank, size, order, last)
+
+
+def _all_different(key: npt.NDArray[Any]) -> bool:
+    """Return whether no snapshot has a value of the key (B, K) twice."""
+    return bool(_steps(np.sort(key, axis=1)).all())
+
+
+def _steps(values: npt.NDArray[Any]) -> BoolArray:
+    """Return where neighbours (B, K - 1) of each snapshot's values (B, K) differ."""
+    return np.asarray(values[:, 1:] != values[:, :-1])
+
+
+def _alone(shape: tuple[int, ...]) -> PathGroups:
+    """Return the groups of snapshots whose rows (B, K) are each a group of its own."""
+    leader, rank, size = (np.zeros(shape, dtype=np.int64, order="F") for _ in range(3))
+    leader[...] = np.arange(shape[1])
+    size[...] = 1
+    return PathGroups(leader, rank, size, None, None)
 
 
 def path_shares(groups: PathGroups, prior: str) -> FloatArray:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, radians, sqrt
+from typing import Any
 
 import numpy as np
 from scipy.special import erf
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
+from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.bearings.row_terms import squared_tube_ratio
+from nlosctl.models.bearings import SightLines
+from nlosctl.solvers.bearings.row_terms import tube_width_m
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.sequential.polar_updates import (
@@ -31,18 +34,33 @@ _VALUES = 1 << 16
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """Estimates (B, M), one from each pair, and the rows (K arrays of (B, M)) that each rests on."""
+    """Estimates (B, M), one from each pair, and the rows (B, M, K) that each rests on."""
 
     state: SourceState
-    used: list[BoolArray]
+    used: BoolArray
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Largest residuals (B, K) of a row in a set; ``range_m`` is infinite in rows without a range, None without any."""
+    """Largest residuals (N, K) of a row in a set; ``range_m`` is infinite in rows without a range, None without any."""
 
     bearing_rad: FloatArray
     range_m: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Sizes (N, K) of the residuals of all rows; ``range_m`` is NaN in rows without a range, None without any."""
+
+    bearing_rad: FloatArray
+    range_m: FloatArray | None
+
+    def below(self, limits: Thresholds) -> BoolArray:
+        """Return which residuals (N, K) are below their thresholds."""
+        below = np.asarray(self.bearing_rad < limits.bearing_rad)
+        if self.range_m is not None and limits.range_m is not None:
+            below &= (self.range_m < limits.range_m) | np.isinf(limits.range_m)
+        return below
 
 
 def bearing_threshold_rad(std_rad: FloatArray, alpha: float, field_of_view_deg: float) -> FloatArray:
@@ -81,13 +99,14 @@ def grow_hypotheses(
     """
     state = _start(model, first, second, lognormal)
     snapshot, index = np.nonzero(state.alive)
-    used = [np.zeros(first.shape, dtype=bool, order="F") for _ in range(model.mixture.count)]
+    used = np.zeros((*first.shape, model.mixture.count), dtype=bool)
     block = max(1, _VALUES // model.mixture.count)
     for start in range(0, snapshot.shape[0], block):
         at = snapshot[start : start + block], index[start : start + block]
         growth = _Growth.start(model.take(at[0]), first[at][:, None], second[at][:, None], lognormal)
         growth.run(alpha, field_of_view_deg, by_likelihood)
-        growth.put(at, state, used)
+        growth.put(at, state)
+        used[at] = growth.used
     return Hypotheses(state, used)
 
 
@@ -97,7 +116,7 @@ def lone_hypotheses(model: OutlierModel) -> Hypotheses:
     state = SourceState(nothing, nothing, SymmetricMatrix(nothing, nothing, nothing), np.isfinite(nothing))
     row = np.zeros(nothing.shape, dtype=np.int64)
     state = ranged_state(select_rays(model.lines, row, model.measured_m, model.range_std_m)) or state
-    return Hypotheses(state, [state.alive])
+    return Hypotheses(state, state.alive[..., None])
 
 
 def _start(model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> SourceState:
@@ -114,29 +133,30 @@ def _start(model: OutlierModel, first: IntArray, second: IntArray, lognormal: bo
 
 @dataclass
 class _Growth:
-    """All sets while they grow; lists have one array (B, M) for each row."""
+    """N sets while they grow, each with a model of K rows of its own; the state's arrays are (N, 1), all others (N, K).
+
+    ``misfit`` is the residual of a row that is left in standard deviations, infinite in rows that are not.
+    """
 
     model: OutlierModel
+    lines: SightLines
     lognormal: bool
     state: SourceState
-    used: list[BoolArray]
-    left: list[BoolArray]
-    bearing: list[FloatArray]
-    range: list[FloatArray]
+    used: BoolArray
+    left: BoolArray
+    misfit: FloatArray
     cost: FloatArray | None = None
 
     @classmethod
     def start(cls, model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> _Growth:
         leaders = [np.take_along_axis(model.leader, index, axis=1) for index in (first, second)]
         state = _start(model, first, second, lognormal)
-        count = model.mixture.count
-        used = [(first == k) | (second == k) for k in range(count)]
-        left = []
-        for k in range(count):
-            group = model.leader[:, k, None]
-            left.append((leaders[0] != group) & (leaders[1] != group) & (model.share[:, k, None] > 0.0))
-        growth = cls(model, lognormal, state, used, left, [], [])
-        growth.bearing, growth.range = growth.residuals(state)
+        used = np.zeros_like(model.leader, dtype=bool)
+        for index in (first, second):
+            np.put_along_axis(used, index, True, axis=1)
+        left = (leaders[0] != model.leader) & (leaders[1] != model.leader) & (model.share > 0.0)
+        growth = cls(model, _along_rows(model.lines), lognormal, state, used, left, np.full(left.shape, np.inf))
+        growth.note_misfits(growth.residuals(state), np.True_)
         return growth
 
     def run(self, alpha: float, field_of_view_deg: float, by_likelihood: bool) -> None:
@@ -144,87 +164,71 @@ class _Growth:
         model, range_m = self.model, None
         if model.range_std_m is not None:
             range_m = range_threshold_m(model.range_std_m, alpha, model.extent_m[:, None])
-        limits = Thresholds(bearing_threshold_rad(model.lines.std_rad, alpha, field_of_view_deg), range_m)
-        for _ in range(model.mixture.count - 2):
+        limits = Thresholds(bearing_threshold_rad(self.lines.std_rad, alpha, field_of_view_deg), range_m)
+        for step in range(model.mixture.count - 2):
+            note_step(step, model.mixture.count)
             if not self.step(limits, by_likelihood):
                 break
 
-    def put(self, at: tuple[IntArray, IntArray], state: SourceState, used: list[BoolArray]) -> None:
-        """Write these sets (N, 1) into those of a block (B, M)."""
+    def put(self, at: tuple[IntArray, IntArray], state: SourceState) -> None:
+        """Write these states (N, 1) into those of a block (B, M)."""
         state.x[at], state.y[at] = self.state.x[:, 0], self.state.y[:, 0]
         state.covariance.put(at, self.state.covariance.at(slice(None), 0))
         state.alive[at] = self.state.alive[:, 0]
-        for mine, all_used in zip(self.used, used, strict=True):
-            all_used[at] = mine[:, 0]
 
-    def residuals(self, state: SourceState) -> tuple[list[FloatArray], list[FloatArray]]:
+    def residuals(self, state: SourceState) -> Residuals:
         """Return the sizes of all rows' residuals: bearing (radians) and, where rows have ranges, range (metres).
 
         Bearings seen on a circle are scaled as if their ray tubes were not focused.
         """
-        lines, measured = self.model.lines, self.model.measured_m
-        bearing, ranges = [], []
+        lines, measured, ranges = self.lines, self.model.measured_m, None
         with ignoring_overflow():
-            for k in range(self.model.mixture.count):
-                cosine, sine = lines.cosine[:, k, None], lines.sine[:, k, None]
-                dx, dy = state.x - lines.origin_x[:, k, None], state.y - lines.origin_y[:, k, None]
-                bearing.append(np.abs(np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)))
-                if lines.focusing is not None:
-                    bearing[k] *= np.sqrt(squared_tube_ratio(lines.focusing, k, np.sqrt(dx * dx + dy * dy)))
-                if measured is not None:
-                    ranges.append(np.abs(measured[:, k, None] - np.sqrt(dx * dx + dy * dy)))
-        return bearing, ranges
+            dx, dy = state.x - lines.origin_x, state.y - lines.origin_y
+            bearing = np.abs(np.arctan2(lines.sine * dx - lines.cosine * dy, lines.cosine * dx + lines.sine * dy))
+            if lines.focusing is not None:
+                range_m = np.sqrt(dx * dx + dy * dy)
+                ratio = range_m / tube_width_m(range_m, lines.focusing.first_leg_m, lines.focusing.strength)
+                bearing *= np.sqrt(ratio * ratio)
+            if measured is not None:
+                ranges = np.abs(measured - np.sqrt(dx * dx + dy * dy))
+        return Residuals(bearing, ranges)
+
+    def note_misfits(self, residuals: Residuals, where: BoolArray | np.bool_) -> None:
+        """Keep the residuals of the rows that are left, in standard deviations, of the sets ``where`` (N, 1)."""
+        misfit = residuals.bearing_rad / self.lines.std_rad
+        if residuals.range_m is not None and self.model.range_std_m is not None:
+            scaled = residuals.range_m / self.model.range_std_m
+            misfit = np.where(np.isnan(scaled), misfit, np.hypot(misfit, np.nan_to_num(scaled)))
+        np.copyto(misfit, np.inf, where=np.isnan(misfit))
+        np.copyto(self.misfit, misfit, where=where & self.left)
 
     def step(self, limits: Thresholds, by_likelihood: bool) -> bool:
         """Combine the best of the rows left (steps 2-4), and take it from those left (step 5); False: none was left."""
-        chosen, any_left = self._best_left()
+        chosen = np.argmin(self.misfit, axis=1)[:, None]
+        any_left = np.isfinite(np.take_along_axis(self.misfit, chosen, axis=1))
         if not any_left.any():
             return False
         rows = select_rays(self.model.lines, chosen, self.model.measured_m, self.model.range_std_m)
         trial = update_ranges(update_bearings(self.state, rows), rows, lognormal=self.lognormal)
-        bearing, ranges = self.residuals(trial)
+        residuals = self.residuals(trial)
+        joined = self.used.copy()
+        np.put_along_axis(joined, chosen, True, axis=1)
         accepted = any_left & trial.alive
         if by_likelihood:
             accepted = self._likelier(trial, accepted)
         else:
-            accepted &= self._within(limits, chosen, bearing, ranges)
-        group = np.take_along_axis(self.model.leader, chosen, axis=1)
-        for k in range(self.model.mixture.count):
-            is_chosen = chosen == k
-            self.used[k] |= is_chosen & accepted
-            self.left[k] &= ~(is_chosen | (accepted & (self.model.leader[:, k, None] == group)))
-            self.bearing[k] = np.where(accepted, bearing[k], self.bearing[k])
-            if ranges:
-                self.range[k] = np.where(accepted, ranges[k], self.range[k])
+            accepted &= (residuals.below(limits) | ~joined).all(axis=1, keepdims=True)
+        np.copyto(self.used, joined, where=accepted)
+        np.put_along_axis(self.left, chosen, False, axis=1)
+        np.put_along_axis(self.misfit, chosen, np.inf, axis=1)
+        if self.model.mixture.last is not None:
+            group = np.take_along_axis(self.model.leader, chosen, axis=1)
+            rivals = accepted & (self.model.leader == group)
+            self.left &= ~rivals
+            np.copyto(self.misfit, np.inf, where=rivals)
+        self.note_misfits(residuals, accepted)
         self.state = trial.where(accepted, self.state)
         return True
-
-    def _best_left(self) -> tuple[IntArray, BoolArray]:
-        shape = self.state.x.shape
-        chosen, least = np.zeros(shape, dtype=np.int64), np.full(shape, np.inf)
-        for k, left in enumerate(self.left):
-            residual = self.bearing[k] / self.model.lines.std_rad[:, k, None]
-            if self.range and self.model.range_std_m is not None:
-                scaled = self.range[k] / self.model.range_std_m[:, k, None]
-                residual = np.where(np.isnan(scaled), residual, np.hypot(residual, np.nan_to_num(scaled)))
-            with ignoring_invalid():
-                better = left & (residual < least)
-            np.copyto(least, residual, where=better)
-            np.copyto(chosen, k, where=better)
-        return chosen, np.isfinite(least)
-
-    def _within(
-        self, limits: Thresholds, chosen: IntArray, bearing: list[FloatArray], ranges: list[FloatArray]
-    ) -> BoolArray:
-        """Return where all rows of the set and the chosen one are below their thresholds; step 4."""
-        within = np.ones(chosen.shape, dtype=bool)
-        for k, used in enumerate(self.used):
-            small = bearing[k] < limits.bearing_rad[:, k, None]
-            if ranges and limits.range_m is not None:
-                limit = limits.range_m[:, k, None]
-                small &= (ranges[k] < limit) | np.isinf(limit)
-            within &= small | ~(used | (chosen == k))
-        return within
 
     def _likelier(self, trial: SourceState, possible: BoolArray) -> BoolArray:
         """Return where, of the ``possible``, (23) at the trial state is not worse than at the present one."""
@@ -239,3 +243,13 @@ class _Growth:
 
 def _score(mixture: Mixture, state: SourceState) -> FloatArray:
     return np.where(state.alive, mixture.score(state.x, state.y), np.inf)
+
+
+def _along_rows(lines: SightLines) -> SightLines:
+    """Return lines (N, K) whose memory runs along the longer axis: along the rows where there are more than sets."""
+    size, count = lines.std_rad.shape
+    if size >= count:
+        return lines
+    names = ("origin_x", "origin_y", "cosine", "sine", "std_rad")
+    arrays: dict[str, Any] = {name: np.ascontiguousarray(getattr(lines, name)) for name in names}
+    return replace(lines, **arrays)

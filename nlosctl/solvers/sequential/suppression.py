@@ -189,7 +189,7 @@ def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, gr
         at, index = snapshot[valid], index[valid]
         fixes.x[at, t], fixes.y[at, t] = state.x[at, index], state.y[at, index]
         fixes.cost[at, t] = _exact_cost(model, at, fixes.x[at, t], fixes.y[at, t])
-        used = np.asfortranarray(np.stack([part[at, index] for part in grown.used], axis=1))
+        used = np.asfortranarray(grown.used[at, index])
         part = model.direct.take(at)
         fixes.covariance.put((at, t), inlier_covariance(part, used, fixes.x[at, t], fixes.y[at, t]))
         fixes.misfit.put((at, t), part, fixes.x[at, t], fixes.y[at, t], used)
