@@ -28,6 +28,7 @@ import numpy
 import outliers
 import peers
 import pyarrow
+import rows
 import scipy
 import triplets
 
@@ -64,6 +65,7 @@ def main() -> None:
         if not arguments.quick:
             lines += circles.report()
             lines += growth.report(folder, [1_000, 10_000, 100_000, count, most])
+            lines += rows.report()
     text = "\n".join(lines) + "\n"
     print(text)
     if not arguments.quick:

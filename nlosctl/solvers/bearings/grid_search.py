@@ -13,6 +13,8 @@ __all__ = ["GridBest", "search_grid", "vertex_costs"]
 
 
 _POINTS_AT_ONCE = 4096
+_VALUES_AT_ONCE = 1 << 18
+"""Points times rows at once, of snapshots of many rows."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ def search_grid(
     best, cost = np.full(size, -1, dtype=np.int64), np.full(size, np.inf)
     evaluations = np.zeros(size, dtype=np.int64)
     usable = np.flatnonzero(np.isfinite(center_x) & np.isfinite(center_y))
-    for rows, vertices in _blocks(usable, offset_x.shape[0]):
+    points = max(1, min(_POINTS_AT_ONCE, _VALUES_AT_ONCE // lines.std_rad.shape[1]))
+    for rows, vertices in _blocks(usable, offset_x.shape[0], points):
         x = center_x[rows][:, None] + step_m * offset_x[vertices]
         y = center_y[rows][:, None] + step_m * offset_y[vertices]
         costs = vertex_costs(lines.take(np.repeat(rows, vertices.shape[0])), x.ravel(), y.ravel()).reshape(x.shape)
@@ -60,10 +63,10 @@ def search_grid(
     return GridBest(center_x + step_m * step_x, center_y + step_m * step_y, cost, there, at_boundary, evaluations)
 
 
-def _blocks(rows: IntArray, vertices: int) -> list[tuple[IntArray, IntArray]]:
-    """Return pieces of snapshots and vertices that are small enough for the cache."""
-    rows_at_once = max(1, _POINTS_AT_ONCE // vertices)
-    vertices_at_once = max(1, _POINTS_AT_ONCE // rows_at_once)
+def _blocks(rows: IntArray, vertices: int, points: int) -> list[tuple[IntArray, IntArray]]:
+    """Return pieces of snapshots and vertices of at most ``points`` points."""
+    rows_at_once = max(1, points // vertices)
+    vertices_at_once = max(1, points // rows_at_once)
     return [
         (rows[i : i + rows_at_once], np.arange(j, min(j + vertices_at_once, vertices)))
         for i in range(0, rows.shape[0], rows_at_once)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
+from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.path_memberships import TargetModel, log_unrelated, path_density
@@ -41,6 +42,8 @@ _CONSIDERED = 48
 """So many of the proposals are considered as further targets, the likeliest."""
 _COMPANIONS = 4
 """So many further targets of each of them are refined, the likeliest."""
+_SCORED = 4096
+"""Number of proposals scored at once: temporaries stay in cache."""
 _FEWEST = 4
 """Fewer paths cannot distinguish a target from scatterers of their own: their target is taken for granted."""
 
@@ -82,14 +85,15 @@ def _likeliest(
     problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return proposals (B, P) as (P, B), the likeliest first."""
-    scores = []
-    for proposal in range(x.shape[1]):
-        total = np.zeros(scale_m.shape)
+    scores = np.zeros(x.T.shape)
+    block = max(1, _SCORED // scale_m.shape[0])
+    for first in range(0, x.shape[1], block):
+        some = slice(first, first + block)
         for k in range(problem.tx_x.shape[1]):
-            density = path_density(problem, k, x[:, proposal], y[:, proposal], model, scale_m)
-            total -= np.logaddexp(density.log_direct, density.log_indirect)
-        scores.append(np.where(np.isnan(total), np.inf, total))
-    order = np.argsort(np.stack(scores), axis=0, kind="stable")
+            density = path_density(problem, k, x.T[some], y.T[some], model, scale_m)
+            scores[some] -= np.logaddexp(density.log_direct, density.log_indirect)
+            note_step(first + block * k // problem.tx_x.shape[1], x.shape[1])
+    order = np.argsort(np.where(np.isnan(scores), np.inf, scores), axis=0, kind="stable")
     return np.take_along_axis(x.T, order, axis=0), np.take_along_axis(y.T, order, axis=0)
 
 

@@ -106,7 +106,7 @@ class PathDensity:
 def path_density(
     problem: TripletProblem, k: int, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
 ) -> PathDensity:
-    """Return the densities of path k of every snapshot at targets (N,); ``scale_m`` (N,) is the size of the paths."""
+    """Return the densities of path k of every snapshot at targets (N,), (P, N); ``scale_m`` (N,) is the paths' size."""
     scatter = problem.scatter_m2[:, k]
     residuals = _residuals(problem, k, x, y)
     log_direct, chi_square, gradient_x, gradient_y, information = _direct(residuals, scatter)
@@ -163,7 +163,7 @@ def _direct(
     residuals: tuple[_Residual, _Residual, _Residual], scatter_m2: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, SymmetricMatrix]:
     """Return log-density and chi-square of a direct path, and gradient and information of half the chi-square."""
-    shape = scatter_m2.shape
+    shape = residuals[0].value.shape
     chi_square, log_variance, gradient_x, gradient_y = (np.zeros(shape) for _ in range(4))
     information = SymmetricMatrix.full(shape, 0.0)
     for part in residuals:
