@@ -7,12 +7,14 @@ from typing import Any
 
 from nlosctl.evaluation.error_statistics import share_std_error
 from nlosctl.plotting.figures import axis_label
+from nlosctl.plotting.texts import plain
 
 __all__ = ["figure_label", "parameter_label", "std_error_of"]
 
 _UNITS = {"m": "m", "deg": "deg", "rad": "rad", "db": "dB", "dbm": "dBm", "s": "s", "ns": "ns", "hz": "Hz"}
 _NAMES = {
     "rmse_m": "RMSE",
+    "efficiency": "RMSE over the Cramér-Rao bound",
     "nees": "NEES",
     "p_fa": "$P_{fa}$",
     "p_d": "$P_d$",
@@ -46,13 +48,13 @@ _SHARES_OF: dict[str, tuple[str, ...]] = {
 
 def figure_label(name: str) -> str:
     """Return the axis label of a figure: its name in words and its unit."""
-    return axis_label(_NAMES.get(name, _words(name)), _unit(name))
+    return axis_label(_NAMES[name] if name in _NAMES else plain(_words(name)), _unit(name))
 
 
 def parameter_label(column: str) -> str:
     """Return the axis label of a sweep column."""
     key = column.removeprefix("sweep_")
-    return axis_label(_words(key), _unit(key))
+    return axis_label(plain(_words(key)), _unit(key))
 
 
 def std_error_of(group: Mapping[str, Any], name: str) -> float:

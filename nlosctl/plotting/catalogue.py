@@ -44,7 +44,11 @@ VIEWS: dict[str, View] = {
             shows="ROC curve (P_d over P_fa), and calibration of the p-values or probabilities",
             takes="flags with ip and truth_ip, or with los and truth_los",
         ),
-        View(name="map", shows="Cramér-Rao bound over the plane", takes="a map of 'bound --map'"),
+        View(
+            name="map",
+            shows="Cramér-Rao bound over the plane",
+            takes="a map of 'bound --map'; optionally the measurements, for their sensors",
+        ),
         View(
             name="echoes",
             shows="one snapshot of ranges as circles about their sensors, by assigned target",

@@ -13,24 +13,27 @@ from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.writers.byte_output import write_bytes
 from nlosctl.io.writers.output_set import check_targets
 from nlosctl.plotting.library import Axes, Figure, style
+from nlosctl.plotting.texts import FONT
 
 __all__ = [
     "PICTURE_FORMATS",
     "SERIES_STYLES",
     "SeriesStyle",
     "axis_label",
+    "combined_style",
     "figure_bytes",
     "figure_style",
     "new_figure",
     "picture_format",
     "save_figure",
     "series_style",
+    "styles_by_part",
 ]
 
 PICTURE_FORMATS = ("png", "svg", "pdf")
 
 _STYLE = {
-    "font.family": "DejaVu Sans",  # shipped with matplotlib: the same glyphs on every system
+    "font.family": FONT,
     "font.size": 9.0,
     "axes.labelsize": 9.0,
     "axes.titlesize": 10.0,
@@ -86,8 +89,30 @@ SERIES_STYLES = (
 
 
 def series_style(number: int) -> SeriesStyle:
-    """Return the style of series ``number``, counted from 0; the styles repeat after the last one."""
-    return SERIES_STYLES[number % len(SERIES_STYLES)]
+    """Return the style of series ``number``, counted from 0; the first 64 differ.
+
+    After the eighth the colours repeat with other lines and markers.
+    """
+    turn = number // len(SERIES_STYLES)
+    return combined_style(number, number + 3 * turn, other_fill=turn % 2 == 1)
+
+
+def styles_by_part(parts: Sequence[tuple[str, str]]) -> list[SeriesStyle]:
+    """Return a style for each pair of a method and a value: up to eight series in order.
+
+    Of more, those of one method have one colour and those of one value have one line and marker.
+    """
+    methods, values = (list(dict.fromkeys(words)) for words in zip(*parts, strict=True)) if parts else ([], [])
+    most = len(SERIES_STYLES)
+    if len(parts) <= most or min(len(methods), len(values)) < 2 or max(len(methods), len(values)) > most:
+        return [series_style(number) for number in range(len(parts))]
+    return [combined_style(methods.index(method), values.index(value)) for method, value in parts]
+
+
+def combined_style(color: int, look: int, *, other_fill: bool = False) -> SeriesStyle:
+    """Return the colour of one style with line and marker of another, numbers counted from 0."""
+    own, other = (SERIES_STYLES[number % len(SERIES_STYLES)] for number in (color, look))
+    return SeriesStyle(own.color, other.line, other.marker, filled=other.filled != other_fill)
 
 
 @contextmanager

@@ -10,11 +10,14 @@ from nlosctl.errors import DataError, MissingExtraError, in_one_line
 try:
     from matplotlib import colormaps, style
     from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
     from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
     from matplotlib.figure import Figure
+    from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.patches import Circle, Ellipse, Patch, Polygon, Rectangle
-    from matplotlib.text import Text
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+    from matplotlib.text import Annotation, Text
+    from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+    from matplotlib.transforms import ScaledTranslation
 except ModuleNotFoundError as error:
     if error.name is None or error.name.partition(".")[0] != "matplotlib":
         raise
@@ -23,12 +26,17 @@ except Exception as error:  # an invalid matplotlibrc or MPLBACKEND of the user
     raise DataError(f"matplotlib can't be used as configured: {in_one_line(error)}") from error
 
 __all__ = [
+    "Annotation",
     "Axes",
     "BoundaryNorm",
     "Circle",
     "Ellipse",
     "Figure",
+    "FixedFormatter",
+    "FixedLocator",
+    "FontProperties",
     "FuncFormatter",
+    "LineCollection",
     "ListedColormap",
     "LogLocator",
     "LogNorm",
@@ -38,7 +46,10 @@ __all__ = [
     "Patch",
     "Polygon",
     "Rectangle",
+    "ScaledTranslation",
     "Text",
     "colormaps",
+    "findfont",
+    "get_font",
     "style",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -90,14 +91,24 @@ def draw_map(
     bar.ax.grid(visible=False)
     levels = _levels(values[good], log) if contours and min(values.shape) > 1 else np.empty(0)
     if levels.size:
-        lines = axes.contour(x, y, shown, levels=levels, colors="black", linewidths=0.6)
-        _thin_labels(axes, axes.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.6g}"))
+        lines = axes.contour(*_to_edges(x, y, shown), levels=levels, colors="black", linewidths=0.6)
+        _thin_labels(axes, axes.clabel(lines, fontsize=7, inline=False, fmt=lambda level: f"{level:.6g}"))
         bar.add_lines(lines)
     if isinstance(norm, LogNorm):
         bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
         bar.ax.yaxis.set_minor_formatter(NullFormatter())
     _finish(axes, equal_aspect)
+
+
+def _to_edges(x: FloatArray, y: FloatArray, values: Any) -> tuple[FloatArray, FloatArray, Any]:
+    """Return centres and values (H + 2, W + 2) with those of the outer cells repeated at the edges of the map.
+
+    Contours between centres alone would end half a cell before the edge.
+    """
+    wide = [np.concatenate([edge[:1], centres, edge[-1:]]) for centres, edge in ((x, edges_of(x)), (y, edges_of(y)))]
+    padded = np.pad(np.ma.filled(values.astype(np.float64), np.nan), 1, mode="edge")
+    return wide[0], wide[1], np.ma.masked_invalid(padded)
 
 
 def _thin_labels(axes: Axes, labels: Sequence[Text]) -> None:
@@ -109,6 +120,7 @@ def _thin_labels(axes: Axes, labels: Sequence[Text]) -> None:
         if any(np.hypot(*(position - other)) < _LABEL_SPACING for other in used):
             label.remove()
         else:
+            label.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.3})
             used.append(position)
 
 

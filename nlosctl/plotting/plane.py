@@ -7,19 +7,36 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.contract.scene import CircleReflector, Reflector, Scene, SegmentReflector
+from nlosctl.contract.scene import CircleReflector, EarthFrame, Reflector, Scene, SegmentReflector
 from nlosctl.geometry.ellipses import ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.plotting.earth_axes import draw_earth_axes
 from nlosctl.plotting.figures import SeriesStyle, axis_label
-from nlosctl.plotting.library import Axes, Circle, Ellipse, FuncFormatter
+from nlosctl.plotting.library import Annotation, Axes, Circle, Ellipse, FuncFormatter
+from nlosctl.plotting.texts import plain
 
-__all__ = ["Extent", "draw_ellipses", "draw_reflectors", "draw_sensors", "finish_map", "legend_once", "scene_sensors"]
+__all__ = [
+    "Extent",
+    "annotate_points",
+    "draw_ellipses",
+    "draw_reflectors",
+    "draw_sensors",
+    "finish_map",
+    "legend_once",
+    "scene_sensors",
+    "set_map_limits",
+]
 
 _MARGIN = 0.08
 _FLATTEST = 0.45
 _MOST_NAMES = 15
+_MOST_SENSORS = 50
 _KILOMETRES_FROM_M = 20e3
+_FRAMED = 1.0 + 2.0 * _MARGIN
 _MIRROR_COLOR = "#606060"
+_NAME = "sensor name"
+_NEAR_EDGE = 0.85
+_NAMES_AT_ONE_POINT = 4
 
 
 class Extent:
@@ -60,14 +77,19 @@ class Extent:
         return center - half, center + half
 
 
-def finish_map(axes: Axes, extent: Extent, *, square: bool = False) -> None:
-    """Set limits, equal scales, and labels in metres or kilometres by the size."""
+def finish_map(axes: Axes, extent: Extent, *, square: bool = False, frame: EarthFrame | None = None) -> None:
+    """Set limits, equal scales, and labels in metres or kilometres by the size, or in degrees with a ``frame``."""
     low, high = extent.framed(square=square)
+    set_map_limits(axes, low, high, frame)
+
+
+def set_map_limits(axes: Axes, low: FloatArray, high: FloatArray, frame: EarthFrame | None = None) -> None:
+    """Set the corners of a map, with equal scales and labels as by `finish_map`."""
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.locator_params(axis="x", nbins=6)
-    kilometres = extent.span_m >= _KILOMETRES_FROM_M
+    kilometres = float(np.max(high - low)) >= _KILOMETRES_FROM_M * _FRAMED
     axes.set_xlabel(axis_label("x", "km" if kilometres else "m"))
     axes.set_ylabel(axis_label("y", "km" if kilometres else "m"))
     if kilometres:
@@ -75,6 +97,21 @@ def finish_map(axes: Axes, extent: Extent, *, square: bool = False) -> None:
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 1e3:g}"))
     else:
         axes.ticklabel_format(useOffset=False, style="plain")
+    if frame is not None:
+        draw_earth_axes(axes, frame)
+    _turn_names(axes, low, high)
+
+
+def _turn_names(axes: Axes, low: FloatArray, high: FloatArray) -> None:
+    """Put the names near the right or the upper edge on the other side of their points."""
+    for text in axes.texts:
+        if not isinstance(text, Annotation) or text.get_gid() != _NAME:
+            continue
+        share = (np.array(text.xy) - low) / (high - low)
+        right, upper = share[0] > _NEAR_EDGE, share[1] > _NEAR_EDGE
+        text.set_horizontalalignment("right" if right else "left")
+        text.set_verticalalignment("top" if upper else "baseline")
+        text.set_position((-5.0 if right else 5.0, -4.0 if upper else 4.0))
 
 
 def draw_reflectors(axes: Axes, reflectors: Sequence[Reflector]) -> None:
@@ -128,17 +165,29 @@ def legend_once(labels: set[str], label: str) -> str:
 
 def draw_sensors(axes: Axes, names: Sequence[str], position_m: FloatArray, *, label: str = "sensor") -> None:
     """Draw sensors (N, 2) as triangles, with their names if they are few."""
-    axes.plot(*position_m.T, linestyle="none", marker="^", markersize=6.5, color="black", label=label, zorder=4.0)
-    if len(names) > _MOST_NAMES:
+    size = 6.5 if len(names) <= _MOST_SENSORS else 3.0
+    axes.plot(*position_m.T, linestyle="none", marker="^", markersize=size, color="black", label=label, zorder=4.0)
+    annotate_points(axes, names, position_m)
+
+
+def annotate_points(axes: Axes, names: Sequence[str], position_m: FloatArray) -> None:
+    """Write names beside points (N, 2), if there are few: those at one point in one text."""
+    at: dict[tuple[float, float], list[str]] = {}
+    for name, position in zip(names, position_m.tolist(), strict=True):
+        at.setdefault((position[0], position[1]), []).append(plain(name))
+    if len(at) > _MOST_NAMES:
         return
-    for name, position in zip(names, position_m, strict=True):
+    for point, here in at.items():
+        more = f", +{len(here) - _NAMES_AT_ONE_POINT}" if len(here) > _NAMES_AT_ONE_POINT else ""
         axes.annotate(
-            str(name),
-            (float(position[0]), float(position[1])),
+            ", ".join(here[:_NAMES_AT_ONE_POINT]) + more,
+            point,
             xytext=(5, 4),
             textcoords="offset points",
             fontsize=7.5,
             zorder=4.5,
+            gid=_NAME,
+            annotation_clip=True,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.4},
         )
 

@@ -7,15 +7,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.plotting.figures import figure_style, series_style
-from nlosctl.plotting.library import Axes, FuncFormatter
+from nlosctl.plotting.figures import SeriesStyle, figure_style, series_style
+from nlosctl.plotting.library import Axes, FuncFormatter, LogLocator, NullFormatter
 from nlosctl.plotting.panels import Series
 
-__all__ = ["draw_cdf", "draw_points", "draw_reference_lines", "draw_series", "place_legend"]
+__all__ = ["draw_cdf", "draw_points", "draw_reference_lines", "draw_series", "label_log_axis", "place_legend"]
 
 _RASTER_POINTS = 5000
 _MARKED_POINTS = 40
 _INSIDE_ENTRIES = 6
+_MOST_ENTRIES = 28
 
 
 @figure_style()
@@ -71,14 +72,22 @@ def draw_points(axes: Axes, series: Sequence[Series], *, size_pt: float = 3.0, l
 
 
 @figure_style()
-def draw_cdf(axes: Axes, values: Mapping[str, FloatArray], *, log_x: bool = False, legend: bool = True) -> None:
+def draw_cdf(
+    axes: Axes,
+    values: Mapping[str, FloatArray],
+    *,
+    log_x: bool = False,
+    legend: bool = True,
+    styles: Sequence[SeriesStyle] | None = None,
+) -> None:
     """Draw the share of each label's values (N,) at or below x, as steps.
 
-    NaN and infinity count as larger than every x: the steps reach 1 only if all values are finite.
+    NaN and infinity count as larger than every x: the steps reach 1 only if all values are finite. ``styles`` has one
+    style for each label; default: by number.
     """
     _scale(axes, log_x, log_y=False)
     for index, (label, samples) in enumerate(values.items()):
-        look = series_style(index)
+        look = series_style(index) if styles is None else styles[index]
         finite = np.sort(samples[np.isfinite(samples)])
         share = np.arange(1, finite.size + 1) / max(samples.size, 1)
         start = finite[:1]
@@ -122,10 +131,25 @@ def draw_reference_lines(axes: Axes, levels: Mapping[str, float]) -> None:
 def place_legend(axes: Axes, *, beside: bool = False) -> None:
     """Put the legend inside the panel if it has few entries, otherwise (or with ``beside``) beside the panel."""
     handles, labels = axes.get_legend_handles_labels()
+    if len(labels) > _MOST_ENTRIES:
+        more = axes.plot([], [], linestyle="none")[0]
+        labels = [*labels[: _MOST_ENTRIES - 1], f"… {len(labels) - _MOST_ENTRIES + 1} more"]
+        handles = [*handles[: _MOST_ENTRIES - 1], more]
     if labels and (beside or len(labels) > _INSIDE_ENTRIES):
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     elif labels:
         axes.legend(handles, labels, loc="best")
+
+
+def label_log_axis(axes: Axes) -> None:
+    """Label the y axis at 1, 2 and 5 times powers of ten, or at every digit where it spans less than half a decade."""
+    low, high = axes.get_ylim()
+    if high > 300.0 * low:
+        return
+    subs = (1.0, 2.0, 5.0) if high > 3.0 * low else tuple(map(float, range(1, 10)))
+    axes.yaxis.set_major_locator(LogLocator(subs=subs))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _scale(axes: Axes, log_x: bool, log_y: bool) -> None:

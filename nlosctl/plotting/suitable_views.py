@@ -27,6 +27,14 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
         return ["sweep"]
     if contents == {"bound"}:
         return ["map"] if len(files) == 1 and "snapshot" not in names[0] else []
+    if contents == {"bound", "measurements"} and len(files) == 2:
+        return (
+            ["map"]
+            if not any(
+                "snapshot" in columns for columns, file in zip(names, files, strict=True) if file.content == "bound"
+            )
+            else []
+        )
     if contents <= {"estimates", "bound"} and "estimates" in contents:
         has_truth = all(
             columns >= _TRUTH for columns, file in zip(names, files, strict=True) if file.content == "estimates"

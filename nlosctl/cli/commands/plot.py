@@ -87,7 +87,28 @@ def plot(
     y: Annotated[
         str | None,
         typer.Option(
-            "--y", metavar="METRIC", rich_help_panel="Method", help="Metric of evaluate or bound; default: rmse_m."
+            "--y",
+            metavar="METRIC",
+            rich_help_panel="Method",
+            help="Metric of evaluate or bound, or efficiency; default: rmse_m.",
+        ),
+    ] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            "--by",
+            metavar="COLUMN",
+            rich_help_panel="Method",
+            help="Column of estimates that selects colour and track, such as a tag.",
+        ),
+    ] = None,
+    target_z_m: Annotated[
+        float | None,
+        typer.Option(
+            "--target-z-m",
+            metavar="M",
+            rich_help_panel="Geometry",
+            help="Height of the targets in metres, for slant ranges.",
         ),
     ] = None,
     linear: Annotated[bool, typer.Option("--linear", rich_help_panel="Output", help="Use linear axes.")] = False,
@@ -147,6 +168,8 @@ def plot(
             paths=path,
             x=x,
             y=y,
+            by=by,
+            target_z_m=target_z_m,
             linear=linear,
             title=title,
             size_in=None if size is None else _size(size),

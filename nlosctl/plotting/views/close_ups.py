@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from nlosctl.contract.scene import EarthFrame
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Axes, Rectangle
 from nlosctl.plotting.plane import Extent, finish_map
@@ -19,7 +20,7 @@ _SMALL = 0.16
 _PANEL_IN, _TALLEST_IN, _LEGEND_IN, _FRAME_IN, _BESIDE_IN = 4.6, 5.2, 2.6, 0.95, 0.75
 
 
-def draw_with_close_up(request: PlotRequest, draw: DrawLayers, title: str) -> Picture:
+def draw_with_close_up(request: PlotRequest, draw: DrawLayers, title: str, frame: EarthFrame | None = None) -> Picture:
     """Return the picture that ``draw`` draws; it is called once to get the extents, then once per panel."""
     _, (scratch,) = new_figure()
     extent, focus, notes = draw(scratch)
@@ -30,10 +31,10 @@ def draw_with_close_up(request: PlotRequest, draw: DrawLayers, title: str) -> Pi
     size = (width + side + _BESIDE_IN, height) if close else (width, height)
     figure, panels = request.figure(1, 2 if close else 1, size_in=size, title=title, width_ratios=ratios)
     draw(panels[0])
-    finish_map(panels[0], extent)
+    finish_map(panels[0], extent, frame=frame)
     if close:
         draw(panels[1])
-        finish_map(panels[1], focus, square=True)
+        finish_map(panels[1], focus, square=True, frame=frame)
         panels[1].set_title("close-up", fontsize=9)
         low, high = focus.framed(square=True)
         panels[0].add_patch(

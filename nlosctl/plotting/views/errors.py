@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ from nlosctl.evaluation.estimates import EstimateRows
 from nlosctl.io.results.plot_inputs import PlotInput, read_sampled
 from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs, group_title, is_label
 from nlosctl.plotting.axis_labels import figure_label, parameter_label, std_error_of
-from nlosctl.plotting.figures import axis_label, figure_style
+from nlosctl.plotting.figures import axis_label, figure_style, styles_by_part
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.panels import Series
 from nlosctl.plotting.plot_request import Picture, PlotRequest
-from nlosctl.plotting.series import draw_cdf, draw_reference_lines, draw_series, place_legend
+from nlosctl.plotting.series import draw_cdf, draw_reference_lines, draw_series, label_log_axis, place_legend
+from nlosctl.plotting.texts import plain
 from nlosctl.plotting.views.estimates import thinning_note
 from nlosctl.plotting.views.snapshot_rows import labels_of_rows, positions_of
 
@@ -29,6 +31,8 @@ Group = Mapping[str, Any]
 
 _LOG_FROM = 20.0
 _ERROR_COLUMNS = ("x_m", "y_m", "status", "alternative", "method", "source", "sweep_*", "truth_x_m", "truth_y_m")
+_KILOMETRES_FROM_M = 20e3
+_BOUND, _BOUND_LINE = "Cramér-Rao bound", (0, (1.0, 1.0))
 _FIRST_CHOICES = ("rmse_m", "matched_rmse_m", "p_d", "recall")
 
 
@@ -36,6 +40,7 @@ _FIRST_CHOICES = ("rmse_m", "matched_rmse_m", "p_d", "recall")
 def draw_error_cdf(request: PlotRequest) -> Picture:
     """Draw the distribution function of the position error; an estimate without a fix has an infinite error."""
     errors: dict[str, FloatArray] = {}
+    parts: dict[str, tuple[str, str]] = {}
     notes = []
     files = request.of("estimates")
     for file in files:
@@ -50,7 +55,13 @@ def draw_error_cdf(request: PlotRequest) -> Picture:
             status=_status_codes(columns["status"]),
             truth_m=positions_of(columns, "truth_x_m", "truth_y_m"),
         )
-        labels = np.array(labels_of_rows(columns, first.size, file.name if len(files) > 1 else ""))
+        prefix = file.name if len(files) > 1 else ""
+        labels = np.array(labels_of_rows(columns, first.size, prefix))
+        unswept = {name: values for name, values in columns.items() if not name.startswith("sweep_")}
+        methods = labels_of_rows(unswept, first.size, prefix)
+        parts |= {
+            str(label): (method, str(label).removeprefix(method)) for label, method in zip(labels, methods, strict=True)
+        }
         known = ~np.isnan(estimates.error_m)
         for label in dict.fromkeys(labels[known].tolist()):
             errors[label or "estimates"] = estimates.error_m[known & (labels == label)]
@@ -59,7 +70,8 @@ def draw_error_cdf(request: PlotRequest) -> Picture:
     figure, (axes,) = request.figure()
     finite = np.concatenate([values[np.isfinite(values) & (values > 0.0)] for values in errors.values()])
     wide = finite.size and np.quantile(finite, 0.99) > _LOG_FROM * np.quantile(finite, 0.05)
-    draw_cdf(axes, errors, log_x=bool(wide) and not request.linear)
+    styles = styles_by_part([parts.get(label, (label, "")) for label in errors])
+    draw_cdf(axes, errors, log_x=bool(wide) and not request.linear, styles=styles)
     axes.set_xlabel(axis_label("position error", "m"))
     axes.set_ylabel(axis_label("share of the estimates", ""))
     return Picture(figure=figure, notes=notes)
@@ -78,28 +90,53 @@ def draw_sweep(request: PlotRequest) -> Picture:
     """Draw a figure of an evaluation over a swept parameter, a line per method and combination of other sweeps."""
     groups = _groups(request)
     x_name = _swept_column(groups, request.x)
-    y_name = _figure_name(groups, request.y)
+    relative = request.y == "efficiency"
+    if relative and not request.of("bound"):
+        raise UsageError("`y` efficiency is the RMSE over the bound; name a file of 'nlosctl bound' too")
+    y_name = _figure_name(groups, "rmse_m" if relative else request.y)
     values = list(dict.fromkeys(group[x_name] for group in groups if group.get(x_name) is not None))
     ticks = {value: float(value if _are_numbers(values) else index) for index, value in enumerate(values)}
     lines = _lines(groups, x_name, y_name, ticks)
-    flat = {
-        _title(group, x_name): float(group[y_name])
-        for group in groups
-        if group.get(x_name) is None and group[y_name] is not None
-    }
+    flat = (
+        {}
+        if relative
+        else {
+            _title(group, x_name): float(group[y_name])
+            for group in groups
+            if group.get(x_name) is None and group[y_name] is not None
+        }
+    )
     bounds = [_bound_at(file, x_name, ticks) for file in request.of("bound")] if y_name == "rmse_m" else []
+    if relative:
+        lines, bounds = [_over(line, bounds[0], ticks) for line in lines], []
+        flat = {"bound": 1.0}
+    scale, unit = 1.0, figure_label("efficiency" if relative else y_name)
+    if unit.endswith("[m]") and _largest([*(line.y for line in lines), *bounds]) >= _KILOMETRES_FROM_M:
+        scale, unit = 1e-3, unit.replace("[m]", "[km]")
+    lines, bounds = [_scaled(line, scale) for line in lines], [bound * scale for bound in bounds]
+    flat = {label: level * scale for label, level in flat.items()}
     figure, (axes,) = request.figure()
     log_x = _are_numbers(values) and _is_wide(np.array(list(ticks.values()))) and not request.linear
     y = np.concatenate([*(line.y for line in lines), *bounds])
-    log_y = y_name.endswith("_m") and _is_wide(y) and not request.linear
+    log_y = not relative and y_name.endswith("_m") and _is_wide(y) and not request.linear
     draw_series(axes, lines, log_x=log_x, log_y=log_y, legend=False)
     for bound in bounds:
-        axes.plot(sorted(ticks.values()), bound, color="#c0c0c0", linewidth=4.5, label="Cramér-Rao bound", zorder=1.6)
+        axes.plot(
+            sorted(ticks.values()),
+            bound,
+            color="#000000",
+            linestyle=_BOUND_LINE,
+            linewidth=1.8,
+            label=_BOUND,
+            zorder=3.0,
+        )
+    if log_y:
+        label_log_axis(axes)
     draw_reference_lines(axes, flat)
     if len(lines) + len(bounds) > 1:
         place_legend(axes)
     axes.set_xlabel(parameter_label(x_name))
-    axes.set_ylabel(figure_label(y_name))
+    axes.set_ylabel(unit)
     _label_values(axes, ticks, log_x)
     return Picture(figure=figure, notes=_unknown_note(groups, y_name))
 
@@ -153,7 +190,7 @@ def _figure_name(groups: Sequence[Group], wanted: str | None) -> str:
 
 
 def _title(group: Group, x_name: str) -> str:
-    return group_title({name: value for name, value in group.items() if name != x_name and value is not None})
+    return plain(group_title({name: value for name, value in group.items() if name != x_name and value is not None}))
 
 
 def _lines(groups: Sequence[Group], x_name: str, y_name: str, ticks: Mapping[Any, float]) -> list[Series]:
@@ -169,6 +206,21 @@ def _lines(groups: Sequence[Group], x_name: str, y_name: str, ticks: Mapping[Any
         x = np.array([ticks[group[x_name]] for group in line])
         lines.append(Series(label=title, x=x, y=y, error=np.nan_to_num(error) if np.isfinite(error).any() else None))
     return lines
+
+
+def _over(line: Series, bound: FloatArray, ticks: Mapping[Any, float]) -> Series:
+    """Return a line of RMSEs and their errors over the bound at the same swept values."""
+    below = bound[np.searchsorted(sorted(ticks.values()), line.x)]
+    return replace(line, y=line.y / below, error=None if line.error is None else line.error / below)
+
+
+def _scaled(line: Series, scale: float) -> Series:
+    return replace(line, y=line.y * scale, error=None if line.error is None else line.error * scale)
+
+
+def _largest(values: Sequence[FloatArray]) -> float:
+    finite = np.concatenate([part[np.isfinite(part)] for part in values]) if values else np.empty(0)
+    return float(finite.max(initial=0.0))
 
 
 def _bound_at(file: PlotInput, x_name: str, ticks: Mapping[Any, float]) -> FloatArray:
@@ -197,7 +249,7 @@ def _is_wide(values: FloatArray) -> bool:
 def _label_values(axes: Axes, ticks: Mapping[Any, float], log_x: bool) -> None:
     """Set the ticks at the swept values if they are few."""
     if len(ticks) <= 12 and (log_x or not _are_numbers(list(ticks))):
-        labels = [f"{value:g}" if isinstance(value, float) else str(value) for value in ticks]
+        labels = [f"{value:g}" if isinstance(value, float) else plain(value) for value in ticks]
         axes.set_xticks(list(ticks.values()), labels)
         axes.minorticks_off()
 

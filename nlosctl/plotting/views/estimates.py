@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.errors import DataError
+from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.results.plot_inputs import PlotInput, SampledRows, read_sampled
 from nlosctl.plotting.figures import SeriesStyle, axis_label, figure_style, series_style
 from nlosctl.plotting.library import Axes, LogNorm
-from nlosctl.plotting.plane import Extent, draw_ellipses, draw_reflectors, draw_sensors, finish_map, scene_sensors
+from nlosctl.plotting.plane import (
+    Extent,
+    annotate_points,
+    draw_ellipses,
+    draw_reflectors,
+    draw_sensors,
+    finish_map,
+    scene_sensors,
+)
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.series import place_legend
+from nlosctl.plotting.texts import plain
 from nlosctl.plotting.views.close_ups import map_size_in
 from nlosctl.plotting.views.snapshot_rows import fixes_of, labels_of_rows, positions_of
 
@@ -22,7 +36,22 @@ _ELLIPSES_TO = 60
 _MOST_PANELS = 9
 _CELLS = 120
 _MOST_TRUTHS = 200
-_COLUMNS = ("x_m", "y_m", "cov_*", "alternative", "status", "method", "source", "sweep_*", "truth_x_m", "truth_y_m")
+_TIMES = ("time_s", "time", "timestamp")
+_MOST_TAGS = 24
+_COLUMNS = (
+    "snapshot",
+    *_TIMES,
+    "x_m",
+    "y_m",
+    "cov_*",
+    "alternative",
+    "status",
+    "method",
+    "source",
+    "sweep_*",
+    "truth_x_m",
+    "truth_y_m",
+)
 _FAR_QUANTILES = (0.005, 0.995)
 
 
@@ -30,14 +59,16 @@ _FAR_QUANTILES = (0.005, 0.995)
 def draw_estimates_view(request: PlotRequest) -> Picture:
     """Draw the best alternative of every fix."""
     files = request.of("estimates")
-    clouds: dict[str, tuple[FloatArray, FloatArray]] = {}
+    clouds: dict[str, _Cloud] = {}
     truths, notes = [], []
     for file in files:
-        rows = read_sampled(file, _COLUMNS, request.max_rows)
+        rows = read_sampled(file, (*_COLUMNS, *([request.by] if request.by else [])), request.max_rows)
+        if request.by is not None and request.by not in rows.columns:
+            near = did_you_mean(request.by, file.names)
+            raise UsageError(f"`by`: {file.name} has no column {request.by!r}{near}; carry it into the estimates")
         notes += thinning_note(file, rows)
         for label, chosen in _groups(rows, file.name if len(files) > 1 else "").items():
-            covariance = np.stack([rows.columns[f"cov_{part}_m2"] for part in ("xx", "xy", "yy")], axis=1)
-            clouds[label] = (positions_of(rows.columns, "x_m", "y_m")[chosen], covariance[chosen])
+            clouds[label] = _Cloud.of({name: values[chosen] for name, values in rows.columns.items()}, request.by)
         if {"truth_x_m", "truth_y_m"} <= rows.columns.keys():
             truths.append(np.unique(positions_of(rows.columns, "truth_x_m", "truth_y_m"), axis=0))
     if not clouds:
@@ -46,15 +77,18 @@ def draw_estimates_view(request: PlotRequest) -> Picture:
     if len(clouds) > len(labels):
         notes.append(f"only {len(labels)} of {len(clouds)} groups are shown")
     truth = np.concatenate(truths) if truths else np.empty((0, 2))
-    extent, far = _extent(files[0], [clouds[label][0] for label in labels], truth)
+    extent, far = _extent(files[0], [clouds[label].position for label in labels], truth)
     columns = min(len(labels), 3)
     lines = -(-len(labels) // columns)
     figure, panels = request.figure(lines, columns, size_in=map_size_in(extent, columns, lines))
     for index, (axes, label) in enumerate(zip(panels, labels, strict=False)):
-        _draw_cloud(axes, files[0], series_style(index + 1), label, *clouds[label], truth, extent)
+        _draw_cloud(axes, files[0], series_style(index + 1), label, clouds[label], truth, extent)
     for axes in panels[len(labels) :]:
         axes.set_visible(False)
     place_legend(panels[columns - 1], beside=True)
+    tags = {tag for label in labels for tag in clouds[label].tags}
+    if len(tags) > _MOST_TAGS:
+        notes.append(f"the first {_MOST_TAGS} of {len(tags)} values of {request.by!r} have colours")
     if far:
         notes.append(f"{far} estimates are outside the picture")
     return Picture(figure=figure, notes=notes)
@@ -91,33 +125,43 @@ def _extent(file: PlotInput, clouds: list[FloatArray], truth: FloatArray) -> tup
     return extent, sum(int(np.count_nonzero(((cloud < low) | (cloud > high)).any(axis=1))) for cloud in clouds)
 
 
+@dataclass(frozen=True)
+class _Cloud:
+    """The fixes (N,) of one panel: positions (N, 2), covariances (N, 3), snapshot ids, and the rows of each tag.
+
+    The rows of a tag are in the order of time where it is known, otherwise in that of the file; ``in_time`` if they
+    form a track.
+    """
+
+    position: FloatArray
+    covariance: FloatArray
+    ids: list[str]
+    tags: dict[str, IntArray]
+    in_time: bool
+
+    @classmethod
+    def of(cls, columns: Mapping[str, npt.NDArray[Any]], by: str | None) -> _Cloud:
+        position = positions_of(columns, "x_m", "y_m")
+        covariance = np.stack([columns[f"cov_{part}_m2"] for part in ("xx", "xy", "yy")], axis=1)
+        ids = [plain(name) for name in columns.get("snapshot", np.empty(0))]
+        time = next((columns[name] for name in _TIMES if name in columns), None)
+        order = np.arange(position.shape[0]) if time is None else np.argsort(time, kind="stable")
+        names = np.array([plain(value) for value in columns[by]], dtype=object)[order] if by else np.empty(0)
+        tags = {str(name): order[names == name] for name in dict.fromkeys(names.tolist())}
+        in_time = by is not None or time is not None
+        return cls(position, covariance, ids, tags or {"": order}, in_time)
+
+
 def _draw_cloud(
-    axes: Axes,
-    file: PlotInput,
-    look: SeriesStyle,
-    label: str,
-    position: FloatArray,
-    covariance: FloatArray,
-    truth: FloatArray,
-    extent: Extent,
+    axes: Axes, file: PlotInput, look: SeriesStyle, label: str, cloud: _Cloud, truth: FloatArray, extent: Extent
 ) -> None:
+    position = cloud.position
     axes.set_title(f"{label or 'estimates'} ({position.shape[0]})")
     if position.shape[0] > _DENSE_FROM:
         _draw_density(axes, position, extent)
     else:
-        if position.shape[0] <= _ELLIPSES_TO:
-            draw_ellipses(axes, position, covariance, look, extent)
-        axes.plot(
-            *position.T,
-            linestyle="none",
-            marker=look.marker,
-            markersize=4.0 if position.shape[0] < 200 else 2.0,
-            color=look.color,
-            markerfacecolor="none",
-            markeredgewidth=0.7,
-            label="_nolegend_",
-            zorder=2.5,
-        )
+        _draw_tags(axes, look, cloud, extent)
+        annotate_points(axes, cloud.ids, position[: len(cloud.ids)])
     if 0 < truth.shape[0] <= _MOST_TRUTHS:
         few = truth.shape[0] <= 5
         axes.plot(
@@ -134,7 +178,28 @@ def _draw_cloud(
     names, sensors = scene_sensors(file.scene)
     if names:
         draw_sensors(axes, names, sensors)
-    finish_map(axes, extent)
+    finish_map(axes, extent, frame=file.scene.frame)
+
+
+def _draw_tags(axes: Axes, look: SeriesStyle, cloud: _Cloud, extent: Extent) -> None:
+    """Draw the fixes of each tag in a style of its own, those of a track joined by a line."""
+    count = cloud.position.shape[0]
+    for number, (tag, rows) in enumerate(list(cloud.tags.items())):
+        own = series_style(min(number, _MOST_TAGS - 1) + 1) if tag else look
+        if count <= _ELLIPSES_TO:
+            draw_ellipses(axes, cloud.position[rows], cloud.covariance[rows], own, extent)
+        axes.plot(
+            *cloud.position[rows].T,
+            linestyle="-" if cloud.in_time else "none",
+            linewidth=0.6,
+            marker=own.marker,
+            markersize=4.0 if count < 200 else 2.0,
+            color=own.color,
+            markerfacecolor="none",
+            markeredgewidth=0.7,
+            label=tag if tag and number < _MOST_TAGS else "_nolegend_",
+            zorder=2.5,
+        )
 
 
 def _draw_density(axes: Axes, position: FloatArray, extent: Extent) -> None:

@@ -10,6 +10,7 @@ from nlosctl.io.results.plot_inputs import PlotInput
 from nlosctl.plotting.catalogue import VIEWS
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.suitable_views import suitable_views
+from nlosctl.plotting.texts import plain
 from nlosctl.plotting.views.bound import draw_bound_map
 from nlosctl.plotting.views.detection import draw_detection_view
 from nlosctl.plotting.views.echoes import draw_echo_view
@@ -21,6 +22,7 @@ from nlosctl.plotting.views.triplets import draw_triplet_view
 __all__ = ["choose_view", "draw_picture"]
 
 _CHARACTERS_PER_IN = 15
+_LONGEST_NOTE = 400
 
 _DRAW: dict[str, Callable[[PlotRequest], Picture]] = {
     "scene": draw_scene_view,
@@ -60,5 +62,7 @@ def draw_picture(request: PlotRequest, view: str, *, wording: Callable[[str], st
     notes = [wording(note) for note in picture.notes]
     if notes:
         width = int(_CHARACTERS_PER_IN * picture.figure.get_figwidth())
-        picture.figure.supxlabel("\n".join(fill(note, width) for note in notes), fontsize=7, color="#505050")
+        picture.figure.supxlabel(
+            "\n".join(fill(plain(note, _LONGEST_NOTE), width) for note in notes), fontsize=7, color="#505050"
+        )
     return Picture(figure=picture.figure, notes=notes)

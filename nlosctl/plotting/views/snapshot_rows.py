@@ -14,6 +14,7 @@ from nlosctl.io.results.plot_inputs import PlotInput, read_rows_of_snapshot
 from nlosctl.plotting.figures import series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_ellipses
+from nlosctl.plotting.texts import plain
 
 __all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "fixes_of", "labels_of_rows", "positions_of"]
 
@@ -37,7 +38,9 @@ def labels_of_rows(columns: Columns, count: int, prefix: str = "") -> list[str]:
         if name.startswith("sweep_"):
             key = name.removeprefix("sweep_")
             parts.append([f"{key}={_as_text(value)}" if _is_known(value) else "" for value in values])
-    return [" ".join(filter(None, words)) for words in zip(*parts, strict=True)] if parts else [""] * count
+    words = [" ".join(filter(None, words)) for words in zip(*parts, strict=True)] if parts else [""] * count
+    shown = {word: plain(word) for word in set(words)}
+    return [shown[word] for word in words]
 
 
 def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Columns]], extent: Extent) -> list[str]:

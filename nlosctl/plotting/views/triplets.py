@@ -16,6 +16,7 @@ from nlosctl.plotting.figures import SeriesStyle, figure_style, series_style
 from nlosctl.plotting.library import Axes, Ellipse
 from nlosctl.plotting.plane import Extent
 from nlosctl.plotting.plot_request import Picture, PlotRequest
+from nlosctl.plotting.texts import plain
 from nlosctl.plotting.views.close_ups import draw_with_close_up
 from nlosctl.plotting.views.scene import first_measurements
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
@@ -54,7 +55,7 @@ def draw_triplet_view(request: PlotRequest) -> Picture:
             axes.plot([], [], linestyle="none", marker=marker, color="black", markerfacecolor="white", label=label)
         return extent, focus, all_notes
 
-    return draw_with_close_up(request, draw, f"Snapshot {measured.id}")
+    return draw_with_close_up(request, draw, f"Snapshot {measured.id}", measured.scene.frame)
 
 
 def _path_names(measured: PlotSnapshot) -> list[str]:
@@ -109,7 +110,7 @@ def _draw_path(
     has_ellipse = bool(rays.has_ellipse[0])
     shown = [bool(np.isfinite(point).all()) and (number == 0 or has_ellipse) for number, point in enumerate(points)]
     shown[0] = shown[0] and float(np.hypot(*(points[0] - tx))) < _FARTHEST * length
-    label = f"path {name}{_verdict(measured, row)}"
+    label = f"path {plain(name)}{_verdict(measured, row)}"
     for start, angle, on_ray in ((tx, "dod_rad", (0, 1)), (rx, "doa_rad", (0, 2))):
         along = np.array([np.cos(columns[angle][0]), np.sin(columns[angle][0])])
         reach = [float((points[number] - start) @ along) for number in on_ray if shown[number]]
