@@ -86,7 +86,7 @@ def _likeliest(
 ) -> tuple[FloatArray, FloatArray]:
     """Return proposals (B, P) as (P, B), the likeliest first."""
     scores = np.zeros(x.T.shape)
-    block = max(1, _SCORED // scale_m.shape[0])
+    block = max(1, _SCORED // max(1, scale_m.shape[0]))
     for first in range(0, x.shape[1], block):
         some = slice(first, first + block)
         for k in range(problem.tx_x.shape[1]):
