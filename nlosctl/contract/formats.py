@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Any, Protocol
 
+import numpy as np
+
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.methods import version_fault
 from nlosctl.contract.scene import Scene
@@ -21,11 +23,12 @@ __all__ = [
     "Places",
     "PlacesWriter",
     "Row",
+    "Shapes",
     "UnfitError",
     "formats_fault",
 ]
 
-FORMATS_VERSION = 1
+FORMATS_VERSION = 2
 """The version of this contract, incremented with every addition; a plugin states the version it was written for."""
 
 OLDEST_FORMATS_VERSION = 1
@@ -106,7 +109,8 @@ class Places:
     (metres of the plane unless ``on_earth``), NaN without a position. ``outline`` (N, V, 2) is the error ellipse of
     ``probability``, counter-clockwise, with the first point repeated at the end, NaN without a covariance.
     ``semi_major_m``, ``semi_minor_m`` (N,) are its semi-axes, ``major_azimuth_rad`` (N,) the direction of its major
-    axis, clockwise from true north.
+    axis, clockwise from true north. ``cut`` has the parts of outlines that cross the 180th meridian or go around a
+    pole, by row: closed rings between -180 and 180 degrees.
     """
 
     columns: Mapping[str, Sequence[Any]]
@@ -118,6 +122,13 @@ class Places:
     semi_minor_m: FloatArray
     major_azimuth_rad: FloatArray
     on_earth: bool
+    cut: Mapping[int, Sequence[FloatArray]] = field(default_factory=dict)
+
+    def rings(self, row: int) -> Sequence[FloatArray]:
+        """Return the rings (V, 2) of the ellipse of a row: one, or more where it is cut, none without a covariance."""
+        if np.isnan(self.outline[row, 0, 0]):
+            return ()
+        return self.cut.get(row, (self.outline[row],))
 
     @property
     def size(self) -> int:
@@ -125,8 +136,23 @@ class Places:
         return int(self.x.shape[0])
 
 
+@dataclass(frozen=True, kw_only=True)
+class Shapes:
+    """N lines or polygons to be shown on a map, such as lines of bearing.
+
+    ``columns`` has all of their columns as Python values, ``feature`` names what they are. ``parts`` has for each row
+    its lines, or rings if ``closed``, as points (P, 2) like those of `Places`: several where the 180th meridian cuts
+    one, none where a value is missing.
+    """
+
+    columns: Mapping[str, Sequence[Any]]
+    feature: str
+    parts: Sequence[Sequence[FloatArray]]
+    closed: bool
+
+
 class PlacesWriter(Protocol):
-    """Writes estimates to a map file."""
+    """Writes estimates to a map file; one that can write `Shapes` too has a method ``write_shapes``."""
 
     def write(self, places: Places) -> None:
         """Write some of the estimates."""

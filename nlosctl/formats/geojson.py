@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
-from nlosctl.contract.formats import ExporterSpec, Places
+from nlosctl.arrays import FloatArray
+from nlosctl.contract.formats import ExporterSpec, Places, Shapes
 from nlosctl.contract.options import option
-from nlosctl.formats.map_options import MapOptions
+from nlosctl.formats.map_options import LineOptions
 
 __all__ = ["FORMAT"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeoJsonOptions(MapOptions):
+class GeoJsonOptions(LineOptions):
     """Ellipses, and units of the coordinates."""
 
     metres: bool = option(
@@ -32,9 +33,19 @@ class _Writer:
     def write(self, places: Places) -> None:
         for row in range(places.size):
             for feature in _features(places, row):
-                text = json.dumps(feature, ensure_ascii=False, allow_nan=False)
-                self._sink.write((self._separator + text).encode("utf-8"))
-                self._separator = ",\n"
+                self._put(feature)
+
+    def write_shapes(self, shapes: Shapes) -> None:
+        for row, parts in enumerate(shapes.parts):
+            properties = {name: _value(values[row]) for name, values in shapes.columns.items()}
+            properties = {"feature": shapes.feature, **properties}
+            geometry = _polygons(parts) if shapes.closed else _lines(parts)
+            self._put({"type": "Feature", "geometry": geometry, "properties": properties})
+
+    def _put(self, feature: dict[str, Any]) -> None:
+        text = json.dumps(feature, ensure_ascii=False, allow_nan=False)
+        self._sink.write((self._separator + text).encode("utf-8"))
+        self._separator = ",\n"
 
     def close(self) -> None:
         self._sink.write(b"\n]}\n")
@@ -45,11 +56,22 @@ def _features(places: Places, row: int) -> Iterator[dict[str, Any]]:
     x, y = float(places.x[row]), float(places.y[row])
     point = None if math.isnan(x) else {"type": "Point", "coordinates": [x, y]}
     yield {"type": "Feature", "geometry": point, "properties": {"feature": "estimate", **properties}}
-    outline = places.outline[row]
-    if not math.isnan(outline[0, 0]):
-        polygon = {"type": "Polygon", "coordinates": [outline.tolist()]}
+    polygon = _polygons(places.rings(row))
+    if polygon is not None:
         share = {"feature": "ellipse", "ellipse_probability": places.probability}
         yield {"type": "Feature", "geometry": polygon, "properties": {**properties, **share}}
+
+
+def _polygons(rings: Sequence[FloatArray]) -> dict[str, Any] | None:
+    if len(rings) < 2:
+        return {"type": "Polygon", "coordinates": [rings[0].tolist()]} if rings else None
+    return {"type": "MultiPolygon", "coordinates": [[ring.tolist()] for ring in rings]}
+
+
+def _lines(lines: Sequence[FloatArray]) -> dict[str, Any] | None:
+    if len(lines) < 2:
+        return {"type": "LineString", "coordinates": lines[0].tolist()} if lines else None
+    return {"type": "MultiLineString", "coordinates": [line.tolist() for line in lines]}
 
 
 def _value(value: Any) -> Any:
@@ -60,7 +82,7 @@ def _value(value: Any) -> Any:
 
 FORMAT = ExporterSpec(
     name="geojson",
-    summary="GeoJSON: points and ellipses",
+    summary="GeoJSON: points and ellipses, lines of bearing, cells of the bound",
     reference="RFC 7946, The GeoJSON Format",
     options=GeoJsonOptions,
     start=_Writer,

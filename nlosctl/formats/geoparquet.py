@@ -11,12 +11,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places
 from nlosctl.formats.map_options import MapOptions
 
 __all__ = ["FORMAT"]
 
 _GEOMETRIES = {"geometry": "Point", "ellipse": "Polygon"}
+_POLYGON, _MULTI_POLYGON = 3, 6
+"""The types of geometries in WKB."""
 
 
 class _Writer:
@@ -34,6 +37,8 @@ class _Writer:
     def close(self) -> None:
         columns = {name: pa.array(cells, _type(name)) for name, cells in self._columns.items()}
         described = {name: {"encoding": "WKB", "geometry_types": [kind]} for name, kind in _GEOMETRIES.items()}
+        if any(cell is not None and cell[1] == _MULTI_POLYGON for cell in self._columns.get("ellipse", ())):
+            described["ellipse"]["geometry_types"] = ["Polygon", "MultiPolygon"]
         geo = {"version": "1.1.0", "primary_column": "geometry", "columns": described}
         columns = columns or {name: pa.array([], pa.binary()) for name in _GEOMETRIES}
         table = pa.table(columns).replace_schema_metadata({"geo": json.dumps(geo)})
@@ -69,9 +74,16 @@ def _points(places: Places) -> Sequence[bytes | None]:
 
 
 def _polygons(places: Places) -> Sequence[bytes | None]:
-    head = struct.pack("<BIII", 1, 3, 1, places.outline.shape[1])
-    rings: Any = np.ascontiguousarray(places.outline, dtype="<f8")
-    return [None if np.isnan(ring[0, 0]) else head + ring.tobytes() for ring in rings]
+    polygons = [[_polygon(ring) for ring in places.rings(row)] for row in range(places.size)]
+    return [_joined(parts) if len(parts) != 1 else parts[0] for parts in polygons]
+
+
+def _polygon(ring: FloatArray) -> bytes:
+    return struct.pack("<BIII", 1, _POLYGON, 1, ring.shape[0]) + np.ascontiguousarray(ring, dtype="<f8").tobytes()
+
+
+def _joined(polygons: Sequence[bytes]) -> bytes | None:
+    return struct.pack("<BII", 1, _MULTI_POLYGON, len(polygons)) + b"".join(polygons) if polygons else None
 
 
 FORMAT = ExporterSpec(

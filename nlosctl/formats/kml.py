@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from typing import IO, Any
 from xml.sax.saxutils import escape
 
-from nlosctl.contract.formats import ExporterSpec, Places
-from nlosctl.formats.map_options import MapOptions, known_values, title
+from nlosctl.arrays import FloatArray
+from nlosctl.contract.formats import ExporterSpec, Places, Shapes
+from nlosctl.formats.map_options import LineOptions, known_values, title
 
 __all__ = ["FORMAT"]
 
@@ -29,7 +31,7 @@ _EXACT = 2**53
 
 
 class _Writer:
-    def __init__(self, sink: IO[bytes], options: MapOptions) -> None:
+    def __init__(self, sink: IO[bytes], options: LineOptions) -> None:
         self._sink = sink
         sink.write(_HEAD.encode("utf-8"))
 
@@ -37,23 +39,41 @@ class _Writer:
         for row in range(places.size):
             self._sink.write(_placemark(places, row).encode("utf-8"))
 
+    def write_shapes(self, shapes: Shapes) -> None:
+        for row, parts in enumerate(shapes.parts):
+            shown = [_polygon(part) if shapes.closed else _line(part) for part in parts]
+            self._sink.write(_described(known_values(shapes, row), shown).encode("utf-8"))
+
     def close(self) -> None:
         self._sink.write(b"</Document>\n</kml>\n")
 
 
 def _placemark(places: Places, row: int) -> str:
-    values = known_values(places, row)
-    name = title(values)
-    description = "<br>".join(escape(f"{key}: {_shown(value)}") for key, value in values.items())
     geometries = []
     x, y = float(places.x[row]), float(places.y[row])
     if not math.isnan(x):
         geometries.append(f"<Point><coordinates>{x!r},{y!r}</coordinates></Point>")
-    outline = places.outline[row]
-    if not math.isnan(outline[0, 0]):
-        ring = " ".join(f"{lon!r},{lat!r}" for lon, lat in outline.tolist())
-        boundary = f"<outerBoundaryIs><LinearRing><coordinates>{ring}</coordinates></LinearRing></outerBoundaryIs>"
-        geometries.append(f"<Polygon>{boundary}</Polygon>")
+    geometries += [_polygon(ring) for ring in places.rings(row)]
+    return _described(known_values(places, row), geometries)
+
+
+def _polygon(ring: FloatArray) -> str:
+    boundary = f"<outerBoundaryIs><LinearRing>{_coordinates(ring)}</LinearRing></outerBoundaryIs>"
+    return f"<Polygon>{boundary}</Polygon>"
+
+
+def _line(line: FloatArray) -> str:
+    return f"<LineString><tessellate>1</tessellate>{_coordinates(line)}</LineString>"
+
+
+def _coordinates(path: FloatArray) -> str:
+    return f"<coordinates>{' '.join(f'{lon!r},{lat!r}' for lon, lat in path.tolist())}</coordinates>"
+
+
+def _described(values: Mapping[str, Any], geometries: Sequence[str]) -> str:
+    """Return a placemark with a title, the values as description, and geometries."""
+    name = title(values)
+    description = "<br>".join(escape(f"{key}: {_shown(value)}") for key, value in values.items())
     geometry = f"<MultiGeometry>{''.join(geometries)}</MultiGeometry>" if geometries else ""
     style = "<styleUrl>#ellipse</styleUrl>"
     return (
@@ -75,9 +95,9 @@ def _text(text: str) -> str:
 
 FORMAT = ExporterSpec(
     name="kml",
-    summary="KML: placemarks with ellipses, status and all other columns in the description",
+    summary="KML: placemarks with ellipses or lines of bearing, all other columns in the description",
     reference="OGC 07-147r2, KML 2.2",
-    options=MapOptions,
+    options=LineOptions,
     start=_Writer,
 )
 """The specification of the exporter."""

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from nlosctl.contract.formats import Places
+from nlosctl.contract.formats import Places, Shapes
 from nlosctl.contract.options import option
 
-__all__ = ["MapOptions", "known_values", "title"]
+__all__ = ["LineOptions", "MapOptions", "known_values", "title"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,11 +22,25 @@ class MapOptions:
     vertices: int = option(72, meaning="vertices of an ellipse", minimum=8, maximum=3600)
 
 
-def known_values(places: Places, row: int) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class LineOptions(MapOptions):
+    """Ellipses of the estimates, and lines of bearing."""
+
+    line_length_m: float = option(
+        10_000.0,
+        unit="m",
+        minimum=0.0,
+        maximum=1e7,
+        exclusive=True,
+        meaning="length of a line of bearing; a row with a range is as long as that",
+    )
+
+
+def known_values(places: Places | Shapes, row: int) -> dict[str, Any]:
     """Return the values of one estimate by column, without nulls."""
     return {name: values[row] for name, values in places.columns.items() if values[row] is not None}
 
 
 def title(values: Mapping[str, Any]) -> str:
-    """Return the title of an estimate: its snapshot and method."""
-    return " ".join(str(values[key]) for key in ("snapshot", "method") if key in values)
+    """Return the title of an estimate, its snapshot and method, or of a bearing, its snapshot and sensor."""
+    return " ".join(str(values[key]) for key in ("snapshot", "method", "sensor") if key in values)

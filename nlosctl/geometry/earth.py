@@ -10,7 +10,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray
 from nlosctl.errors import UsageError
 
-__all__ = ["EarthPlane", "flat_errors"]
+__all__ = ["EarthPlane", "flat_errors", "geodesics"]
 
 
 _WGS84 = "EPSG:4326"
@@ -114,6 +114,23 @@ def flat_errors(
     along = plane.north_rad(x_m, y_m) - np.radians(azimuth_deg)
     turned = np.pi - (np.pi - (np.arctan2(dy, dx) - along)) % (2.0 * np.pi)
     return turned, np.hypot(dx, dy) - length
+
+
+def geodesics(
+    lat_deg: FloatArray, lon_deg: FloatArray, azimuth_rad: FloatArray, length_m: FloatArray, points: int
+) -> FloatArray:
+    """Return longitudes and latitudes (N, ``points``, 2) of evenly spaced points on geodesics of WGS 84 from N points.
+
+    NaN where any value is NaN.
+    """
+    along = np.linspace(0.0, 1.0, points) * length_m[:, None]
+    start = [np.repeat(part[:, None], points, axis=1).ravel() for part in (lon_deg, lat_deg, np.degrees(azimuth_rad))]
+    known = np.isfinite(np.stack([*start, along.ravel()])).all(axis=0)
+    path = np.full((known.size, 2), np.nan)
+    if known.any():
+        lon, lat, _ = _pyproj().Geod(ellps="WGS84").fwd(*(part[known] for part in (*start, along.ravel())))
+        path[known] = np.stack([lon, lat], axis=1)
+    return path.reshape(*along.shape, 2)
 
 
 def _single(values: FloatArray) -> Any:

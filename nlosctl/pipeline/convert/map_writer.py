@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import PurePosixPath
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray
-from nlosctl.contract.formats import ExporterSpec, Places, PlacesWriter
+from nlosctl.contract.formats import ExporterSpec, Places, PlacesWriter, Shapes
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, parse_frame
 from nlosctl.errors import DataError, MethodError, NlosctlError
+from nlosctl.geometry.antimeridian import crosses_antimeridian, cut_ring
 from nlosctl.geometry.earth import EarthPlane
 from nlosctl.geometry.ellipses import ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -24,6 +25,7 @@ from nlosctl.io.paths.locations import Location, location
 from nlosctl.io.scenes.scene_file import SCENE_KEY, plane_of, scene_from_toml
 from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
+from nlosctl.pipeline.convert.map_shapes import bearing_lines, bound_cells, has_bearings, has_bound_cells
 
 __all__ = ["MapWriter", "exporter_of"]
 
@@ -65,6 +67,7 @@ class MapWriter:
         self._output = ByteOutput(target, overwrite=overwrite)
         self._frame = frame or _frame_of(metadata or {})
         self._writer: PlacesWriter | None = None
+        self._map: list[Any] = []
         self._completed = False
         check_targets([target], overwrite=overwrite, inputs=inputs)
 
@@ -82,14 +85,30 @@ class MapWriter:
 
     def write(self, table: Any) -> None:
         """Write estimates."""
-        if table.num_rows:
-            self.rows += table.num_rows
+        if not table.num_rows:
+            return
+        self.rows += table.num_rows
+        if has_bound_cells(table.column_names):
+            self._map.append(table)  # the spacing of the grid follows from the complete map
+        elif has_bearings(table.column_names):
+            columns = {name: table.column(name).to_pylist() for name in table.column_names}
+            length_m = float(getattr(self._options, "line_length_m", 0.0))
+            self._write_shapes("bearings", lambda: bearing_lines(columns, length_m, self._numbers, self._planes))
+        else:
             places = self._places(table)  # faults are raised before anything is written
             with self._naming_exporter():
                 self._started().write(places)
 
     def complete(self) -> None:
         """Write the end of the map; only the renaming to the final name is left."""
+        if self._map:
+            tables, self._map = self._map, []
+            columns = {
+                name: [value for table in tables for value in table.column(name).to_pylist()]
+                for name in tables[0].column_names
+            }
+            metres = bool(getattr(self._options, "metres", False))
+            self._write_shapes("a map", lambda: bound_cells(columns, self._numbers, self._planes, metres=metres))
         if not self._completed:
             with self._naming_exporter():
                 self._started().close()
@@ -100,6 +119,13 @@ class MapWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._output.end(kind, self.complete)
+
+    def _write_shapes(self, contents: str, make: Callable[[], Shapes]) -> None:
+        if not hasattr(self._started(), "write_shapes"):
+            raise DataError(f"{self._spec.name} takes estimates, not {contents}: write geojson or kml instead")
+        shapes = make()
+        with self._naming_exporter():
+            cast(Any, self._started()).write_shapes(shapes)
 
     def _started(self) -> PlacesWriter:
         if self._writer is None:
@@ -140,6 +166,7 @@ class MapWriter:
         outline = np.stack([ring_x, ring_y], axis=2)
         outline[~np.isfinite(outline).all(axis=(1, 2))] = np.nan
         outline[:, -1] = outline[:, 0]
+        cut_rows: list[int] = [] if metres else np.flatnonzero(crosses_antimeridian(outline)).tolist()
         return Places(
             columns=columns,
             x=x,
@@ -150,6 +177,7 @@ class MapWriter:
             semi_minor_m=minor,
             major_azimuth_rad=north - ellipse.orientation_rad,
             on_earth=not metres,
+            cut={row: cut_ring(outline[row]) for row in cut_rows},
         )
 
     def _numbers(self, values: Sequence[Any], name: str) -> FloatArray:
