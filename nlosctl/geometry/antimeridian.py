@@ -22,12 +22,11 @@ def cut_ring(ring: FloatArray) -> list[FloatArray]:
 
     A ring that goes around the earth contains the pole on its left, and its part reaches there.
     """
-    unwrapped = _unwrapped(ring)
-    turns = round((unwrapped[-1, 0] - unwrapped[0, 0]) / 360.0)
-    corners = unwrapped[:-1]
+    corners = _unwrapped(ring)
+    turns = round((corners[-1, 0] - corners[0, 0]) / 360.0)
     if turns:
-        pole = np.copysign(90.0, turns)
-        corners = np.concatenate([unwrapped, [[unwrapped[-1, 0], pole], [unwrapped[0, 0], pole]]])
+        return [_with_pole(cut_line(ring), float(np.sign(turns)))]
+    corners = corners[:-1]
     parts = []
     for shift in _shifts(corners):
         part = corners - (shift, 0.0)
@@ -47,9 +46,19 @@ def cut_line(line: FloatArray) -> list[FloatArray]:
             crossing = start + (end - start) * ((edge - start[0]) / (end[0] - start[0]))
             parts.append(np.array([*part, [edge, crossing[1]]]))
             part = [np.array([edge, crossing[1]])]
-        part.append(end)
+        if (end != part[-1]).any():
+            part.append(end)
     parts.append(np.array(part))
-    return [part - (360.0 * np.round(part[:, 0].mean() / 360.0), 0.0) for part in parts]
+    whole = [part for part in parts if part.shape[0] > 1]
+    return [part - (360.0 * np.round(part[:, 0].mean() / 360.0), 0.0) for part in whole]
+
+
+def _with_pole(lines: list[FloatArray], turn: float) -> FloatArray:
+    """Return the ring that goes once around the earth, from its cut ``lines``: along them, and back by the pole."""
+    line = lines[0] if len(lines) == 1 else np.concatenate([lines[-1], lines[0][1:]])
+    line[[0, -1], 0] = -180.0 * turn, 180.0 * turn
+    pole = 90.0 * turn
+    return np.concatenate([line, [[180.0 * turn, pole], [-180.0 * turn, pole]], line[:1]])
 
 
 def _unwrapped(path: FloatArray) -> FloatArray:
@@ -66,10 +75,10 @@ def _shifts(corners: FloatArray) -> FloatArray:
 
 
 def _edges_between(start: float, end: float) -> FloatArray:
-    """Return the odd multiples of 180 degrees strictly between two longitudes, in the direction of travel."""
-    low, high = min(start, end), max(start, end)
-    edges = 180.0 + 360.0 * np.arange(np.floor((low - 180.0) / 360.0) + 1.0, np.ceil((high - 180.0) / 360.0))
-    return edges if end > start else edges[::-1]
+    """Return the odd multiples of 180 degrees after ``start``, up to ``end``, in the direction of travel."""
+    sign = 1.0 if end > start else -1.0
+    first, last = np.floor((sign * start - 180.0) / 360.0) + 1.0, np.floor((sign * end - 180.0) / 360.0)
+    return sign * (180.0 + 360.0 * np.arange(first, last + 1.0))
 
 
 def _clipped(corners: FloatArray, side: float) -> FloatArray:
