@@ -28,13 +28,7 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
     if contents == {"bound"}:
         return ["map"] if len(files) == 1 and "snapshot" not in names[0] else []
     if contents == {"bound", "measurements"} and len(files) == 2:
-        return (
-            ["map"]
-            if not any(
-                "snapshot" in columns for columns, file in zip(names, files, strict=True) if file.content == "bound"
-            )
-            else []
-        )
+        return ["map"] if all(_belongs_to_a_map(file) for file in files) else []
     if contents <= {"estimates", "bound"} and "estimates" in contents:
         has_truth = all(
             columns >= _TRUTH for columns, file in zip(names, files, strict=True) if file.content == "estimates"
@@ -48,6 +42,11 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
     if contents <= {"measurements", "flags", "estimates"} and len(contents) <= 2:
         return _views_of_measurements(files)
     return []
+
+
+def _belongs_to_a_map(file: PlotInput) -> bool:
+    """Return whether a file is a map of the bound, or has measurements whose sensors made it."""
+    return "snapshot" not in file.names if file.content == "bound" else file.kind != "triplets"
 
 
 def _views_of_flags(files: Sequence[PlotInput], names: Sequence[set[str]], swept: bool) -> list[str]:
