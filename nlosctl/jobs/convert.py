@@ -25,11 +25,12 @@ __all__ = ["ConversionReport", "convert"]
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionReport:
-    """Rows written, bad rows set aside, and whether the output format cannot store the scene."""
+    """Rows written, bad rows set aside, whether the output format cannot store the scene, and remarks."""
 
     rows: int
     bad_rows: int
     loses_scene: bool
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,7 @@ class _Source:
     schema: Any
     metadata: dict[str, str]
     log: ProblemLog
+    notes: tuple[str, ...] = ()
 
     @property
     def scene(self) -> str | None:
@@ -103,7 +105,7 @@ def convert(
             for table in source.tables:
                 sink.write(table)
                 rows += table.num_rows
-    return ConversionReport(rows=rows, bad_rows=source.log.total, loses_scene=loses_scene)
+    return ConversionReport(rows=rows, bad_rows=source.log.total, loses_scene=loses_scene, notes=source.notes)
 
 
 @contextmanager
@@ -129,7 +131,13 @@ def _imported(
     imported = job.read(name)
     content = {"importer": importer, "parameters": parameters, "inputs": [{"name": hide_secrets(name)}]}
     metadata = file_metadata("convert", content, imported.scene)
-    yield _Source(tables=iter([imported.table]), schema=imported.table.schema, metadata=metadata, log=job.log)
+    yield _Source(
+        tables=iter([imported.table]),
+        schema=imported.table.schema,
+        metadata=metadata,
+        log=job.log,
+        notes=imported.notes,
+    )
 
 
 @contextmanager

@@ -104,6 +104,8 @@ def convert(
     terminal = Terminal(quiet)
     bad = f", {report.bad_rows} bad row{'s' if report.bad_rows > 1 else ''} set aside" if report.bad_rows else ""
     terminal.note(f"{inputs[0]}: {report.rows} rows{bad}")
+    for note in report.notes:
+        terminal.note(f"note: {note}")
     if report.loses_scene and write.scene_out is None:
         terminal.note("note: this format cannot store the scene; --scene-out FILE writes it, --scene FILE reads it")
 

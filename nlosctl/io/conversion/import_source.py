@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 import tempfile
@@ -18,7 +19,7 @@ from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.locations import Location, location, near_name, require_utf8
 
-__all__ = ["import_path", "imported_table", "open_import"]
+__all__ = ["cut_epochs_remark", "import_path", "imported_table", "open_import"]
 
 _IN_MEMORY_BYTES = 64 << 20
 
@@ -84,6 +85,24 @@ def imported_table(
         raise DataError(f"{file}: no rows: the file contains no measurement")
     filled = {name: cells for name, cells in columns.items() if any(cell is not None for cell in cells)}
     return pa.table({name: _array(name, cells, types[name]) for name, cells in filled.items()})
+
+
+def cut_epochs_remark(table: Any) -> list[str]:
+    """Return a line if windows have cut epochs in two: sensors repeat in some snapshots, and others lack them."""
+    if not {"snapshot", "sensor"} <= set(table.column_names):
+        return []
+    sensors: dict[Any, list[str]] = {}
+    for snapshot, sensor in zip(table["snapshot"].to_pylist(), table["sensor"].to_pylist(), strict=True):
+        sensors.setdefault(snapshot, []).append(re.sub(r"#\d+$", "", str(sensor)))
+    most = max((len(set(names)) for names in sensors.values()), default=0)
+    repeated = sum(len(set(names)) < len(names) for names in sensors.values())
+    short = sum(len(set(names)) < most for names in sensors.values())
+    if not repeated or not short:
+        return []
+    return [
+        f"of {len(sensors)} snapshots {repeated} have a sensor more than once, and {short} lack a sensor that others "
+        f"have: the window may cut epochs in two; `window` auto ends a snapshot when a sensor reports again"
+    ]
 
 
 def _array(name: str, cells: list[Any], kind: ColumnType) -> Any:

@@ -12,7 +12,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import KINDS
 from nlosctl.errors import MethodError, NlosctlError, hide_secrets
-from nlosctl.io.conversion.import_source import import_path, imported_table, open_import
+from nlosctl.io.conversion.import_source import cut_epochs_remark, import_path, imported_table, open_import
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
 from nlosctl.io.scenes.scene_file import find_scene
 
@@ -21,11 +21,12 @@ __all__ = ["Import", "Imported"]
 
 @dataclass(frozen=True, kw_only=True)
 class Imported:
-    """A table of measurements, its kind and its scene."""
+    """A table of measurements, its kind, its scene, and remarks on its snapshots."""
 
     table: Any
     kind: str
     scene: Scene
+    notes: tuple[str, ...] = ()
 
 
 class Import:
@@ -57,7 +58,8 @@ class Import:
         with open_import(source) as stream:
             rows = self._rows(ForeignFile(name=name, stream=stream, scene=scene))
             table = imported_table(rows, KINDS[kind], self._spec.extra, name, self.log)
-        return Imported(table=table, kind=kind, scene=scene)
+        has_grid = getattr(self._options, "window", None) not in (None, "all", "auto")
+        return Imported(table=table, kind=kind, scene=scene, notes=tuple(cut_epochs_remark(table) if has_grid else []))
 
     def _rows(self, file: ForeignFile) -> Iterator[Row | BadLine]:
         try:
