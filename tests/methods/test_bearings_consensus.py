@@ -176,7 +176,7 @@ def test_a_source_outside_the_region_is_reported(robust: MethodSpec, sensors: in
     before = _best(robust, batch, **_KEEP_ALL)
     assert _share(before.status, Status.OK) > 0.1, "the case that is to be caught"
     wide = _best(robust, dataclasses.replace(batch, field=SensorsField(factor=10.0)))
-    assert _share(wide.status, Status.OK) > {"mixture-ml": 0.95, "suppress": 0.93}[robust.name]
+    assert _share(wide.status, Status.OK) >= {"mixture-ml": 0.95, "suppress": 0.93}[robust.name]
 
 
 def test_sources_inside_are_not_sought_outside(robust: MethodSpec) -> None:

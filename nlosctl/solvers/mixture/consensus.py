@@ -6,19 +6,34 @@ from dataclasses import dataclass, replace
 from math import log, pi, tau
 
 import numpy as np
+from scipy.special import ndtr
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
+from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["Rival", "find_rival", "log_evidence", "outlier_gain", "rival_mass"]
+__all__ = ["Rival", "find_rival", "log_evidence", "loose_odds", "outlier_gain", "rival_mass"]
 
 _BEYOND_EDGE = 2.0
 """A fix on the edge of the search region stays if the mode outside is at most this many nats more likely."""
+
+_FAR = 10.0
+"""The source is far from a fix at so many standard deviations: a normalized squared error of 100."""
+
+_CHANCE = 2
+"""This many rows always agree on some point."""
+
+_LEVERAGE = 0.5
+"""Without a row of less leverage, its share of the information in its direction, the fix is not far away."""
+
+_MOST_GAIN = 50.0
+"""More than so many nats are as good as certain."""
 
 
 def outlier_gain(field_of_view_rad: float) -> float:
@@ -71,6 +86,58 @@ def rival_mass(fixes: RankedFixes, area_m2: FloatArray) -> FloatArray:
     for t in range(1, count):
         total += np.where(mass[:, t] > 0.0, mass[:, t], 0.0)
     return total
+
+
+def loose_odds(
+    mixture: Mixture,
+    x: FloatArray,
+    y: FloatArray,
+    covariance: SymmetricMatrix,
+    probability: FloatArray,
+    used: BoolArray,
+    area_m2: FloatArray,
+) -> FloatArray:
+    """Return the odds (B,) that a row of fixes x, y (B,) is an outlier that keeps them far from the source.
+
+    Without a row the cost is that of the others at their own optimum, and the volume of the mode larger, at most the
+    area (B,) of the search region: together the odds of that row to be an outlier. Times the probability that the
+    source is then more than `_FAR` standard deviations from the fix, by the ``covariance`` (B,) of all rows. By the
+    quadratic model of the cost; summed over the rows ``used`` (B, K), which are direct with a ``probability`` (B, K),
+    if they have leverage.
+    0 for fixes on one or two rows, which agree by chance: that is for the evidence to judge.
+    """
+    odds = np.zeros(x.shape)
+    with ignoring_overflow(), ignoring_division():
+        information = covariance.inverse()
+        for k in range(mixture.count):
+            row, weight = mixture.rows.derivatives(k, x, y), probability[:, k]
+            some = np.flatnonzero(used[:, k] & (weight * _trace_of_product(row.gauss, covariance) > _LEVERAGE))
+            gradient, gauss = rows_of(row.gradient, some), row.gauss.take(some)
+            left_out = RowDerivatives(row.half_chi_square[some], gradient, gauss, gauss)
+            gain, far = _leave_out(left_out, weight[some], information.take(some), area_m2[some])
+            log_odds = np.minimum(gain, _MOST_GAIN) - mixture.log_direct[some, k]
+            of_row = mixture.obstructed[some] * np.exp(log_odds) * far
+            odds[some] += np.where(np.isfinite(of_row), of_row, 0.0)
+    return np.where(np.count_nonzero(used, axis=1) > _CHANCE, odds, 0.0)
+
+
+def _leave_out(
+    row: RowDerivatives, weight: FloatArray, information: SymmetricMatrix, area_m2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gain in log evidence (B,) from leaving out a row, and the probability that the source is then far."""
+    others = information + row.gauss * -weight
+    determinant = np.maximum(others.determinant, (tau / area_m2) ** 2)
+    spread = SymmetricMatrix(others.yy, -others.xy, others.xx) * (1.0 / determinant)
+    u, v = (weight * slope for slope in row.gradient)
+    gain = weight * row.half_chi_square + 0.5 * spread.quadratic_form(u, v)
+    gain += 0.5 * np.log(np.maximum(information.determinant / determinant, 1.0))
+    shift = np.sqrt(information.quadratic_form(spread.xx * u + spread.xy * v, spread.xy * u + spread.yy * v))
+    scale = np.sqrt(np.maximum(_trace_of_product(information, spread) - 1.0, 1.0))
+    return gain, ndtr((shift - _FAR) / scale) + ndtr((-shift - _FAR) / scale)
+
+
+def _trace_of_product(one: SymmetricMatrix, other: SymmetricMatrix) -> FloatArray:
+    return one.xx * other.xx + 2.0 * one.xy * other.xy + one.yy * other.yy
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, StatusArray
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, outlier_gain, rival_mass
+from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, loose_odds, outlier_gain, rival_mass
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
@@ -19,6 +19,10 @@ from nlosctl.solvers.mixture.ranked_estimates import RankedFixes, ranked_status
 from nlosctl.solvers.mixture.verdicts import mark_behind, near_sensor, verdicts
 
 __all__ = ["FixesToJudge", "Judgement", "judge_robust_fixes"]
+
+_ELSEWHERE_OF_ALL_ROWS = 0.6
+"""A fix on all rows is ambiguous if the odds that the source is elsewhere reach this: with a quarter of outliers less
+than .5 % of the ok fixes of five sensors are absurd, and .99 of clean ones stay ok."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,8 @@ def judge_robust_fixes(
     """Return the statuses of a block of fixes, by `log_evidence`, `find_rival`, `verdicts` and `ranked_status`.
 
     ``too_few`` (B,) marks snapshots of fewer scalars than a position has. ``distinct``: the fixes are different modes,
-    so that the best is ambiguous where the others together have its mass, or, if it leaves out a row, nearly its mass.
+        and the best is ambiguous where the source is likely elsewhere: at another mode, or far off because a row is an
+        outlier. If it leaves out a row, exp(-``ambiguous_within``) is likely enough.
     """
     fixes, probability, used = found.fixes, found.probability, found.used
     gain = outlier_gain(radians(options.field_of_view_deg))
@@ -104,13 +109,16 @@ def _beside_likelihood(
     fixes, used, mode = found.fixes, found.used, found.mode
     x, y = fixes.x[:, 0], fixes.y[:, 0]
     area_m2 = model.region.area_m2
-    further = verdicts(model.lines, x, y, fixes.covariance.at(slice(None), 0), used)
+    covariance = fixes.covariance.at(slice(None), 0)
+    further = verdicts(model.lines, x, y, covariance, used)
     further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
     if used.shape[1] > 1:  # a row alone agrees with nothing, nor does it disagree
         evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, area_m2, gain)
         further[Status.NO_CONSENSUS] = evidence < options.least_evidence
     if distinct:
+        elsewhere = rival_mass(fixes, area_m2)
+        elsewhere += loose_odds(model.mixture, x, y, covariance, found.probability, used, area_m2)
         leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
-        least = np.where(leaves_out, exp(-options.ambiguous_within), 1.0)
-        further[Status.AMBIGUOUS] = rival_mass(fixes, area_m2) >= least
+        least = np.where(leaves_out, exp(-options.ambiguous_within), _ELSEWHERE_OF_ALL_ROWS)
+        further[Status.AMBIGUOUS] = elsewhere >= least
     return further

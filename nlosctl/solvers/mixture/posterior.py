@@ -28,7 +28,7 @@ __all__ = ["Weighted", "direct_probability", "posterior_covariance", "share_dire
 _FIRST = 256
 """A snapshot has at first so many points; half as many are added until its second moment settles."""
 
-_SETTLED = 0.065
+_SETTLED = 0.05
 """The trace of the second moment has settled if its standard error would be at most this share were the points
 random; it is about a quarter of that."""
 
