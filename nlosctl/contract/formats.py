@@ -49,13 +49,14 @@ class Row:
     """A measurement: ``values`` by the names of standard columns, or their other spellings, or further columns.
 
     ``line`` is its first line. ``epoch_s`` and ``group`` are for `nlosctl.formats.epochs` only: the time in seconds,
-    and what else separates snapshots (a frequency, a tag).
+    and what else separates snapshots (a frequency, a tag). ``kept`` are cells of the log's own columns, as text.
     """
 
     line: int
     values: Mapping[str, Any]
     epoch_s: float | None = None
     group: str = ""
+    kept: Mapping[str, str | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
 from nlosctl.formats.anchors import anchor_values, anchors_of
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
-from nlosctl.formats.fields import number, read_table
+from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number, read_table
 
 __all__ = ["FORMAT"]
 
@@ -27,6 +27,7 @@ class AnchorOptions:
         "clockwise", meaning="positive sense of directions from the boresight, seen from above"
     )
     window: str = option("0.1s", meaning=WINDOW_MEANING)
+    keep: str | None = option(None, meaning=KEEP_MEANING)
     bearing_std_deg: float | None = option(
         None,
         meaning="standard deviation of every direction; otherwise set it in the next command",
@@ -38,7 +39,8 @@ class AnchorOptions:
 
 def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
     anchors = anchors_of(file)
-    wanted = [options.time, options.sensor, options.azimuth, *([options.tag] if options.tag else [])]
+    keep = listed(options.keep)
+    wanted = [*keep, options.time, options.sensor, options.azimuth, *([options.tag] if options.tag else [])]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
         angle = number(cells[options.azimuth], options.azimuth, -360.0, 360.0)
@@ -50,7 +52,7 @@ def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
             "time_s": time_s,
             "tag": cells[options.tag] if options.tag else None,
         }
-        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values)
+        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values, kept=kept_cells(cells, keep))
 
     yield from in_epochs(read_table(file, wanted, parse), parse_window(options.window, "importer 'anchor-azimuths'"))
 

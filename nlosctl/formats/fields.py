@@ -11,7 +11,17 @@ from contextlib import suppress
 from nlosctl.contract.formats import BadLine, ForeignFile, Row, UnfitError
 from nlosctl.errors import DataError, did_you_mean
 
-__all__ = ["integer", "lines", "number", "read_header", "read_table", "take_apart"]
+__all__ = [
+    "KEEP_MEANING",
+    "integer",
+    "kept_cells",
+    "lines",
+    "listed",
+    "number",
+    "read_header",
+    "read_table",
+    "take_apart",
+]
 
 _LONGEST_LINE = 1 << 20
 _SHOWN = 60
@@ -93,6 +103,19 @@ def read_table(
         return parse(line, {name: cells[index].strip() for name, index in columns.items()})
 
     yield from take_apart(numbered, parse_line)
+
+
+KEEP_MEANING = "further columns to copy as text, separated by commas"
+
+
+def listed(names: str | None) -> list[str]:
+    """Return the names of a list with commas; nothing for None."""
+    return [name.strip() for name in (names or "").split(",") if name.strip()]
+
+
+def kept_cells(cells: Mapping[str, str], names: Sequence[str]) -> dict[str, str | None]:
+    """Return the cells of these columns as text, None for an empty one."""
+    return {name: cells[name] or None for name in names}
 
 
 def number(text: str, name: str, low: float = -math.inf, high: float = math.inf) -> float:

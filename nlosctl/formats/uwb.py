@@ -12,7 +12,7 @@ from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.options import option
 from nlosctl.errors import UsageError
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
-from nlosctl.formats.fields import number, read_table
+from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number, read_table
 
 __all__ = ["FORMAT"]
 
@@ -40,13 +40,15 @@ class UwbOptions:
         exclusive=True,
     )
     window: str = option("0.1s", meaning=WINDOW_MEANING)
+    keep: str | None = option(None, meaning=KEEP_MEANING)
 
 
 def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
     if sum(value is not None for value in (options.std, options.variance, options.range_std_m)) > 1:
         raise UsageError("importer 'uwb' takes only one of the parameters std, variance and range_std_m")
     optional = (options.tag, options.std, options.variance)
-    wanted = [options.time, options.anchor, options.range, *(name for name in optional if name)]
+    keep = listed(options.keep)
+    wanted = [*keep, options.time, options.anchor, options.range, *(name for name in optional if name)]
     sensors = {sensor.name: sensor for sensor in file.scene.sensors}
     metres = _METRES[options.range_unit]
 
@@ -67,7 +69,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
             "time_s": time_s,
             "tag": cells[options.tag] if options.tag else None,
         }
-        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values)
+        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values, kept=kept_cells(cells, keep))
 
     yield from in_epochs(read_table(file, wanted, parse), parse_window(options.window, "importer 'uwb'"))
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
-from nlosctl.formats.fields import number, read_table
+from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number, read_table
 
 __all__ = ["FORMAT"]
 
@@ -18,11 +18,12 @@ __all__ = ["FORMAT"]
 class WildlifeOptions:
     """Names of the columns (default: as in the R package sigloc), and settings that the file does not contain."""
 
-    group: str = option("GID", meaning="column with the same value for all bearings of one location")
+    group: str = option("GID", meaning="column, or several (A,B), with the same value for all bearings of one location")
     x: str = option("Easting", meaning="column with the observer's easting in metres, or longitude with degrees=true")
     y: str = option("Northing", meaning="column with the observer's northing in metres, or latitude with degrees=true")
     azimuth: str = option("Azimuth", meaning="column with the bearing to the animal, degrees clockwise from north")
     station: str | None = option(None, meaning="column with the observer's or station's name; default: numbered")
+    keep: str | None = option(None, meaning=KEEP_MEANING)
     degrees: bool = option(False, meaning="whether x and y are longitude and latitude (WGS 84)")
     declination_deg: float = option(
         0.0,
@@ -41,7 +42,8 @@ class WildlifeOptions:
 
 
 def _rows(file: ForeignFile, options: WildlifeOptions) -> Iterator[Row | BadLine]:
-    wanted = [options.group, options.x, options.y, options.azimuth, *([options.station] if options.station else [])]
+    by, keep = listed(options.group), listed(options.keep)
+    wanted = [*by, *keep, options.x, options.y, options.azimuth, *([options.station] if options.station else [])]
     names = ("sensor_lon_deg", "sensor_lat_deg") if options.degrees else ("sensor_x_m", "sensor_y_m")
     limits = (180.0, 90.0) if options.degrees else (1e9, 1e9)
 
@@ -54,7 +56,8 @@ def _rows(file: ForeignFile, options: WildlifeOptions) -> Iterator[Row | BadLine
             "azimuth_deg": (azimuth + options.declination_deg) % 360.0,
             "bearing_std_deg": options.bearing_std_deg,
         }
-        return Row(line=line, group=cells[options.group], values=values)
+        group = "/".join(cells[name] for name in by)
+        return Row(line=line, group=group, values=values, kept=kept_cells(cells, keep))
 
     groups: dict[str, list[Row]] = {}
     for row in read_table(file, wanted, parse):
@@ -74,7 +77,7 @@ def _named(group: str, rows: list[Row]) -> Iterator[Row]:
         counts[station] += 1
         count = counts[station]
         name = str(count) if not station else station if count == 1 else f"{station}#{count}"
-        yield Row(line=row.line, values={"snapshot": group, **row.values, "sensor": name})
+        yield replace(row, values={"snapshot": group, **row.values, "sensor": name})
 
 
 FORMAT = ImporterSpec(

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from nlosctl.contract.formats import BadLine, Row
 from nlosctl.contract.tables import ColumnType, Table
-from nlosctl.errors import DataError, MethodError
+from nlosctl.errors import DataError, MethodError, UsageError
 from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.locations import Location, location, near_name, require_utf8
@@ -68,6 +68,7 @@ def imported_table(
         types.update(dict.fromkeys(column.accepted_names, column.type))
     types.update(extra)
     columns: dict[str, list[Any]] = {name: [] for name in types}
+    kept: dict[str, list[str | None]] = {}
     count = 0
     for row in rows:
         if isinstance(row, BadLine):
@@ -79,12 +80,17 @@ def imported_table(
             raise MethodError(f"the importer gives a column {unknown[0]!r} that it does not declare")
         for name, cells in columns.items():
             cells.append(row.values.get(name))
+        for name, cell in row.kept.items():
+            if name in types:
+                raise UsageError(f"`parameters` keep: {name!r} is the name of a column of measurements; leave it out")
+            kept.setdefault(name, []).append(cell)
         count += 1
     log.raise_if_stopping()
     if not count:
         raise DataError(f"{file}: no rows: the file contains no measurement")
     filled = {name: cells for name, cells in columns.items() if any(cell is not None for cell in cells)}
-    return pa.table({name: _array(name, cells, types[name]) for name, cells in filled.items()})
+    arrays = {name: _array(name, cells, types[name]) for name, cells in filled.items()}
+    return pa.table(arrays | {name: pa.array(cells, pa.string()) for name, cells in kept.items()})
 
 
 def cut_epochs_remark(table: Any) -> list[str]:
