@@ -15,6 +15,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.solvers.mixture.feasible_modes import prefer_feasible_modes
 from nlosctl.solvers.mixture.modes import Modes, find_modes
 from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha, next_bias_mean_m
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
@@ -83,6 +84,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     degenerate: on a sensor, or a standard deviation beyond the farthest; too_few: all sensors at one point.
     """
     groups, model, candidates, modes = _search(batch, options)
+    modes = prefer_feasible_modes(model, modes, options.ambiguous_within)
     fixes, at_best = rank_modes(model.mixture, modes)
     x, y, best = fixes.x[:, 0], fixes.y[:, 0], modes.hessian.at(slice(None), 0)
     evidence = model.log_evidence(fixes.cost[:, 0], at_best, best)

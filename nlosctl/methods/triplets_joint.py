@@ -147,4 +147,5 @@ METHOD = MethodSpec(
     remark=_remark,
     flags=("ip", "p_value", "reason", "direct_probability"),
     details=DETAIL_COLUMNS,
+    reads=frozenset({"target_radius_m"}),
 )

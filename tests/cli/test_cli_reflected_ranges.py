@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cli_support import Outcome
+from cli_support import FIXTURES, Outcome
 
 Cli = Callable[..., Outcome]
 
@@ -67,3 +67,36 @@ def test_an_unknown_reflector_of_a_range_is_a_bad_row(cli: Cli, tmp_path: Path) 
     done = cli("validate", "r.csv")
     assert done.code == 1
     assert "column 'reflector': the scene has no reflector 'wal' (did you mean 'wall'?)" in done.err + done.text
+
+
+def test_the_fixture_is_solved_by_every_command_that_uses_reflectors(cli: Cli) -> None:
+    """Fixes of ranges whose lengths were found by brute force agree with the truth, as do flags and the bound."""
+    hall = FIXTURES / "good_reflected_ranges.csv"
+    assert cli("validate", hall).code == 0
+    assert cli("localize", "-m", "mixture-ml", hall, "-o", "fixes.csv", "--flags-out", "flags.csv").code == 0
+    scores = cli("evaluate", "fixes.csv", "--json").json["groups"][0]
+    assert scores["median_m"] < 0.2
+    assert scores["fix_rate"] >= 0.7  # two of five rows are outliers in a quarter of the snapshots
+    assert scores["rmse_m"] < 0.4
+    assert cli("evaluate", "flags.csv", "--json").json["groups"][0]["accuracy"] > 0.9
+    bound = cli("bound", hall)
+    assert bound.code == 0
+    assert max(bound.table["rms_m"].to_pylist()) < 1.0
+    assert cli("localize", "-m", "ml", hall, "-o", "ml.csv").code == 0
+
+
+def test_columns_that_a_method_does_not_use_are_noted(cli: Cli, tmp_path: Path) -> None:
+    """A prior, a target's radius and a reflector of triplets are used, or the summary names the methods that do not."""
+    header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg,prior_x_m,prior_y_m,prior_std_m"
+    (tmp_path / "b.csv").write_text(f"{header}\n1,a,0,0,45,1,50,50,9\n1,b,100,0,135,1,50,50,9\n")
+    done = cli("localize", "-m", "ml", "-m", "sequential", "b.csv", "-o", "e.csv")
+    assert "the column 'prior_x_m' is not used by ml" in done.err
+    assert "not used by ml, sequential" not in done.err
+    text = (FIXTURES / "good_triplets.csv").read_text().splitlines()
+    extra = [f"{text[0]},reflector,target_radius_m", *(f"{line},wall,0.1" for line in text[1:])]
+    (tmp_path / "t.csv").write_text("\n".join(extra) + "\n")
+    done = cli("detect-ip", "-m", "chi2", "-m", "joint", "t.csv", "-o", "f.csv")
+    assert "the column 'target_radius_m' is not used by chi2\n" in done.err
+    assert "the column 'reflector' is not used" in done.err
+    done = cli("bound", FIXTURES / "good_ranges.csv")
+    assert "the column 'sensor_z_m' is not used" in done.err

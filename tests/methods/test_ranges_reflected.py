@@ -136,6 +136,18 @@ def test_a_reflected_row_is_recognized_as_an_outlier() -> None:
     assert np.abs(np.median(solution.flags.columns["residual_m"][:, 2]) - 150.0) < 10.0
 
 
+@pytest.mark.parametrize("method", [ML, MIXTURE])
+def test_the_mirror_image_under_the_ground_is_not_the_fix(method) -> None:  # type: ignore[no-untyped-def]
+    """Sensors on nearly straight ground: the image of the source below it is neither fix nor alternative."""
+    world, generator = valley(6, 10e3), np.random.default_rng(6)
+    source, _ = draw_paths(generator, (100, 6), 10e3, (1.0, 0.0, 0.0))
+    sensors = np.array([sensor.position for sensor in world.sensors])
+    batch = noisy(generator, sensors, source, np.full((100, 6), -1), world, 60.0)
+    solution = solve(method, batch)
+    assert set(words(solution)) == {"ok"}
+    assert (solution.estimates.position_m[:, 1] > 0.0).all()
+
+
 def test_the_crossing_beyond_the_mirror_is_not_the_fix() -> None:
     """Of two crossings the one that the scene allows is the fix, without ambiguity."""
     sensors = np.array([(0.0, 49.9), (100.0, 49.0)])  # the line to the image of the second is beside the wall

@@ -378,7 +378,9 @@ def test_unknown_snapshots_are_refused(files: Any) -> None:
             picture(opened, "scene", snapshot="999")
 
 
-@pytest.mark.parametrize("name", ["bearings.csv", "ranges.csv", "triplets.csv", "over_the_horizon.csv", "echoes.csv"])
+@pytest.mark.parametrize(
+    "name", ["bearings.csv", "ranges.csv", "triplets.csv", "over_the_horizon.csv", "echoes.csv", "reflected_ranges.csv"]
+)
 def test_every_good_fixture_can_be_plotted(name: str) -> None:
     """Fixtures of every kind are plotted in their columns and units."""
     figure = picture([open_plot_input(expand_inputs([str(FIXTURES / f"good_{name}")])[0], None)]).figure

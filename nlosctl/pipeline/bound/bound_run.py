@@ -42,11 +42,15 @@ class BoundReport:
 
     def lines(self) -> list[str]:
         """Return the summary."""
-        return [f"bound of {self.kind}: {self.bounded} of {self.positions} {self.what} have one"]
+        return [
+            f"bound of {self.kind}: {self.bounded} of {self.positions} {self.what} have one",
+            *(f"note: {note}" for note in self.notes),
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain values for JSON."""
-        return {"kind": self.kind, "map": self.map, self.what: self.positions, "bounded": self.bounded}
+        notes = {"notes": self.notes} if self.notes else {}
+        return {"kind": self.kind, "map": self.map, self.what: self.positions, "bounded": self.bounded, **notes}
 
 
 class BoundRun:
@@ -88,7 +92,14 @@ class BoundRun:
             self.report.positions += table.num_rows
             self.report.bounded += table.num_rows - table.column("rms_m").null_count
             yield ChunkTables(named={"bound": table}, rows=table.num_rows)
+        if not self.reader.reads_one_part:
+            self.add_notes(self.reader.report.remarks)
 
     def add_notes(self, remarks: Sequence[str]) -> None:
-        """Add the remarks of the reader to the report."""
+        """Add the remarks of the reader, and those on columns that the bound does not use, to the report."""
         self.report.notes += remarks
+        names = self.reader.column_names
+        if self.reader.kind == "ranges" and "sensor_z_m" in names:
+            self.report.notes.append("the column 'sensor_z_m' is not used: the bound is that of ranges in one plane")
+        if self.reader.kind == "bearings" and "prior_x_m" in names:
+            self.report.notes.append("the column 'prior_x_m' is not used: the bound is that of the bearings alone")

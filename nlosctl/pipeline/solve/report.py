@@ -185,6 +185,7 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
     """Return the notes on the methods after a run, a line each; ``columns`` are those of the input."""
     return [
         *_unused_ranges(runs, report, columns),
+        *_unused_columns(runs, report, columns),
         *_edge_remarks(runs, report, field),
         *_misses(report),
         *_own_remarks(runs),
@@ -204,6 +205,24 @@ def _unused_ranges(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
     if not names:
         return []
     return [f"the column 'range_m' is not used by {', '.join(names)}"]
+
+
+_READ_BY_SOME = {"bearings": ("prior_x_m",), "triplets": ("target_radius_m",)}
+"""Columns of a kind that few methods use, the first of those that belong together."""
+
+
+def _unused_columns(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str]) -> list[str]:
+    """Return notes on other columns of the input that some method, or any, does not use."""
+    notes = []
+    for column in _READ_BY_SOME.get(report.kind, ()):
+        names = dict.fromkeys(run.spec.name for run in runs if column not in run.spec.reads)
+        if column in columns and names:
+            notes.append(f"the column {column!r} is not used by {', '.join(names)}")
+    if report.kind == "triplets" and "reflector" in columns:
+        notes.append(
+            "the column 'reflector' is not used: a direct triplet goes over the target alone, all others are indirect"
+        )
+    return notes
 
 
 def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:
