@@ -1,4 +1,4 @@
-"""The methods of a run: their parameters, from text or Python values, a run for each point of a sweep; their counts."""
+"""The methods of a run: their parameters, a run for each point of a sweep, their counts, the columns they leave out."""
 
 from __future__ import annotations
 
@@ -34,6 +34,9 @@ __all__ = [
 ]
 
 STATUS_WORDS = tuple(status.word for status in Status)
+_READ_BY_SOME = {"bearings": ("prior_x_m",), "triplets": ("target_radius_m",)}
+"""Columns of a kind that few methods use, the first of those that belong together."""
+
 _BAD_FIT_P_VALUE = 1e-3
 _BAD_FIT_SHARE = 0.05
 _MOST = 0.5
@@ -240,3 +243,35 @@ def _by_method(specs: Sequence[MethodSpec], parameters: Mapping[str, Any], optio
         for name in owners or keys:
             given[name] = {**given[name], key: value} if colon else {key: value, **given[name]}
     return given
+
+
+def heights_remark(names: Sequence[str], target_z_m: float | None) -> list[str]:
+    """Return a line if the input has sensor heights that are not used."""
+    if "sensor_z_m" not in names or target_z_m is not None:
+        return []
+    return ["the column 'sensor_z_m' is not used without `target_z_m`: everything is taken as measured in one plane"]
+
+
+def unused_columns(runs: Sequence[MethodRun], kind: str, columns: Sequence[str]) -> list[str]:
+    """Return notes on columns of the input that some method, or any, does not use."""
+    notes = _unused_ranges(runs, kind, columns)
+    for column in _READ_BY_SOME.get(kind, ()):
+        names = dict.fromkeys(run.spec.name for run in runs if column not in run.spec.reads)
+        if column in columns and names:
+            notes.append(f"the column {column!r} is not used by {', '.join(names)}")
+    if kind == "triplets" and "reflector" in columns:
+        notes.append(
+            "the column 'reflector' is not used: a direct triplet goes over the target alone, all others are indirect"
+        )
+    return notes
+
+
+def _unused_ranges(runs: Sequence[MethodRun], kind: str, columns: Sequence[str]) -> list[str]:
+    names = dict.fromkeys(run.spec.name for run in runs if "range_m" not in run.spec.reads)
+    if "range_m" not in columns or kind == "ranges":
+        return []
+    if "range_std_m" not in columns:
+        return ["the column 'range_m' is not used: its standard deviations are missing, in a column 'range_std_m'"]
+    if not names:
+        return []
+    return [f"the column 'range_m' is not used by {', '.join(names)}"]

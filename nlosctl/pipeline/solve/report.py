@@ -16,17 +16,9 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field, PolygonField
 from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.statuses import Status
-from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally
+from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally, unused_columns
 
-__all__ = [
-    "MethodTally",
-    "RunReport",
-    "chi_square_p_value",
-    "fit_p_values",
-    "heights_remark",
-    "method_remarks",
-    "offers_mixture",
-]
+__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks", "offers_mixture"]
 
 _NEARLY_ALL = 0.9995
 _CLOSED_FORM_DEGREES = 40
@@ -174,18 +166,10 @@ def _closed_form(degrees: int, half: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(tail + np.exp(-half) * total, 1.0))
 
 
-def heights_remark(names: Sequence[str], target_z_m: float | None) -> list[str]:
-    """Return a line if the input has sensor heights that are not used."""
-    if "sensor_z_m" not in names or target_z_m is not None:
-        return []
-    return ["the column 'sensor_z_m' is not used without `target_z_m`: everything is taken as measured in one plane"]
-
-
 def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str], field: Field) -> list[str]:
     """Return the notes on the methods after a run, a line each; ``columns`` are those of the input."""
     return [
-        *_unused_ranges(runs, report, columns),
-        *_unused_columns(runs, report, columns),
+        *unused_columns(runs, report.kind, columns),
         *_edge_remarks(runs, report, field),
         *_misses(report),
         *_own_remarks(runs),
@@ -194,35 +178,6 @@ def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequen
         *_outlier_shares(runs, report),
         *_bad_fits(runs, report),
     ]
-
-
-def _unused_ranges(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str]) -> list[str]:
-    names = dict.fromkeys(run.spec.name for run in runs if "range_m" not in run.spec.reads)
-    if "range_m" not in columns or report.kind == "ranges":
-        return []
-    if "range_std_m" not in columns:
-        return ["the column 'range_m' is not used: its standard deviations are missing, in a column 'range_std_m'"]
-    if not names:
-        return []
-    return [f"the column 'range_m' is not used by {', '.join(names)}"]
-
-
-_READ_BY_SOME = {"bearings": ("prior_x_m",), "triplets": ("target_radius_m",)}
-"""Columns of a kind that few methods use, the first of those that belong together."""
-
-
-def _unused_columns(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str]) -> list[str]:
-    """Return notes on other columns of the input that some method, or any, does not use."""
-    notes = []
-    for column in _READ_BY_SOME.get(report.kind, ()):
-        names = dict.fromkeys(run.spec.name for run in runs if column not in run.spec.reads)
-        if column in columns and names:
-            notes.append(f"the column {column!r} is not used by {', '.join(names)}")
-    if report.kind == "triplets" and "reflector" in columns:
-        notes.append(
-            "the column 'reflector' is not used: a direct triplet goes over the target alone, all others are indirect"
-        )
-    return notes
 
 
 def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:

@@ -23,8 +23,8 @@ from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
-from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
-from nlosctl.pipeline.solve.report import RunReport, heights_remark, method_remarks
+from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally, heights_remark
+from nlosctl.pipeline.solve.report import RunReport, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 
