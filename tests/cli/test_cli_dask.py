@@ -147,7 +147,11 @@ def test_a_lost_worker_changes_no_byte(cluster: Cluster, folder: Path) -> None:
 
 def test_options_are_estimated_by_the_cluster(cluster: Cluster, folder: Path) -> None:
     """A share of outliers that is estimated from the input has the bits of a local run."""
-    words = [*WORDS, "-p", "alpha=estimate", "--overwrite", "-o", "one.csv"]
+    Path("few").mkdir()
+    table = pyarrow.parquet.read_table("in/p0.parquet").slice(0, 800)
+    for number, part in enumerate([table.slice(0, 403), table.slice(403)]):
+        pyarrow.parquet.write_table(part, f"few/p{number}.parquet")
+    words = ["localize", "few", *WORDS[2:], "-p", "alpha=estimate", "--overwrite", "-o", "one.csv"]
     assert run(words) == 0
     local = (folder / "one.csv").read_bytes()
     outcome = process(*words, *cluster.words, cwd=folder)
