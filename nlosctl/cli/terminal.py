@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -172,9 +173,42 @@ class Preview:
         """Print the rows and the total number of rows, if a table was received."""
         if not self._columns:
             return
-        print_table(self._rows, self._columns)
+        if {"status", "x_m", "cov_xx_m2"} <= set(self._columns):
+            rows = [_short_estimate(row) for row in self._rows]
+            names = [name for name in _SHORT if any(row.get(name) != self._rows[0].get(name) for row in self._rows)]
+            print_table(rows, ["snapshot", *names, *(list(rows[0])[1 + len(_SHORT) :] if rows else [])])
+            print_message("-o FILE or --format csv writes all columns")
+        else:
+            print_table(self._rows, self._columns)
         if self._total > len(self._rows):
             print_message(f"... {len(self._rows)} of {self._total} rows; -o FILE writes all")
+
+
+_SHORT = ("source", "method", "target")
+_AXIS_95 = 2.447746830680816  # root of the 95 % quantile of chi-square with two degrees of freedom
+
+
+def _short_estimate(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a terminal of 80 columns shows of an estimate: position, 95 % ellipse, rows used, status."""
+    on_earth = "lat_deg" in row
+    position = [(name, row[name]) for name in (("lat_deg", "lon_deg") if on_earth else ("x_m", "y_m"))]
+    digits = 6 if on_earth else 2
+    shown = {name: "" if value is None else f"{value:.{digits}f}" for name, value in position}
+    xx, xy, yy = (row[f"cov_{entry}_m2"] for entry in ("xx", "xy", "yy"))
+    ellipse = ""
+    if None not in (xx, xy, yy):
+        middle, apart = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+        axes = (_AXIS_95 * math.sqrt(max(value, 0.0)) for value in (middle + apart, middle - apart))
+        ellipse = " x ".join(f"{axis:.3g}" for axis in axes)
+    used = f"{row['n_used']}/{row['n_measurements']}"
+    return {
+        "snapshot": row["snapshot"],
+        **{name: row.get(name) for name in _SHORT},
+        **shown,
+        "95% ellipse": ellipse and f"{ellipse} m",
+        "used": used,
+        "status": row["status"],
+    }
 
 
 @contextmanager

@@ -103,8 +103,8 @@ def _clockwise(doa_deg: float, spectrum: list[str]) -> bool | None:
 def _common_sense(file: ForeignFile, senses: dict[int, bool]) -> bool:
     """Return the sense on which all spectra that are decisive agree; raises DataError without one."""
     cure = (
-        "set the parameter `sense` to clockwise (software since July 2024, or until March 2023) or to counter-clockwise"
-        " (between them)"
+        "set `parameters` sense=clockwise (software since July 2024, or until March 2023) or "
+        "sense=counter-clockwise (between them)"
     )
     if not senses:
         raise DataError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -22,6 +23,7 @@ from nlosctl.pipeline.evaluate.fail_conditions import parse_condition
 __all__ = ["evaluate", "evaluation_report"]
 
 _LARGEST_EXPONENT = 300.0
+_ORDER, _CUTOFF_M = 2.0, 20.0
 
 
 def evaluate(
@@ -31,8 +33,8 @@ def evaluate(
     *,
     truth: str | Sequence[Input] | None = None,
     estimates: str | Input | None = None,
-    ospa_order: float = 2.0,
-    ospa_cutoff_m: float = 20.0,
+    ospa_order: float = _ORDER,
+    ospa_cutoff_m: float = _CUTOFF_M,
     best_alternative: bool = False,
     fail_if: Sequence[str] = (),
     wants_table: bool = False,
@@ -61,6 +63,14 @@ def evaluate(
             None if truth is None else TruthTable(open_inputs([truth] if isinstance(truth, str) else truth, None))
         )
         evaluation = evaluate_inputs(given, truth=truth_table, best_alternative=best_alternative)
+    ineffective = [
+        *(["`alternatives` best"] if best_alternative and evaluation.of != "estimates" else []),
+        *(["`ospa_order`"] if ospa_order != _ORDER and estimates is None else []),
+        *(["`ospa_cutoff_m`"] if ospa_cutoff_m != _CUTOFF_M and estimates is None else []),
+    ]
+    if ineffective:
+        note = f"no effect on {evaluation.of}: {', '.join(ineffective)}"
+        evaluation = dataclasses.replace(evaluation, notes=(*evaluation.notes, note))
     reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
     with OutputSet() as outputs:
         if wants_table:

@@ -12,7 +12,7 @@ from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input, expand_inputs
-from nlosctl.io.paths.locations import Location, format_named, known_format_of_path, location
+from nlosctl.io.paths.locations import Location, format_named, format_of_path, known_format_of_path, location
 from nlosctl.io.writers.output_set import OutputSet, check_targets
 from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
 from nlosctl.jobs.console import Console, Silent, json_text
@@ -101,11 +101,13 @@ def open_output(
     """
     common: dict[str, Any] = {"overwrite": write.overwrite, "inputs": inputs, "metadata": metadata or {}}
     if write.format is not None or known_format_of_path(target) is None:
-        from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
+        from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of, map_extensions
 
         exporter = exporter_of(target, write.format)
         if exporter is not None:
             return MapWriter(target, exporter, {}, **common)
+        if write.format is None and target != "-" and "cov_xx_m2" in schema.names:
+            format_of_path(target, map_extensions())  # raises an error that lists the formats of maps too
     chosen = None if write.format is None else format_named(write.format)
     rows = size("measurement_group_rows" if of_measurements else "group_rows")
     return TableWriter(target, schema, format=chosen, group_rows=rows, **common)

@@ -155,7 +155,7 @@ def _next_options(sums: Sequence[float], options: RangeMixtureOptions) -> dict[s
 def _refusal(options: RangeMixtureOptions, names: Sequence[str]) -> str:
     """Return why some options can't be estimated, empty if they can."""
     if options.bias == "none":
-        return f"with bias=none there are no outliers to estimate {names[0]!r} from; set `bias` to both or positive"
+        return f"with bias=none there are no outliers to estimate {names[0]!r} from; set bias=both or bias=positive"
     if options.bias != "positive" and "bias_mean_m" in names:
         return f"'bias_mean_m' is of late ranges, but bias={options.bias}; set bias=positive"
     return ""

@@ -5,7 +5,11 @@ Without pyplot: figures are objects, and no window opens.
 
 from __future__ import annotations
 
+import logging
+
 from nlosctl.errors import DataError, MissingExtraError, in_one_line
+
+logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns about its cache where the home is not writable
 
 try:
     from matplotlib import colormaps, style

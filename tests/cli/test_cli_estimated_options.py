@@ -128,7 +128,7 @@ def test_refusals(folder: Path, words: list[str], code: int, message: str) -> No
 def test_ranges_without_late_outliers_refuse_a_mean_bias() -> None:
     """The message names the option to change."""
     table = {"sensor": [1, 2, 3], "sensor_x_m": [0.0, 1.0, 0.0], "sensor_y_m": [0.0, 0.0, 1.0], "range_m": [1.0] * 3}
-    for parameters, match in (({}, "set bias=positive"), ({"bias": "none", "alpha": "estimate"}, "set `bias` to both")):
+    for parameters, match in (({}, "set bias=positive"), ({"bias": "none", "alpha": "estimate"}, "set bias=both")):
         with pytest.raises(UsageError, match=match):
             nlosctl.localize(
                 {**table, "range_std_m": [0.1] * 3}, method="mixture-ml", **{"bias_mean_m": "estimate", **parameters}

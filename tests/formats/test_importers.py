@@ -97,7 +97,7 @@ def test_an_unknown_sense_of_kraken_is_an_error(lines: list[str], says: str) -> 
     """No, flat, unrelated or contradicting spectra: the parameter must be set, and the message names it."""
     with pytest.raises(DataError, match=says) as raised:
         read("kraken-csv", "\n".join(lines))
-    assert "`sense` to clockwise" in str(raised.value)
+    assert "`parameters` sense=clockwise" in str(raised.value)
     assert good("kraken-csv", "\n".join(lines), sense="clockwise")[0]["azimuth_deg"] == pytest.approx(120.0)
     assert good("kraken-csv", "\n".join(lines), sense="counter-clockwise")[0]["azimuth_deg"] == pytest.approx(60.0)
 

@@ -59,7 +59,7 @@ def test_too_small_an_alpha_is_noted(method: str, ranges: bool) -> None:
     unused = 1.0 - sum(row["n_used"] for row in fixes) / (SENSORS * len(fixes))
     assert 0.15 < unused < 0.3
     assert note.startswith(f"{method}: {100.0 * unused:.3g} % of the rows")
-    assert f"than the 5 % that `alpha` expects; set `alpha` to at least {unused:.2g}" in note
+    assert f"than the 5 % that alpha expects; set `parameters` alpha={unused:.2g}" in note
     assert notes(columns, method, 0.3) == []
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -194,12 +195,12 @@ _EXTENSIONS = {
 }
 
 
-def format_of_path(path: str) -> FileFormat:
-    """Return the format by the extension of ``path``; raise UsageError with the known ones if it is unknown."""
+def format_of_path(path: str, further: Sequence[str] = ()) -> FileFormat:
+    """Return the format by the extension of ``path``; raise UsageError with the known and ``further`` ones."""
     format = known_format_of_path(path)
     if format is None:
         raise UsageError(
-            f"{path}: unknown file extension; known: {' '.join(_EXTENSIONS)} "
+            f"{path}: unknown file extension; known: {' '.join([*_EXTENSIONS, *further])} "
             f"(or name the format: `input_format` for an input, `format` for the output)"
         )
     return format

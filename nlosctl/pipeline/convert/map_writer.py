@@ -27,10 +27,15 @@ from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
 from nlosctl.pipeline.convert.map_shapes import bearing_lines, bound_cells, has_bearings, has_bound_cells
 
-__all__ = ["MapWriter", "exporter_of"]
+__all__ = ["MapWriter", "exporter_of", "map_extensions"]
 
 
 _ESTIMATED = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
+
+
+def map_extensions() -> list[str]:
+    """Return the extensions of the exporters."""
+    return [f".{entry.name}" for entry in registry.format_entries() if entry.kind == "export"]
 
 
 def exporter_of(target: str, name: str | None) -> str | None:
@@ -212,7 +217,8 @@ class MapWriter:
             if frame is None:
                 raise DataError(
                     "the estimates have no location on earth: define the plane with `origin` LAT,LON or `crs` "
-                    "EPSG:CODE or [frame] in the scene (geojson also writes plain metres: `parameters` metres=true)"
+                    "EPSG:CODE or [frame] in the scene (convert also writes plain metres as geojson, with "
+                    "`parameters` metres=true)"
                 )
             rows = np.array([row for row, value in enumerate(frames) if value == frame])
             yield plane_of(parse_frame(str(frame), "column 'frame'")), rows

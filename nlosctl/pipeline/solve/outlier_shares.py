@@ -56,11 +56,11 @@ def share_remark(run: MethodRun, tally: MethodTally) -> list[str]:
         return []
     return [
         f"{run.label}: {100.0 * share:.3g} % of the rows of snapshots with a fix are not used, more than the "
-        f"{100.0 * alpha:.3g} % that `alpha` expects; set `alpha` to at least {share:.2g}{_or_estimate(run)}, or check "
+        f"{100.0 * alpha:.3g} % that alpha expects; set `parameters` alpha={share:.2g}{_or_estimate(run)}, or check "
         "whether the standard deviations are too small"
     ]
 
 
 def _or_estimate(run: MethodRun) -> str:
     learning = run.spec.learning
-    return " or to estimate" if learning is not None and "alpha" in learning.options and run.learned is None else ""
+    return " or alpha=estimate" if learning is not None and "alpha" in learning.options and run.learned is None else ""

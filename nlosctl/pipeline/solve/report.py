@@ -17,6 +17,7 @@ from nlosctl.contract.fields import Field, PolygonField
 from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.statuses import Status
 from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally, unused_columns
+from nlosctl.version import __version__
 
 __all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks", "offers_mixture"]
 
@@ -50,6 +51,7 @@ class RunReport:
     rejoined: list[str] = field(default_factory=list)
     learned: dict[str, LearnedOptions] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    settings: dict[str, Any] = field(default_factory=dict)
 
     _COUNTED: ClassVar[tuple[str, ...]] = ("rows", "rows_left_out", "bad_rows", "snapshots", "snapshots_lost")
 
@@ -105,6 +107,7 @@ class RunReport:
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain values for JSON."""
         return {
+            **({"version": __version__, "settings": self.settings} if self.settings else {}),
             "kind": self.kind,
             "inputs": self.inputs,
             **{name: getattr(self, name) for name in self._COUNTED},
@@ -205,7 +208,7 @@ def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) ->
 def _misses(report: RunReport) -> list[str]:
     return [
         f"{name}: in {tally.missed} of {tally.total} snapshots the probability that no pair of two direct paths was "
-        f"tried, or exists, is {tally.miss_probability / tally.missed:.2g} on average, more than `failure_probability`"
+        f"tried, or exists, is {tally.miss_probability / tally.missed:.2g} on average, more than failure_probability"
         for name, tally in report.methods.items()
         if tally.missed
     ]

@@ -63,6 +63,7 @@ class MeasurementRun:
             want_trace="trace" in wanted,
         )
         self.report = self._new_report()
+        self.report.settings = self.provenance()
 
     @property
     def schemas(self) -> dict[str, Any]:
