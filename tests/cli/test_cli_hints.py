@@ -31,7 +31,7 @@ FLAGS |= {
 }
 OTHER_PROGRAMS = ("mlr ", "pytest ", "duckdb ")
 OF_OTHER_COMMANDS = {"schema": {"add"}}
-"""Options of other commands, of which the table of a command states which column they request."""
+"""Options of other commands: the table of a command states by which of them a column is requested."""
 
 
 def texts(path: Path) -> Iterator[tuple[int, str]]:
