@@ -33,7 +33,7 @@ _SETTLED = 0.05
 random; it is about a quarter of that."""
 
 _POINTS_OF_ROWS = 32
-_POINTS_OF_AMBIGUOUS = 256
+_POINTS_OF_AMBIGUOUS = 128
 """Numbers of sampled points for the probabilities of the rows, the second where several modes carry mass."""
 
 _S, _T = sqrt((9.0 - 3.0 * sqrt(5.0)) / 4.0), sqrt((9.0 + 3.0 * sqrt(5.0)) / 4.0)
