@@ -38,7 +38,7 @@ CASES = {
     "nlosctl simulate li": ["liang"],
     "nlosctl simulate liang -p nlos": ["nlos_range="],
     "nlosctl methods show sequ": ["sequential"],
-    "nlosctl localize --column azi": ["azimuth_deg="],
+    "nlosctl localize --column azi": ["azimuth_ccw_deg=", "azimuth_deg="],
     "nlosctl localize --kind b": ["bearings"],
     "nlosctl validate --input-format pa": ["parquet"],
     "nlosctl schema trip": ["triplets"],
@@ -46,7 +46,7 @@ CASES = {
     "nlosctl convert --from kr": ["kraken-csv", "kraken-xml"],
     "nlosctl convert --to ge": ["geojson", "geoparquet"],
     "nlosctl convert --from uwb -p range": ["range=", "range_std_m=", "range_unit="],
-    "nlosctl convert --to kml -p ": ["ellipse=", "vertices="],
+    "nlosctl convert --to kml -p ": ["ellipse=", "line_length_m=", "vertices="],
     "nlosctl plot --view ro": ["roc"],
 }
 

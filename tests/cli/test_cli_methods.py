@@ -52,7 +52,7 @@ def test_show_lists_all_details(cli: Cli) -> None:
     assert (output["name"], output["kind"], output["job"]) == ("ml", "bearings", "localize")
     assert {"sensor", "bearing_rad", "bearing_std_rad"} <= set(output["required_columns"])
     assert output["distribution"] == f"nlosctl {__version__}"
-    assert output["minimum_measurements"] == 2
+    assert output["minimum_measurements"] == 1  # one row with bearing and range
     parameters = {item["name"]: item for item in output["parameters"]}
     assert parameters["max_iterations"]["type"] == "int"
     assert parameters["max_iterations"]["default"] == 30
