@@ -184,7 +184,7 @@ def short_lived(tmp_path: Path) -> Iterator[tuple[Cluster, subprocess.Popen[byte
     ("lost", "number", "message"),
     [
         ("scheduler", signal.SIGKILL, "the "),
-        ("scheduler", signal.SIGSTOP, "the Dask scheduler does not answer for"),
+        ("scheduler", signal.SIGSTOP, "the Dask scheduler does not answer"),
         ("worker", signal.SIGKILL, "no Dask worker is left for"),
         ("worker", signal.SIGSTOP, "no Dask worker answers for"),
     ],
@@ -223,6 +223,7 @@ def test_no_one_can_connect_to_a_local_cluster(folder: Path, monkeypatch: pytest
                         with pytest.raises(urllib.error.HTTPError) as refused:
                             urllib.request.urlopen(url, timeout=30)
                         codes.append(refused.value.code)
+                        refused.value.close()
             return super().close(timeout)
 
     monkeypatch.setattr(distributed, "LocalCluster", Recorded)

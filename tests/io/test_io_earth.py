@@ -162,9 +162,11 @@ def test_a_frame_that_is_none_is_refused(text: str, says: str) -> None:
 
 @pytest.mark.parametrize("words", ["47", "97,8", "47,188", "EPSG:32632,8,9", "", "47,nan"])
 def test_words_that_are_no_frame_are_refused(words: str) -> None:
-    """Errors of ``--origin`` and ``--crs`` state the accepted forms."""
-    with pytest.raises(UsageError, match="LAT,LON in degrees"):
-        parse_frame(words, "--origin")
+    """Errors of the settings origin and crs state the form that each takes."""
+    with pytest.raises(UsageError, match="`origin` takes LAT,LON in degrees"):
+        parse_frame(words, "`origin`")
+    with pytest.raises(UsageError, match="`crs` takes a CRS, such as EPSG:32632"):
+        parse_frame(words, "`crs`")
 
 
 @pytest.mark.parametrize("words", ["47.0 8.0", "47.0 8.0 12.5", "EPSG:32632", "EPSG:32632 3.0"])

@@ -39,4 +39,4 @@ def test_the_errors_are_those_of_the_method() -> None:
     chunk = Chunk(seed=9, number=0, first=0, size=6, total=6)
     trials = simulated("song-circle", chunk, parameter_set="b", bearing_std_deg=5.0)
     expected = fixes(trials, chunk, "ml-grid", **GRID).error_m
-    np.testing.assert_allclose(_grid_errors(trials)[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(_grid_errors(trials, GRID)[0], expected, rtol=1e-12)

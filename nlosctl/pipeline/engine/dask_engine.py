@@ -143,7 +143,15 @@ def _make(work: Work, number: int, version: str) -> Any:
 
 @contextmanager
 def _client(distributed: Any, scheduler: str | None, jobs: int, timeout_s: float) -> Iterator[Any]:
-    for name in ("distributed", "distributed.client", "distributed.comm", "distributed.nanny", "distributed.core"):
+    quiet = (
+        "distributed",
+        "distributed.client",
+        "distributed.comm",
+        "distributed.nanny",
+        "distributed.core",
+        "asyncio",
+    )
+    for name in quiet:
         logging.getLogger(name).setLevel(_SILENT)  # each error is reported once, by the run
     cluster = None if scheduler is not None else _local_cluster(distributed, jobs)
     try:
