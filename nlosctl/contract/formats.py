@@ -84,7 +84,8 @@ class ImporterSpec:
     ``reference`` is the document that defines the format, ``options`` a frozen dataclass whose fields
     (`nlosctl.contract.options.option`) are the parameters. ``rows(file, options)`` yields the rows of each snapshot
     consecutively, and a `BadLine` for each line with a fault; it raises DataError if the file cannot be used at all.
-    ``kind(options)`` is the kind of measurement, ``extra`` the types of columns that are not standard.
+    ``kind(options)`` is the kind of measurement, ``extra`` the types of columns that are not standard. The pattern
+    ``begins_like`` (a regular expression) matches the beginning of such a file, to name the importer in messages.
     """
 
     name: str
@@ -94,6 +95,7 @@ class ImporterSpec:
     kind: Callable[[Any], str]
     rows: Callable[[ForeignFile, Any], Iterator[Row | BadLine]]
     extra: Mapping[str, ColumnType] = field(default_factory=dict)
+    begins_like: str = ""
     contract_version: int | None = None
 
     @property

@@ -128,6 +128,7 @@ FORMAT = ImporterSpec(
     options=KrakenOptions,
     kind=lambda options: "bearings",
     rows=_rows,
+    begins_like=r"\s*\d{12,14}\s*,\s*-?[\d.]+\s*,(?:[^,\n]*,){3}\s*\w+\s*,",
     extra=EXTRA,
 )
 """The specification of the importer."""

@@ -125,6 +125,7 @@ FORMAT = ImporterSpec(
     options=KrakenOptions,
     kind=lambda options: "bearings",
     rows=_rows,
+    begins_like=r"[^\0]{0,999}<DATA>",
     extra=EXTRA,
 )
 """The specification of the importer."""

@@ -89,6 +89,7 @@ FORMAT = ImporterSpec(
     options=UwbOptions,
     kind=lambda options: "ranges",
     rows=_rows,
+    begins_like=r"(?=[^\n]*\btime\b)(?=[^\n]*\banchor\b)(?=[^\n]*\brange\b)",
     extra={"time_s": "number", "tag": "text"},
 )
 """The specification of the importer."""

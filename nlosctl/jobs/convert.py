@@ -15,7 +15,7 @@ from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat, Location, format_named, format_of_path, location
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.io.writers.output_set import OutputSet, check_targets
-from nlosctl.jobs.files import bad_row_writer, open_inputs, open_output
+from nlosctl.jobs.files import bad_row_writer, naming_importer, open_inputs, open_output
 from nlosctl.pipeline.convert.importer import Import
 from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 from nlosctl.pipeline.engine.writing import file_metadata
@@ -149,17 +149,21 @@ def _table(
     paths: Sequence[Location],
 ) -> Iterator[_Source]:
     """Read a table unchanged."""
-    try:
-        (given, *more) = open_inputs(inputs, read.input_format)
-    except UsageError as error:
-        raise UsageError(f"{error}; a file of another program: `from` NAME ('nlosctl convert' lists them)") from None
-    if more:
-        raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
-    copy = TableCopy(given, scene_file=read.scene if isinstance(read.scene, str) else None, frame=read.frame)
+    with naming_importer(inputs):
+        try:
+            (given, *more) = open_inputs(inputs, read.input_format)
+        except UsageError as error:
+            hint = "a file of another program: `from` NAME ('nlosctl convert' lists them)"
+            raise UsageError(f"{error}; {hint}") from None
+        if more:
+            raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
+        copy = TableCopy(given, scene_file=read.scene if isinstance(read.scene, str) else None, frame=read.frame)
     try:
         bad_rows = bad_row_writer(write, copy.schema.names, outputs, paths)
         if bad_rows is not None:
             copy.set_bad_rows_aside(bad_rows)
-        yield _Source(tables=copy.tables(), schema=copy.schema, metadata=copy.metadata, log=copy.log)
+        yield _Source(
+            tables=copy.tables(), schema=copy.schema, metadata=copy.metadata, log=copy.log, notes=given.remarks
+        )
     finally:
         copy.close()

@@ -71,6 +71,8 @@ def evaluate(
     if ineffective:
         note = f"no effect on {evaluation.of}: {', '.join(ineffective)}"
         evaluation = dataclasses.replace(evaluation, notes=(*evaluation.notes, note))
+    remarks = tuple(remark for table in given for remark in table.remarks)
+    evaluation = dataclasses.replace(evaluation, notes=(*remarks, *evaluation.notes))
     reasons = [reason for condition in conditions for reason in condition.reasons(evaluation.groups)]
     with OutputSet() as outputs:
         if wants_table:

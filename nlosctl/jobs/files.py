@@ -10,6 +10,7 @@ from typing import Any
 
 from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions, OutputOptions
+from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input, expand_inputs
 from nlosctl.io.paths.locations import Location, format_named, format_of_path, known_format_of_path, location
@@ -17,7 +18,16 @@ from nlosctl.io.writers.output_set import OutputSet, check_targets
 from nlosctl.io.writers.table_writer import BadRowWriter, TableWriter
 from nlosctl.jobs.console import Console, Silent, json_text
 
-__all__ = ["Destination", "Opened", "bad_row_writer", "open_inputs", "open_measurements", "open_output", "write_report"]
+__all__ = [
+    "Destination",
+    "Opened",
+    "bad_row_writer",
+    "naming_importer",
+    "open_inputs",
+    "open_measurements",
+    "open_output",
+    "write_report",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,15 +75,31 @@ def open_inputs(inputs: Sequence[str] | Sequence[Input], input_format: str | Non
 
 
 @contextmanager
+def naming_importer(inputs: Sequence[str] | Sequence[Input]) -> Iterator[None]:
+    """Add to an error on opening the inputs which importer the first one looks like, if it does."""
+    try:
+        yield
+    except (DataError, UsageError) as error:
+        from nlosctl.pipeline.convert.importer import import_hint
+
+        hint = import_hint([given for given in inputs if isinstance(given, str)])
+        if not hint or type(error) not in (DataError, UsageError):
+            raise
+        raise type(error)(f"{error}{hint}") from error
+
+
+@contextmanager
 def open_measurements(
     inputs: Sequence[str] | Sequence[Input], read: InputOptions, write: OutputOptions, destination: Destination
 ) -> Iterator[Opened]:
     """Open the inputs and check all targets before the first output is written."""
-    given = open_inputs(inputs, read.input_format)
     if write.bad_rows is not None:
         read = dataclasses.replace(read, extra_columns=None)
+    with naming_importer(inputs):
+        given = open_inputs(inputs, read.input_format)
+        opened = MeasurementReader(given, read)
     names = [*destination.protected, read.scene if isinstance(read.scene, str) else None]
-    with closing(MeasurementReader(given, read)) as reader:
+    with closing(opened) as reader:
         parts = [part.path for source in given for part in source.parts if part.path is not None]
         folders = [source.path for source in given if source.path is not None]
         protected = [*parts, *folders, *(location(name) for name in names if name is not None)]

@@ -25,7 +25,7 @@ def validate(
     console: Console | None = None,
 ) -> dict[str, Any]:
     """Return kind, counts, columns and remarks of measurements; raises DataError for faults that are not set aside."""
-    read = dataclasses.replace(read, all_rows=True, extra_columns=())
+    read = dataclasses.replace(read, all_rows=True)
     with (
         open_measurements(inputs, read, write, Destination(protected=protected)) as opened,
         OutputSet() as outputs,

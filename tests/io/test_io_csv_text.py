@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import csv
 import ctypes
 import gzip
@@ -161,8 +162,7 @@ def test_extra_columns_are_named_by_their_beginning_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "message"),
     [
-        (HEADER.replace(",", ";"), "separated by semicolons, expected commas"),
-        (HEADER.replace(",", "\t"), "separated by tabs, expected commas"),
+        (HEADER.replace(",", "|"), "separated by bars, expected commas, tabs or semicolons"),
         ("# made by a script", "begins with '#', expected the header"),
         ("# made by a script, 2024", "begins with '#', expected the header"),
         ("# " + HEADER, "got '# snapshot', expected 'snapshot'"),
@@ -250,3 +250,42 @@ def test_ctrl_c_is_pythons_while_a_block_is_parsed(tmp_path: Path, monkeypatch: 
     read([save_csv(tmp_path / "a.csv", good(1), "2,a,0", good(3))], Gathered())
     assert seen
     assert set(seen) == {handler_of(signal.SIGINT)}
+
+
+ROWS = [
+    ["1", "a", "0", "0", "0.785", "0.01", "x"],
+    ["1", 'b "2"', "100", "0", "2.356", "0.01", "two\nlines"],
+    ["1", "c", "0", "100.5", "-0.785", "0.01", "a , ; \t"],
+]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("extension", ["csv", "tsv", "csv.gz", "csv.bz2", "csv.zst", "tsv.bz2"])
+def test_separators_and_compressions_give_the_same_rows(tmp_path: Path, separator: str, extension: str) -> None:
+    """Commas, tabs and semicolons are detected, in plain files and in files compressed by other libraries."""
+    text = io.StringIO()
+    csv.writer(text, delimiter=separator, lineterminator="\n").writerows([[*HEADER.split(","), "note"], *ROWS])
+    content = text.getvalue().encode()
+    packed = {"gz": gzip.compress, "bz2": bz2.compress, "zst": lambda data: pa.compress(data, "zstd", asbytes=True)}
+    _, _, compression = extension.partition(".")
+    path = tmp_path / f"in.{extension}"
+    path.write_bytes(packed[compression](content) if compression else content)
+    rows = whole(read([path])).table
+    assert rows.column("sensor").to_pylist() == [row[1] for row in ROWS]
+    assert rows.column("sensor_y_m").to_pylist() == [float(row[3]) for row in ROWS]
+    assert rows.column("note").to_pylist() == [row[6] for row in ROWS]
+
+
+def test_a_tab_separates_the_cells_of_a_tsv_file_whatever_its_header_contains(tmp_path: Path) -> None:
+    """In a file ``.tsv`` a tab separates, although commas are more frequent in the header."""
+    path = tmp_path / "in.tsv"
+    path.write_text(HEADER.replace(",", "\t") + "\ta,b,c,d,e,f,g,h\n1\ts\t0\t1\t0.5\t0.01\tx\n")
+    assert whole(read([path])).table.column("a,b,c,d,e,f,g,h").to_pylist() == ["x"]
+
+
+def test_a_decimal_comma_is_reported_as_such(tmp_path: Path) -> None:
+    """A number with a decimal comma is not read, and the message says that a point is expected."""
+    path = tmp_path / "in.csv"
+    path.write_text(HEADER.replace(",", ";") + "\n1;s;0,5;1;0.5;0.01\n")
+    with pytest.raises(DataError, match="got '0,5', expected a number with a decimal point"):
+        read([path])

@@ -111,7 +111,7 @@ def test_other_headers_and_true_places_in_degrees(tmp_path: Path) -> None:
     ("lat", "lon", "says"),
     [
         ("147.2", "8.5", "column 'sensor_lat_deg': got 147.2, expected -90 to 90 degrees"),
-        ("47.2", "-181", "column 'sensor_lon_deg': got -181, expected -180 to 180 degrees"),
+        ("47.2", "-181", "column 'sensor_lon_deg': got -181, expected -180 to 360 degrees"),
         ("", "8.5", "column 'sensor_lat_deg': got an empty cell (null), expected -90 to 90 degrees"),
         ("north", "8.5", "column 'sensor_lat_deg': got 'north', expected a number"),
     ],

@@ -39,7 +39,7 @@ def save_lines(path: Path, *lines: str) -> Path:
         (row(sensor="\ud800"), "sensor", "half a surrogate pair"),
         (row(**{"\udfff": 1}), None, "a name contains half of a surrogate pair"),
         (row(snapshot="1"), "snapshot", "got '1', expected an integer as before: text or an integer"),
-        (row(snapshot=0.0), "snapshot", "got 0.0, expected text or an integer"),
+        (row(snapshot=0.5), "snapshot", "got 0.5, expected text or an integer"),
         (row(snapshot=True), "snapshot", "got True, expected text or an integer"),
         (row(sensor=3), "sensor", "got 3, expected text as before"),
         (row(los="maybe"), "los", "expected true/false or 1/0"),

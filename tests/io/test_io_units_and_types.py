@@ -89,13 +89,15 @@ def test_an_integer_flag_is_zero_or_one(tmp_path: Path, kind: Any) -> None:
 
 
 def test_integers_beyond_64_bits(tmp_path: Path) -> None:
-    """A path beyond int64 is a bad row, such an id is one line of error, and such a sensor is a name."""
+    """A path beyond int64 is a bad row, such an id is an error only beside signed ones, such a sensor a name."""
     path = save(bearings([1, 1, 1], path=pa.array([1, 2**63, None], pa.uint64())), tmp_path / "a.parquet")
     with pytest.raises(DataError, match=f"row 2, column 'path': got {2**63}, expected at most {2**63 - 1}"):
         read([path])
     path = save(bearings(pa.array([2**63], pa.uint64())), tmp_path / "b.parquet")
+    assert read([path])[0].snapshot.to_pylist() == [2**63]
+    mixed = [save(bearings([1]), tmp_path / "d.parquet"), path]
     with pytest.raises(DataError, match="'snapshot': beyond 64-bit integers; store it as text"):
-        read([path])
+        read(mixed)
     path = save(bearings([1], sensor=pa.array([2**63], pa.uint64())), tmp_path / "c.parquet")
     assert read([path])[0].columns["sensor"].tolist() == [0]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nlosctl.cli.options.declarations import ConfigFile, Debug, Inputs, Json, Quiet
-from nlosctl.cli.options.settings import takes_options
+from nlosctl.cli.options.settings import takes_options, with_flags
 from nlosctl.cli.terminal import Terminal, print_json, print_table
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 
@@ -25,6 +25,7 @@ def validate(
     from nlosctl.jobs.validate import validate as check
 
     result = check(inputs, read, write, protected=[config], console=Terminal(quiet))
+    result["remarks"] = list(map(with_flags, result["remarks"]))
     if json:
         print_json(result)
     else:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
-from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table
+from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
 from nlosctl.contract.tables.results import ADDED_COLUMNS, BOUND, ELLIPSE, ESTIMATES, FLAGS, TRACE, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import EARTH_PLACES
@@ -32,6 +33,9 @@ __all__ = [
     "Spelling",
     "Table",
     "contract_names",
+    "declared_type",
+    "is_swept",
+    "result_table",
 ]
 
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
@@ -45,3 +49,25 @@ TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATE
 def contract_names() -> frozenset[str]:
     """Return the names of all columns of all tables, including other spellings."""
     return frozenset(name for table in TABLES.values() for column in table.columns for name in column.accepted_names)
+
+
+@cache
+def _declared_types() -> dict[str, ColumnType]:
+    types: dict[str, ColumnType] = {}
+    for table in TABLES.values():
+        for column in table.columns:
+            types |= dict.fromkeys(column.accepted_names, column.type)
+    return types
+
+
+def declared_type(name: str) -> ColumnType | None:
+    """Return the type of a column in the tables that have it, None for a column that none has."""
+    return _declared_types().get(name)
+
+
+def result_table(names: Collection[str]) -> Table | None:
+    """Return the table of results that has the columns ``names``, None if it is not one: measurements, perhaps."""
+    if "of" in names and not {"rows", "snapshots"}.isdisjoint(names):
+        return SCORES
+    candidates = (BOUND, ESTIMATES, TRACE, FLAGS)
+    return next((table for table in candidates if all(column.name in names for column in table.required)), None)

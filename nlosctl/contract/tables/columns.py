@@ -5,10 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["SWEEP_PREFIX", "Column", "ColumnType", "Spelling", "Table"]
+__all__ = ["SWEEP_PREFIX", "Column", "ColumnType", "Spelling", "Table", "is_swept"]
 
 SWEEP_PREFIX = "sweep_"
 """The name of a column of swept values is this prefix and the name of the parameter."""
+
+_OF_RADARS = frozenset(
+    f"{SWEEP_PREFIX}{word}"
+    for word in ("id", "index", "no", "nr", "num", "number", "count", "counter", "time", "time_s", "timestamp", "utc")
+)
+
+
+def is_swept(name: str) -> bool:
+    """Return whether a column holds the swept values of a parameter; not the number or time of a radar's sweep."""
+    return name.startswith(SWEEP_PREFIX) and name.lower() not in _OF_RADARS
+
 
 ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
 """``identifier`` is text or an integer, as in the file."""

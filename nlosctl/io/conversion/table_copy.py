@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene
-from nlosctl.contract.tables import ESTIMATES, KINDS, Table
+from nlosctl.contract.tables import FLAGS, KINDS, result_table
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog, bad_rows_of
@@ -97,11 +97,16 @@ class TableCopy:
         return scene if self.frame is None else replace(scene, frame=self.frame)
 
     def _types(self, source: TableFile) -> dict[str, Any]:
-        """Return the contract's types of the columns, those of estimates or of a kind of measurements."""
-        estimates = all(column.name in source.names for column in ESTIMATES.required)
-        table: Table = ESTIMATES if estimates else KINDS[kind_of_columns(source.names)]
+        """Return the contract's types of the columns: those of a table of results, else of a kind of measurements.
+
+        Flags have the columns of both.
+        """
+        results = result_table(source.names)
+        tables = [results] if results is not None else []
+        if results in (None, FLAGS):
+            tables.append(KINDS[kind_of_columns(source.names)])
         types: dict[str, Any] = {}
-        for column in table.columns:
+        for column in (column for table in tables for column in table.columns):
             types.update({name: column.type for name in column.accepted_names if name in source.names})
         return types
 

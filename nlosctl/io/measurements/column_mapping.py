@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
@@ -14,6 +14,7 @@ from nlosctl.arrays import IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import EARTH_PLACES, KINDS, Column, ColumnType, Table, contract_names
 from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.io.measurements.missing_columns import missing_message
 
 __all__ = [
     "METHOD",
@@ -102,10 +103,16 @@ def kind_table(kind: str) -> Table:
     return KINDS[kind]
 
 
-def kind_of_columns(names: Iterable[str]) -> str:
-    """Return the kind that misses the fewest of its required columns among ``names``."""
+def kind_of_columns(names: Iterable[str], constants: Collection[str] = ()) -> str:
+    """Return the kind that misses the fewest of its required columns among ``names``, then among ``constants`` too."""
     given = frozenset(names)
-    return min(_DISTINCTIVE, key=lambda kind: sum(given.isdisjoint(accepted) for accepted in _DISTINCTIVE[kind]))
+
+    def unfit(kind: str) -> tuple[int, int]:
+        fillable = [column for column in KINDS[kind].columns if column.required and column.constant_allowed]
+        missing = sum(given.isdisjoint(accepted) for accepted in _DISTINCTIVE[kind])
+        return missing, sum(given.union(constants).isdisjoint(column.accepted_names) for column in fillable)
+
+    return min(_DISTINCTIVE, key=unfit)
 
 
 def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file: str) -> tuple[str, ...]:
@@ -156,9 +163,9 @@ def coordinate_columns(names: Sequence[str], renames: Mapping[str, str], file: s
 
 
 def plan_columns(
-    names: Sequence[str], table: Table, constants: Mapping[str, float], scene: Scene, file: str
+    names: Sequence[str], table: Table, constants: Mapping[str, float], scene: Scene, file: str, header: Sequence[str]
 ) -> ColumnPlan:
-    """Return the sources of the contract's columns, given the (renamed) columns ``names`` of ``file``.
+    """Return the sources of the contract's columns, given the columns of ``file``: renamed ``names``, own ``header``.
 
     Raises DataError if a required column is missing, or given twice, or only a part of a group is there; UsageError for
     a constant that the file has as a column, or that is not allowed.
@@ -171,7 +178,7 @@ def plan_columns(
     absent = [column for column in table.columns if column.required and column.name not in {*mapped, *constants}]
     missing = [column for column in absent if column.scene_axis is None or not scene.sensors]
     if missing:
-        raise DataError(_missing(missing, names, table, file))
+        raise DataError(missing_message(missing, header, table, file))
     plan = ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
     for group in (*table.together, (plan.scene_axes,)):
         _check_group(group, mapped, file)
@@ -216,25 +223,6 @@ def _check_constants(table: Table, constants: Mapping[str, float], mapped: Mappi
             raise UsageError(f"{option} is given, but {file} has a column {mapped[name].name!r}; leave the option out")
         if not 0.0 < value < float("inf"):
             raise UsageError(f"{option} must be a finite number larger than 0. Got {value!r} instead.")
-
-
-def _missing(missing: Sequence[Column], names: Sequence[str], table: Table, file: str) -> str:
-    parts = []
-    for column in missing:
-        others = list(column.usual_names)
-        near = did_you_mean(column.name, [name for name in names if name not in contract_names()])
-        if column.earth_place:
-            others = [f"{column.earth_place}_lat_deg with {column.earth_place}_lon_deg"]
-        accepted = f", also accepted: {', '.join(others)}" if others else ""
-        option = f", or set `constants[{column.name!r}]`" if column.constant_allowed else ""
-        scene = ", or pass a scene with its sensors" if column.scene_axis is not None else ""
-        parts.append(f"{column.name!r}{near}{accepted}{option}{scene}")
-    comment = "; the first line begins with '#', expected the header there" if names[0].startswith("#") else ""
-    plural = "s" if len(missing) > 1 else ""
-    return (
-        f"{file}: missing column{plural} {'; '.join(parts)}. The file has: {', '.join(names) or 'no columns'}; "
-        f"rename one with `columns` NAME=HEADER, or set another `kind` than {table.name}{comment}"
-    )
 
 
 def columns_to_read(names: tuple[str, ...], plan: ColumnPlan, extra: Sequence[str] | None) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from nlosctl.arrays import IntArray
 from nlosctl.contract.random_streams import GOLDEN_RATIO
-from nlosctl.contract.tables import SWEEP_PREFIX
+from nlosctl.contract.tables import is_swept
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import METHOD
 from nlosctl.io.measurements.returned_ids import APART
@@ -122,7 +122,7 @@ def refuse_several_methods(table: Any, starts: IntArray, file: str) -> None:
 
     Each measurement is then repeated for each of them, and they can't be solved together.
     """
-    swept = [name for name in table.column_names if name.startswith(SWEEP_PREFIX)]
+    swept = [name for name in table.column_names if is_swept(name)]
     for column, what, cure in [
         (METHOD, "methods", "run the earlier step with one `method`, or keep the rows of one method"),
         *(

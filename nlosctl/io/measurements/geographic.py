@@ -56,6 +56,7 @@ class PlaneCoordinates:
             faults += [fault for fault in wrong if (fault.index, fault.column) not in unreadable]
             rows = [fault.index for fault in wrong]
             lat[rows], lon[rows] = np.nan, np.nan
+            lon[lon > 180.0] -= 360.0
             for name, values in zip((pair.x, pair.y), plane.to_plane(lat, lon), strict=True):
                 table = table.append_column(name, pa.array(values, mask=np.isnan(values)))
                 text = None if text is None else text.append_column(name, pa.nulls(len(values), pa.string()))
@@ -67,10 +68,12 @@ class PlaneCoordinates:
         pair = self._pairs[0]
         for batch in file.peek():
             lat, lon = _degrees(batch.table, pair.lat), _degrees(batch.table, pair.lon)
-            usable = np.flatnonzero((np.abs(lat) <= 90.0) & (np.abs(lon) <= 180.0))
+            usable = np.flatnonzero((np.abs(lat) <= 90.0) & (lon >= -180.0) & (lon <= 360.0))
             if usable.shape[0]:
                 row = usable[0]
-                self.frame = EarthFrame(origin_lat_deg=float(lat[row]), origin_lon_deg=float(lon[row]))
+                self.frame = EarthFrame(
+                    origin_lat_deg=float(lat[row]), origin_lon_deg=float(lon[row] - 360.0 * (lon[row] > 180.0))
+                )
                 return
         raise DataError(f"{name}: no row has a location: {pair.lat!r} and {pair.lon!r} are empty or out of range")
 
@@ -84,8 +87,8 @@ def _range_faults(pair: CoordinateColumns, lat: Any, lon: Any) -> list[CellFault
     """Return the faults of coordinates; nullable ones may both be missing."""
     faults = []
     absent = np.isnan(lat) & np.isnan(lon) & pair.nullable
-    for column, values, limit in ((pair.lat, lat, 90.0), (pair.lon, lon, 180.0)):
-        for row in np.flatnonzero(~(np.abs(values) <= limit) & ~absent).tolist():
+    for column, values, least, most in ((pair.lat, lat, -90.0, 90.0), (pair.lon, lon, -180.0, 360.0)):
+        for row in np.flatnonzero(~((values >= least) & (values <= most)) & ~absent).tolist():
             got = "got an empty cell (null)" if np.isnan(values[row]) else f"got {values[row]:g}"
-            faults.append(CellFault(index=row, column=column, fault=f"{got}, expected {-limit:g} to {limit:g} degrees"))
+            faults.append(CellFault(index=row, column=column, fault=f"{got}, expected {least:g} to {most:g} degrees"))
     return faults

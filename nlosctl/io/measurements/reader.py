@@ -19,7 +19,7 @@ from nlosctl.io.measurements.part_boundaries import PartBoundaries
 from nlosctl.io.measurements.returned_ids import rejoined, returned_id
 from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
-from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SnapshotIndex, run_starts
+from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SnapshotIndex, id_type, integer_ids, run_starts
 from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_inputs
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
@@ -47,8 +47,7 @@ class Chunk:
     def snapshot_ids(self) -> IntArray | list[str]:
         """Return the snapshot ids as integers or text."""
         if pa.types.is_integer(self.snapshot.type):
-            ids: IntArray = self.snapshot.cast(pa.int64()).to_numpy()
-            return ids
+            return integer_ids(self.snapshot)
         return [str(text) for text in self.snapshot.to_pylist()]
 
 
@@ -183,8 +182,8 @@ class MeasurementReader:
         value = parquet_end_value(part, self.options.columns.get(SNAPSHOT, SNAPSHOT), index)
         if value is None:
             return None
-        is_integer = pa.types.is_integer(self.schema.field(SNAPSHOT).type)
-        return pa.scalar(int(value), pa.int64()) if is_integer else pa.scalar(str(value), pa.string())
+        kind = id_type(self.schema)
+        return pa.scalar(str(value) if pa.types.is_string(kind) else int(value), kind)
 
 
 class _Snapshots:

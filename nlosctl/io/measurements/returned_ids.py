@@ -18,7 +18,7 @@ __all__ = ["APART", "rejoined", "rejoined_remark", "returned_id"]
 APART = "if the parts number their own snapshots, name the files one by one, or make the ids unique"
 """How to keep parts apart whose snapshots have the same ids: each file that is named is an input of its own."""
 
-_NOT_READ_BY_DUCKDB = {FileFormat.ARROW, FileFormat.ARROW_STREAM}
+_NOT_READ_BY_DUCKDB = {FileFormat.ARROW, FileFormat.ARROW_STREAM, *(f for f in FileFormat if f.compression == "bz2")}
 
 
 def returned_id(rows: RowBatch, index: int, earlier: SeenId, given: Input, column: str) -> str:
@@ -34,7 +34,7 @@ def returned_id(rows: RowBatch, index: int, earlier: SeenId, given: Input, colum
 def _parts_hint(given: Input) -> str:
     """Return how to keep apart parts whose snapshots have the same ids; sorting would merge different snapshots."""
     first = given.parts[0]
-    suffixes = [] if first.path is None else first.path.suffixes[-2 if first.format.compressed else -1 :]
+    suffixes = [] if first.path is None else first.path.suffixes[-2 if first.format.compression else -1 :]
     pattern = shlex.quote(f"{given.name.rstrip('/')}/**/*{''.join(suffixes)}")
     return (
         f"ids are not unique across the parts: name the files one by one ({pattern} names them all), "

@@ -19,7 +19,7 @@ from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCode
 from nlosctl.io.measurements.row_checks import Fault, ProblemLog, ValueChecks, bad_rows_of, is_null, null_mask
 from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
-from nlosctl.io.measurements.snapshot_ids import LostSnapshots
+from nlosctl.io.measurements.snapshot_ids import LostSnapshots, id_type
 from nlosctl.io.measurements.survey import OpenTable
 from nlosctl.io.measurements.table_schemas import conformed
 from nlosctl.io.readers.base import RecordBatch, plain, text_at
@@ -204,9 +204,8 @@ class RowConverter:
         """Return the snapshot ids as an Arrow array (N,), 0 in a file without, and the faults of null ones."""
         if not self._plan.has_snapshot:
             return pa.array(np.zeros(batch.num_rows, dtype=np.int64)), []
-        integers = pa.types.is_integer(self._schema.field(SNAPSHOT).type)
         try:
-            ids = plain(batch.column(SNAPSHOT)).cast(pa.int64() if integers else pa.string())
+            ids = plain(batch.column(SNAPSHOT)).cast(id_type(self._schema))
         except pa.ArrowInvalid as error:
             raise DataError(f"{self._file}, column 'snapshot': beyond 64-bit integers; store it as text") from error
         if not ids.null_count:

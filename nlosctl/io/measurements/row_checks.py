@@ -213,17 +213,22 @@ class ValueChecks:
             )
 
     def integers(self, mapped: MappedColumn, cells: Any, faults: list[Fault]) -> IntArray:
-        """Return integers (N,), `NULL_CODE` where null; adds to ``faults``."""
+        """Return integers from 0 (N,), `NULL_CODE` where null; adds to ``faults``."""
         cells = plain(cells)
         if pa.types.is_uint64(cells.type):
             beyond = pc.fill_null(pc.greater(cells, pa.scalar(_LARGEST_INTEGER, pa.uint64())), False)
             if pc.any(beyond).as_py():
-                values, mask = cells, np.asarray(beyond.to_numpy(zero_copy_only=False), dtype=np.bool_)
-                describe = lambda index: f"got {values[index].as_py()}, expected at most {_LARGEST_INTEGER}"  # noqa: E731
+                huge, mask = cells, np.asarray(beyond.to_numpy(zero_copy_only=False), dtype=np.bool_)
+                describe = lambda index: f"got {huge[index].as_py()}, expected at most {_LARGEST_INTEGER}"  # noqa: E731
                 faults.append(Fault(mask=mask, column=mapped.name, describe=describe))
                 cells = pc.if_else(beyond, pa.scalar(None, pa.uint64()), cells)
         cells = cells.cast(pa.int64())
-        return np.asarray(cells.fill_null(NULL_CODE).to_numpy(zero_copy_only=False), np.int64)
+        values = np.asarray(cells.fill_null(NULL_CODE).to_numpy(zero_copy_only=False), np.int64)
+        negative = (values < 0) & ~null_mask(cells)
+        if negative.any():
+            describe = lambda index: f"got {values[index]}, expected an integer from 0"  # noqa: E731
+            faults.append(Fault(mask=negative, column=mapped.name, describe=describe))
+        return values
 
     def booleans(self, batch: Any, faults: list[Fault]) -> None:
         """Add a fault for integers other than 0 and 1 in the boolean columns of an Arrow batch."""

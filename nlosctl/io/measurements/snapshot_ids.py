@@ -13,11 +13,32 @@ import pyarrow.compute as pc
 
 from nlosctl.arrays import BoolArray, IntArray
 
-__all__ = ["REMEMBERED_SNAPSHOTS", "IdSpan", "LostSnapshots", "SeenId", "SnapshotIndex", "run_starts"]
+__all__ = [
+    "REMEMBERED_SNAPSHOTS",
+    "IdSpan",
+    "LostSnapshots",
+    "SeenId",
+    "SnapshotIndex",
+    "id_type",
+    "integer_ids",
+    "run_starts",
+]
 
 REMEMBERED_SNAPSHOTS = 1_000_000
 
 _STEP_TYPES = (np.int8, np.int16, np.int32, np.int64)
+
+
+def id_type(schema: Any) -> Any:
+    """Return the Arrow type of the snapshot ids of files with this schema: int64, uint64 if it has that, or text."""
+    in_file = schema.field("snapshot").type
+    return in_file if pa.types.is_uint64(in_file) else pa.int64() if pa.types.is_integer(in_file) else pa.string()
+
+
+def integer_ids(ids: Any) -> IntArray:
+    """Return integer ids (N,) as int64; unsigned ones beyond 2^63 wrap around, so that different ids stay different."""
+    values: IntArray = ids.to_numpy().view(np.int64)
+    return values
 
 
 def run_starts(ids: Any, before: Any) -> IntArray:
@@ -121,7 +142,10 @@ class SnapshotIndex:
                 self._recent = _IdSet()
                 while self._sorted:
                     earlier, kept, numbers = self._sorted.popleft()
-                    self._index(earlier, pa.array(kept.values()) if isinstance(kept, _Steps) else kept, numbers)
+                    whole = (
+                        pa.array(kept.values().view(ids.type.to_pandas_dtype())) if isinstance(kept, _Steps) else kept
+                    )
+                    self._index(earlier, whole, numbers)
             seen = self._index(part, ids, _Steps.of(rows))
         if self._first is None:
             self._first = ids[0]
@@ -145,7 +169,7 @@ class SnapshotIndex:
 
     def _remember(self, part: str, ids: Any, rows: IntArray) -> None:
         """Keep sorted ids in their order: integers and rows take a byte each where they count up."""
-        kept = _Steps.of(ids.to_numpy()) if pa.types.is_integer(ids.type) else ids
+        kept = _Steps.of(integer_ids(ids)) if pa.types.is_integer(ids.type) else ids
         self._sorted.append((part, kept, _Steps.of(rows)))
         self._sorted_count += len(ids)
         while self._sorted_count - len(self._sorted[0][1]) >= self._remembered:
@@ -155,7 +179,7 @@ class SnapshotIndex:
         """Add ids to the recent set, unless one of them has been added before; return the first such id."""
         integers = pa.types.is_integer(ids.type)
         # Python's hash of text is seeded for each process, so that no file can be made of colliding ids
-        keys = ids.to_numpy() if integers else np.fromiter(map(hash, ids.to_pylist()), np.int64, len(ids))
+        keys = integer_ids(ids) if integers else np.fromiter(map(hash, ids.to_pylist()), np.int64, len(ids))
         order = np.argsort(keys, kind="stable")
         batch = _IdBatch(part=part, rows=rows, texts=None if integers else ids)
         keys = keys[order]

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import Table
+from nlosctl.contract.tables import EARTH_PLACES, Table
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import (
     SNAPSHOT,
     ColumnPlan,
+    MappedColumn,
     columns_to_read,
     coordinate_columns,
     kind_of_columns,
@@ -24,13 +29,20 @@ from nlosctl.io.measurements.column_mapping import (
     rename,
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
+from nlosctl.io.measurements.missing_columns import named_like_degrees
+from nlosctl.io.measurements.row_checks import as_float64
 from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
-from nlosctl.io.readers.base import closed_on_failure
+from nlosctl.io.readers.base import RecordBatch, closed_on_failure
 from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.scene_file import find_scene, plane_of
 
 __all__ = ["InputSurvey", "OpenTable", "open_table", "survey_inputs"]
+
+_TURN = 2.0 * math.pi * (1.0 + 1e-6)
+_MANY_ROWS = 20
+_WIDEST_DEG = 1.0
+_FAR = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +105,10 @@ def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey
     first = parts[0][1]
     survey, opened = _survey_first(*parts[0], options)
     with closed_on_failure(survey):
+        survey.remarks += [remark for given in inputs for remark in given.remarks]
         names, schemas = [opened.own_names], [opened.schema]
+        for batch in islice(opened.file.peek(), 1):
+            survey.remarks += _unit_remarks(batch, opened.plan.mapped, opened.file_name_of, first.name)
         survey.keep_or_close(opened, only=len(parts) == 1)
         for given, part in parts[1:]:
             opened = _open_next(given, part, options, survey, first)
@@ -185,16 +200,18 @@ def _planned(
     twice = sorted(name for name, count in Counter(file.names).items() if count > 1)
     if twice:
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
-    table = table or kind_table(kind_of_columns([*file.names, *options.columns]))
+    table = table or kind_table(kind_of_columns([*file.names, *options.columns], options.constants))
     names = rename(file.names, options.columns, table, part.name)
-    plan = plan_columns(names, table, options.constants, scene, part.name)
+    derived = {name for pair in pairs for name in (pair.x, pair.y)}
+    header = [name for name in file.names if name not in derived]
+    plan = plan_columns(names, table, options.constants, scene, part.name, header)
     to_read = columns_to_read(names, plan, options.extra_columns)
     original = dict(zip(names, file.names, strict=True))
     schema = file.start(
         {original[name]: wanted for name, wanted in plan.types.items()},
         None if to_read == names else [original[name] for name in to_read],
     )
-    derived = {name for pair in pairs for name in (pair.x, pair.y) if not name.startswith("truth")}
+    derived = {name for name in derived if not name.startswith("truth")}
     fields = [field.with_name(name) for name, field in zip(to_read, schema, strict=True) if name not in derived]
     opened = OpenTable(
         part=part,
@@ -207,3 +224,62 @@ def _planned(
         schema=pa.schema(fields),
     )
     return opened, coordinates
+
+
+def _unit_remarks(
+    batch: RecordBatch, mapped: Mapping[str, MappedColumn], file_name_of: Mapping[str, str], file: str
+) -> list[str]:
+    """Return remarks on the rows of a ``batch``: degrees read as metres, and radians read as degrees.
+
+    ``mapped`` are the columns of the contract by name, ``file_name_of`` the file's own names of columns.
+    """
+    names = batch.table.schema.names
+    columns = {
+        name: file_name_of[column.name]
+        for name, column in mapped.items()
+        if file_name_of.get(column.name) in names and column.column.type == "number"
+    }
+    remarks = []
+    for owner in EARTH_PLACES:
+        x, y = columns.get(f"{owner}_x_m"), columns.get(f"{owner}_y_m")
+        if x is not None and y is not None and _are_degrees(x, y, _values(batch, x), _values(batch, y)):
+            remarks.append(
+                f"{file}: columns {x!r} and {y!r} are read as metres, but look like longitudes and latitudes; "
+                f"if they are, read them by `columns` {owner}_lon_deg={x} and {owner}_lat_deg={y}"
+            )
+    for name, own in columns.items():
+        column = mapped[name]
+        in_degrees = column.converted and column.column.unit == "rad" and "_std_" not in name
+        if in_degrees and _are_radians(values := _values(batch, own)):
+            certain = "are probably radians" if values.size >= _MANY_ROWS else "may be radians"
+            remarks.append(
+                f"{file}, column {own!r}: all {values.size} values are within 2 pi and {certain}, expected degrees; "
+                f"if they are radians, read them by `columns` {name}={own}"
+            )
+    return remarks
+
+
+def _values(batch: RecordBatch, name: str) -> FloatArray:
+    column: Any = batch.table.column(name)
+    return as_float64(column)
+
+
+def _are_degrees(x_name: str, y_name: str, x: FloatArray, y: FloatArray) -> bool:
+    """Return whether coordinates are degrees by their names, or since they are close together and far from (0, 0)."""
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
+    if not x.size or np.abs(x).max() > 180.0 or np.abs(y).max() > 90.0:
+        return False
+    if named_like_degrees([x_name, y_name]) is not None:
+        return True
+    span = max(float(np.ptp(x)), float(np.ptp(y)))
+    fine = np.abs(x * 10.0 - np.round(x * 10.0)) > 1e-6
+    fine |= np.abs(y * 10.0 - np.round(y * 10.0)) > 1e-6
+    far = math.hypot(float(x.mean()), float(y.mean()))
+    return 0.0 < span <= _WIDEST_DEG and far >= _FAR * span and far > 5.0 and bool(fine.mean() > 0.5)
+
+
+def _are_radians(values: FloatArray) -> bool:
+    """Return whether angles are all within a turn in radians, and not whole numbers of degrees."""
+    values = values[np.isfinite(values)]
+    return values.size >= 2 and np.abs(values).max() <= _TURN and bool((values != np.round(values)).any())

@@ -6,7 +6,8 @@ import io
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path, PurePosixPath
@@ -64,12 +65,13 @@ class Part:
 class Input:
     """One logical table: a file, or the parts of a folder; ``name`` is the name given by the user.
 
-    ``url`` is what a URL names, whose secrets the name does not have.
+    ``url`` is what a URL names, whose secrets the name does not have. ``remarks`` are lines on what is not read.
     """
 
     name: str
     parts: tuple[Part, ...]
     url: RemotePath | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def path(self) -> Location | None:
@@ -151,26 +153,49 @@ def _part(name: str, format: FileFormat, path: Path) -> Part:
 
 
 def _folder(name: str, input_format: FileFormat | None) -> Input:
-    folder = Path(name)
-    files = ((path, PurePosixPath(path.relative_to(folder).as_posix())) for path in folder.rglob("*") if path.is_file())
-    return _of_parts(name, [(path, relative, None) for path, relative in files], input_format)
+    loops: list[str] = []
+    files = [(path, PurePosixPath(path.relative_to(name).as_posix()), None) for path in _files_below(Path(name), loops)]
+    given = _of_parts(name, files, input_format)
+    return replace(given, remarks=(*given.remarks, *(f"{loop}: links to a folder that it is in" for loop in loops)))
+
+
+def _files_below(folder: Path, loops: list[str], above: frozenset[tuple[int, int]] = frozenset()) -> Iterator[Path]:
+    """Yield the files in a folder and its subfolders, linked ones too; links to a folder ``above`` go to ``loops``."""
+    status = folder.stat()
+    identity = status.st_dev, status.st_ino
+    if identity in above:
+        loops.append(str(folder))
+        return
+    for path in folder.iterdir():
+        if path.is_dir():
+            if not _is_hidden(path.name):
+                yield from _files_below(path, loops, above | {identity})
+        elif path.is_file():
+            yield path
 
 
 def _of_parts(
     name: str, files: Sequence[tuple[Location, PurePosixPath, Mark | None]], input_format: FileFormat | None
 ) -> Input:
     """Return the input of a folder with these files, each with its path below the folder, and its mark if known."""
-    parts = []
+    parts, others = [], Counter[str]()
     for path, relative, mark in sorted(files, key=lambda file: str(file[1])):
         known = known_format_of_path(path.name)
-        if known is not None and not _is_hidden(relative):
-            require_utf8(str(path))
-            shown = str(path) if is_local(path) else path.shown
-            part = Part(name=shown, format=input_format or known, path=path, mark=mark or mark_of(path))
-            parts.append(replace(part, keys=_keys(relative.parts[:-1])))
+        if any(map(_is_hidden, relative.parts)):
+            continue
+        if known is None:
+            others[relative.suffix or "no ending"] += not path.name.endswith("scene.toml")
+            continue
+        require_utf8(str(path))
+        shown = str(path) if is_local(path) else path.shown
+        part = Part(name=shown, format=input_format or known, path=path, mark=mark or mark_of(path))
+        parts.append(replace(part, keys=_keys(relative.parts[:-1])))
+    left_out = ", ".join(f"{count} {ending}" for ending, count in sorted((+others).items()))
     if not parts:
-        raise DataError(f"{name}: no table file in the folder (.parquet, .csv, .csv.gz, .arrow, .arrows, .jsonl)")
-    return Input(name=name, parts=tuple(parts))
+        also = f"; it has other files: {left_out}" if left_out else ""
+        raise DataError(f"{name}: no table file in the folder (.parquet, .csv, .tsv, .arrow, .arrows, .jsonl){also}")
+    remarks = (f"{name}: files with other endings are left out: {left_out}",) if left_out else ()
+    return Input(name=name, parts=tuple(parts), remarks=remarks)
 
 
 def _keys(folders: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
@@ -179,8 +204,8 @@ def _keys(folders: Sequence[str]) -> tuple[tuple[str, str | None], ...]:
     return tuple((unquote(key), None if value == _HIVE_NULL else unquote(value)) for key, _, value in pairs)
 
 
-def _is_hidden(relative: PurePosixPath) -> bool:
-    return any(step.startswith((".", "_")) for step in relative.parts)
+def _is_hidden(name: str) -> bool:
+    return name.startswith((".", "_"))
 
 
 def _globbed(pattern: str, input_format: FileFormat | None) -> list[Input]:

@@ -143,20 +143,39 @@ class FileFormat(Enum):
     PARQUET = "parquet"
     CSV = "csv"
     CSV_GZ = "csv.gz"
+    CSV_ZST = "csv.zst"
+    CSV_BZ2 = "csv.bz2"
+    TSV = "tsv"
+    TSV_GZ = "tsv.gz"
+    TSV_ZST = "tsv.zst"
+    TSV_BZ2 = "tsv.bz2"
     ARROW = "arrow"
     ARROW_STREAM = "arrows"
     JSON_LINES = "jsonl"
     JSON_LINES_GZ = "jsonl.gz"
+    JSON_LINES_ZST = "jsonl.zst"
+    JSON_LINES_BZ2 = "jsonl.bz2"
 
     @property
     def title(self) -> str:
         """The name for messages."""
-        return _TITLES[self]
+        title = _TITLES[self.uncompressed]
+        return f"{_COMPRESSED[self.compression]} {title}" if self.compression else title
 
     @property
-    def compressed(self) -> bool:
-        """Whether the file is gzipped text."""
-        return self in (FileFormat.CSV_GZ, FileFormat.JSON_LINES_GZ)
+    def uncompressed(self) -> FileFormat:
+        """The format of the content."""
+        return FileFormat(self.value.partition(".")[0])
+
+    @property
+    def compression(self) -> str:
+        """The compression of text, as in the extension: ``gz``, ``zst``, ``bz2``, or empty."""
+        return self.value.partition(".")[2]
+
+    @property
+    def is_delimited(self) -> bool:
+        """Whether the content has a line per row, with cells between separators."""
+        return self.uncompressed in (FileFormat.CSV, FileFormat.TSV)
 
     @property
     def needs_seeking(self) -> bool:
@@ -172,26 +191,24 @@ class FileFormat(Enum):
 _TITLES = {
     FileFormat.PARQUET: "Parquet",
     FileFormat.CSV: "CSV",
-    FileFormat.CSV_GZ: "gzipped CSV",
+    FileFormat.TSV: "TSV",
     FileFormat.ARROW: "an Arrow file",
     FileFormat.ARROW_STREAM: "an Arrow stream",
     FileFormat.JSON_LINES: "JSON Lines",
-    FileFormat.JSON_LINES_GZ: "gzipped JSON Lines",
 }
 
+_COMPRESSED = {"gz": "gzipped", "zst": "zstd-compressed", "bz2": "bzip2-compressed"}
+
 _EXTENSIONS = {
-    ".parquet": FileFormat.PARQUET,
+    **{f".{format.value}": format for format in FileFormat},
     ".pq": FileFormat.PARQUET,
-    ".csv": FileFormat.CSV,
-    ".csv.gz": FileFormat.CSV_GZ,
-    ".arrow": FileFormat.ARROW,
     ".feather": FileFormat.ARROW,
     ".ipc": FileFormat.ARROW,
-    ".arrows": FileFormat.ARROW_STREAM,
-    ".jsonl": FileFormat.JSON_LINES,
-    ".ndjson": FileFormat.JSON_LINES,
-    ".jsonl.gz": FileFormat.JSON_LINES_GZ,
-    ".ndjson.gz": FileFormat.JSON_LINES_GZ,
+    **{
+        f".{format.value.replace('jsonl', 'ndjson')}": format
+        for format in FileFormat
+        if format.uncompressed is FileFormat.JSON_LINES
+    },
 }
 
 
@@ -227,16 +244,24 @@ def format_named(name: str) -> FileFormat:
 
 
 def format_of_bytes(head: bytes) -> FileFormat:
-    """Return the format by the first bytes of a file (some hundred, for gzip); text that is not JSON is CSV."""
+    """Return the format by the first bytes of a file (some hundred, for gzip); text that is not JSON is CSV.
+
+    The content of the other compressions can't be read from their first bytes: they are CSV too.
+    """
     if head.startswith(b"PAR1"):
         return FileFormat.PARQUET
     if head.startswith(b"ARROW1"):
         return FileFormat.ARROW
     if head.startswith(b"\xff\xff\xff\xff"):
         return FileFormat.ARROW_STREAM
-    if head.startswith(b"\x1f\x8b"):
-        return FileFormat.JSON_LINES_GZ if _is_json(_unzipped(head)) else FileFormat.CSV_GZ
+    for compression, magic in _MAGIC.items():
+        if head.startswith(magic):
+            content = FileFormat.JSON_LINES if compression == "gz" and _is_json(_unzipped(head)) else FileFormat.CSV
+            return FileFormat(f"{content.value}.{compression}")
     return FileFormat.JSON_LINES if _is_json(head) else FileFormat.CSV
+
+
+_MAGIC = {"gz": b"\x1f\x8b", "zst": b"\x28\xb5\x2f\xfd", "bz2": b"BZh"}
 
 
 def _is_json(head: bytes) -> bool:

@@ -1,4 +1,4 @@
-"""Reader of CSV, plain or gzipped: every cell is read as text first, so that a fault has a row and a column."""
+"""Reader of CSV and TSV: every cell is read as text first, so that a fault has a row and a column."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ import pyarrow as pa
 import pyarrow.csv
 
 from nlosctl.arrays import IntArray
-from nlosctl.contract.tables import ColumnType
+from nlosctl.contract.tables import ColumnType, declared_type
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
+from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.readers.base import CellFault, LineFault, RecordBatch, closed_on_failure, readable
 from nlosctl.io.readers.csv_records import CsvBlock, RecordBlocks
 from nlosctl.io.readers.text_files import (
@@ -24,6 +25,7 @@ from nlosctl.io.readers.text_files import (
     decode_utf8,
     identifier_type,
     infer_type,
+    names,
     open_bytes,
     refuse_wrong_column,
     wider_type,
@@ -42,7 +44,7 @@ class _Parsed:
 
 
 class CsvReader:
-    """A CSV file.
+    """A CSV file; its cells may be separated by commas, tabs or semicolons.
 
     A column that is not in the contract gets the narrowest type for all of its cells, for which a large file is read
     twice. A stream can't be read twice: its first block (4 MiB of text) determines the type, and a later cell of
@@ -54,18 +56,22 @@ class CsvReader:
 
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
-        self._what = "gzipped CSV file" if part.format.compressed else "CSV file"
+        self._what = f"{part.format.title} file"
         with readable(part.name, self._what):
             self._stream: IO[bytes] = open_bytes(part)
         with readable(part.name, self._what), closed_on_failure(self._stream):
-            self._records = RecordBlocks(self._stream, part.name)
-            self.names: tuple[str, ...] = _names(self._records.header(), part.name)
+            self._records = self._split(self._stream)
+            self.names: tuple[str, ...] = _names(self._records.header(), self._records.separator, part.name)
         self._kept: list[str] = list(self.names)
         self._types: dict[str, ColumnType] = {}
         self._hints: dict[str, str] = {}
+        self._named: set[str] = set()
         self._guessed: frozenset[str] = frozenset()
         self._blocks: Iterator[CsvBlock] = iter(())
         self._first: _Parsed | None = None
+
+    def _split(self, stream: IO[bytes]) -> RecordBlocks:
+        return RecordBlocks(stream, self._part.name, tabs=self._part.format.uncompressed is FileFormat.TSV)
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """See FormatReader; reads the first block to infer the types that the contract leaves open."""
@@ -76,6 +82,7 @@ class CsvReader:
             self._first = None if block is None else self._parse(block, self._kept)
             unknown = [name for name in self._kept if name not in types]
             self._types = {**types, **self._survey(unknown)}
+        self._named = {name for name, kind in types.items() if kind in ("text", "identifier")}
         for name in self._kept:
             if self._first is None:
                 continue
@@ -89,23 +96,23 @@ class CsvReader:
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
 
     def _survey(self, unknown: Sequence[str]) -> dict[str, ColumnType]:
-        """Return the types of columns that are not in the contract: text if they are empty."""
+        """Return the types of columns that are not in the table: that of other tables if they are empty, else text."""
         if self._first is None or not unknown:
-            return dict.fromkeys(unknown, "text")
+            return {name: declared_type(name) or "text" for name in unknown}
         types: dict[str, ColumnType | None] = dict.fromkeys(unknown)
         if self._records.at_end or self._part.path is None:
             self._guessed = frozenset() if self._records.at_end else frozenset(unknown)
             _widen(types, self._first.table)
         else:
             with open_bytes(self._part) as stream:
-                records = RecordBlocks(stream, self._part.name)
+                records = self._split(stream)
                 records.header()
                 for block in records.blocks():
                     undecided = [name for name, kind in types.items() if kind != "text"]
                     if not undecided:
                         break
                     _widen(types, self._parse(block, undecided).table)
-        return {name: kind or "text" for name, kind in types.items()}
+        return {name: kind or declared_type(name) or "text" for name, kind in types.items()}
 
     def _parse(self, block: CsvBlock, columns: list[str]) -> _Parsed:
         bad: list[tuple[int, str, str]] = []
@@ -130,7 +137,11 @@ class CsvReader:
                     column_names=list(self.names),
                     encoding="utf8" if utf8 else "latin-1",  # for bad lines: pyarrow needs text
                 ),
-                parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True, invalid_row_handler=take_bad_line),
+                parse_options=pyarrow.csv.ParseOptions(
+                    delimiter=self._records.separator.decode(),
+                    newlines_in_values=True,
+                    invalid_row_handler=take_bad_line,
+                ),
                 convert_options=pyarrow.csv.ConvertOptions(
                     check_utf8=False,
                     strings_can_be_null=True,
@@ -177,7 +188,9 @@ class CsvReader:
         texts, columns, faults = [], [], list[CellFault]()
         for name in self._kept:
             cells, unreadable = decode_utf8(_one_chunk(table.column(name)), name)
-            column, unfit = convert_text(cells, self._types[name], name, self._hints.get(name, ""))
+            wanted = self._types[name]
+            named = names(cells, wanted) if name in self._named else cells
+            column, unfit = convert_text(named, wanted, name, self._hints.get(name, ""))
             if unfit and name in self._guessed:
                 raise self._misguessed(unfit[0], int(lines[unfit[0].index]))
             faults += unreadable + unfit
@@ -246,7 +259,7 @@ def _one_chunk(column: Any) -> Any:
     return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
 
 
-def _names(header: bytes, name: str) -> tuple[str, ...]:
+def _names(header: bytes, separator: bytes, name: str) -> tuple[str, ...]:
     if header.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise DataError(f"{name}: the file is UTF-16, expected UTF-8; save it as UTF-8")
     try:
@@ -256,7 +269,7 @@ def _names(header: bytes, name: str) -> tuple[str, ...]:
     if not line.strip():
         raise DataError(f"{name}: no header: the first line is empty")
     try:
-        names = [field.strip() for field in next(csv.reader([line]))]
+        names = [field.strip() for field in next(csv.reader([line], delimiter=separator.decode()))]
     except csv.Error as error:
         raise DataError(f"{name}, line 1: the header can't be read: {error}") from error
     if len(names) == 1:
@@ -267,9 +280,8 @@ def _names(header: bytes, name: str) -> tuple[str, ...]:
 def _refuse_single(header: str, name: str) -> None:
     if header.startswith("#"):
         raise DataError(f"{name}, line 1: begins with '#', expected the header; remove the comments: grep -v '^#'")
-    for separator, name_of in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
-        if separator in header:
-            raise DataError(
-                f"{name}: the columns are separated by {name_of}, expected commas (and decimal points); "
-                f"convert it, for example: mlr --icsv --ifs {separator!r} --ocsv cat"
-            )
+    if "|" in header:
+        raise DataError(
+            f"{name}: the columns are separated by bars, expected commas, tabs or semicolons; "
+            f"convert it, for example: mlr --icsv --ifs '|' --ocsv cat"
+        )

@@ -10,17 +10,30 @@ from typing import IO
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import IntArray
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.limits import limit, refusal_hint
 from nlosctl.errors import DataError
 
-__all__ = ["CsvBlock", "RecordBlocks"]
+__all__ = ["CsvBlock", "RecordBlocks", "separator_of"]
 
 _HEAD_BYTES = 4096
 
 _QUOTE, _LINE_FEED, _RETURN = ord('"'), ord("\n"), ord("\r")
-_AT_EDGE = np.isin(np.arange(256), list(b',\r\n"'))
-_QUOTED = re.compile(rb'(?:(?<=[,\r\n])|\A)"[^"]*(?:""[^"]*)*("?)')
+_SEPARATORS = b",\t;"
+
+
+def separator_of(text: bytes, tabs: bool = False) -> bytes:
+    """Return the separator of the first line: the most frequent of comma, tab and semicolon, the first of equals.
+
+    With ``tabs`` it is a tab wherever there is one. Quoted cells and comments (``#``) do not count.
+    """
+    line = re.split(rb"[\r\n]", text.removeprefix(b"\xef\xbb\xbf").lstrip(b"\r\n"), maxsplit=1)[0]
+    if line.startswith(b"#"):
+        return b","
+    if tabs and b"\t" in line:
+        return b"\t"
+    line = re.sub(rb'"[^"]*"', b"", line)
+    return max((bytes([separator]) for separator in _SEPARATORS), key=line.count)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,16 +56,24 @@ class _Layout:
 class RecordBlocks:
     """Splits a CSV stream into a header and blocks of 4 MiB (the limit ``line_bytes``); lines end with LF, CR LF or CR.
 
+    ``separator`` stands between cells; it is that of the first line, see `separator_of`.
+
     A quote opens a quoted cell only at its beginning, as in pyarrow. Raises DataError with the line of a quote that is
     not closed before the end of the file or within 4 MiB, or that is closed on a later line in the middle of a cell.
     """
 
-    def __init__(self, stream: IO[bytes], name: str) -> None:
-        self._stream, self._name = stream, name
+    def __init__(self, stream: IO[bytes], name: str, tabs: bool = False) -> None:
+        self._stream, self._name, self._tabs = stream, name, tabs
         self._block_bytes = max(limit("line_bytes"), 1)
         self._buffer = b""
         self._line = 1
         self._ended = False
+        self._set_separator(b",")
+
+    def _set_separator(self, separator: bytes) -> None:
+        self.separator = separator
+        self._at_edge = np.isin(np.arange(256), list(separator + b'\r\n"'))
+        self._quoted = re.compile(rb'(?:(?<=[%b\r\n])|\A)"[^"]*(?:""[^"]*)*("?)' % separator)
 
     @property
     def at_end(self) -> bool:
@@ -65,6 +86,7 @@ class RecordBlocks:
             return b""
         if b"\0" in self._buffer[:_HEAD_BYTES] and not self._buffer.startswith((b"\xff\xfe", b"\xfe\xff")):
             raise DataError(f"{self._name}: contains zero bytes: not a CSV file")
+        self._set_separator(separator_of(self._buffer, self._tabs))
         layout = self._layout()
         return self._take(layout, int(layout.stops[0])).rstrip(b"\r\n")
 
@@ -102,7 +124,7 @@ class RecordBlocks:
         data, array = self._buffer, np.frombuffer(self._buffer, np.uint8)
         line_ends = _line_ends(data, array, self._ended)
         quotes = np.flatnonzero(array == _QUOTE)
-        if not _plain_quotes(array, quotes):
+        if not _plain_quotes(array, quotes, self._at_edge):
             quotes = self._exact_quotes(line_ends)
         stops = line_ends + 1
         if quotes.shape[0]:
@@ -117,12 +139,15 @@ class RecordBlocks:
         """Return the indices of quotes that open and close quoted cells, in turn; other quotes are text."""
         data = self._buffer
         indices = []
-        for match in _QUOTED.finditer(data):
+        for match in self._quoted.finditer(data):
             indices.append(match.start())
             if match[1]:
                 indices.append(match.end() - 1)
                 after = data[match.end() : match.end() + 1]
-                if after not in (b"", b",", b"\r", b"\n") and np.diff(np.searchsorted(line_ends, indices[-2:]))[0]:
+                if (
+                    after not in (b"", self.separator, b"\r", b"\n")
+                    and np.diff(np.searchsorted(line_ends, indices[-2:]))[0]
+                ):
                     raise self._unclosed(line_ends, match.start())
         return np.array(indices, dtype=np.int64)
 
@@ -147,13 +172,13 @@ def _line_ends(data: bytes, array: npt.NDArray[np.uint8], ended: bool) -> IntArr
     return np.flatnonzero((array == _LINE_FEED) | ((array == _RETURN) & (following != _LINE_FEED)))
 
 
-def _plain_quotes(array: npt.NDArray[np.uint8], quotes: IntArray) -> bool:
+def _plain_quotes(array: npt.NDArray[np.uint8], quotes: IntArray, at_edge: BoolArray) -> bool:
     """Return whether the first, third, ... quote begins a cell, and each other one ends its cell."""
     if quotes.shape[0] == 0:
         return True
     opening, closing = quotes[::2], quotes[1::2]
-    before = _AT_EDGE[array[opening - 1]] | (opening == 0)
-    after = _AT_EDGE[array[np.minimum(closing + 1, array.shape[0] - 1)]] | (closing + 1 == array.shape[0])
+    before = at_edge[array[opening - 1]] | (opening == 0)
+    after = at_edge[array[np.minimum(closing + 1, array.shape[0] - 1)]] | (closing + 1 == array.shape[0])
     return bool(before.all() and after.all())
 
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from nlosctl.contract.tables import ColumnType
+from nlosctl.contract.tables import ColumnType, declared_type
 from nlosctl.io.readers.base import CellFault
 from nlosctl.io.readers.text_files import EXPECTED, arrow_type_of, shown
 
 __all__ = ["NameSurvey", "json_column", "json_text"]
 
 _EXACT_FLOAT = 2**53
+_IDS = (int, float, str)
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -29,8 +30,8 @@ class NameSurvey:
     def add(self, values: Sequence[Any]) -> None:
         """Add values."""
         kinds = {type(value) for value in values} - {type(None)}
-        if self._first is None and kinds & {int, str}:
-            self._first = next(type(value) for value in values if type(value) in (int, str))
+        if self._first is None and kinds & {int, float, str}:
+            self._first = next(str if type(value) is str else int for value in values if type(value) in _IDS)
         if int in kinds:
             integers = [value for value in values if type(value) is int]
             largest = max(max(integers), -min(integers))
@@ -39,11 +40,16 @@ class NameSurvey:
         self._kinds |= kinds
 
     def identifier_type(self) -> ColumnType:
-        """Return integer if the first text or integer is an integer, else identifier."""
+        """Return integer if the first text or number is a number, else identifier."""
         return "integer" if self._first is int else "identifier"
 
-    def own_type(self) -> ColumnType:
-        """Return the narrowest type for all values without loss, for a column that is not in the contract."""
+    def own_type(self, name: str) -> ColumnType:
+        """Return the narrowest type for all values without loss, for a column ``name`` that is not in the table.
+
+        Without values it is that of other tables of the contract, else text.
+        """
+        if not self._kinds:
+            return declared_type(name) or "text"
         if self._kinds == {int} and self._in_int64:
             return "integer"
         if self._kinds in ({float}, {int, float}) and self._in_float:
@@ -90,6 +96,8 @@ def _read_number(value: Any) -> float:
 
 
 def _read_integer(value: Any) -> int:
+    if type(value) is float and value.is_integer() and abs(value) <= _EXACT_FLOAT:
+        return int(value)
     if type(value) is not int or not -(2**63) <= value < 2**63:
         raise ValueError
     return value

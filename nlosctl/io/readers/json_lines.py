@@ -148,7 +148,7 @@ class JsonLinesReader:
         for name in self._kept:
             wanted = types.get(name)
             if wanted is None:
-                wanted = self._surveys[name].own_type()
+                wanted = self._surveys[name].own_type(name)
             elif wanted == "identifier":
                 wanted = self._surveys[name].identifier_type()
             self._types[name] = wanted

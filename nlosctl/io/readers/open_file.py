@@ -14,10 +14,11 @@ from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.paths.locations import FileFormat, format_of_bytes, mark_of
+from nlosctl.io.readers.arrow_ipc import ArrowReader
 from nlosctl.io.readers.base import FormatReader, RecordBatch, readable
 from nlosctl.io.readers.csv_reader import CsvReader
 from nlosctl.io.readers.json_lines import JsonLinesReader
-from nlosctl.io.readers.parquet_arrow import ArrowReader, ParquetReader
+from nlosctl.io.readers.parquet_arrow import ParquetReader
 from nlosctl.io.readers.partition_columns import PartitionColumns
 
 __all__ = ["Step", "TableFile", "open_part"]
@@ -140,7 +141,7 @@ def _format_reader(part: Part, batch_rows: int, use_threads: bool) -> FormatRead
         return ParquetReader(part, batch_rows, use_threads)
     if part.format in (FileFormat.ARROW, FileFormat.ARROW_STREAM):
         return ArrowReader(part, batch_rows)
-    if part.format in (FileFormat.CSV, FileFormat.CSV_GZ):
+    if part.format.is_delimited:
         return CsvReader(part, batch_rows)
     return JsonLinesReader(part, batch_rows)
 
@@ -159,7 +160,7 @@ def _checked(part: Part, head: bytes) -> Part:
     detected = format_of_bytes(head)
     if {detected, part.format} == {FileFormat.ARROW, FileFormat.ARROW_STREAM}:
         return replace(part, format=detected)
-    if detected is part.format or (detected is FileFormat.CSV and not _is_text_by_mistake(part.format, head)):
+    if detected is part.format or _is_same_text(part.format, detected, head):
         return part
     what = "text, perhaps CSV" if detected is FileFormat.CSV else detected.title
     raise DataError(
@@ -168,6 +169,10 @@ def _checked(part: Part, head: bytes) -> Part:
     )
 
 
-def _is_text_by_mistake(format: FileFormat, head: bytes) -> bool:
-    """Return whether the bytes are text in a binary format; other bytes may be a corrupted file of any format."""
-    return format not in (FileFormat.CSV, FileFormat.JSON_LINES) and b"\0" not in head and head.isascii()
+def _is_same_text(format: FileFormat, detected: FileFormat, head: bytes) -> bool:
+    """Return whether the bytes, detected as text, may be of ``format``: other bytes may be a corrupted file of any."""
+    if detected is FileFormat.CSV:
+        is_text = format.uncompressed is format and (format.is_delimited or format is FileFormat.JSON_LINES)
+        return is_text or b"\0" in head or not head.isascii()
+    same_content = format.is_delimited and detected.is_delimited
+    return format.compression == detected.compression and (same_content or format.compression in ("zst", "bz2"))

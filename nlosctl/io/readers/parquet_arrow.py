@@ -1,8 +1,9 @@
-"""Readers of the typed formats: Parquet, Arrow IPC file and Arrow IPC stream."""
+"""Reader of Parquet, and what it shares with that of Arrow IPC."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
@@ -14,9 +15,27 @@ from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.paths.locations import FileFormat, Location, pyarrow_source
+from nlosctl.io.readers.arrow_types import (
+    contract_batch,
+    contract_column,
+    contract_schema,
+    read_batch,
+    read_column,
+    read_schema,
+)
 from nlosctl.io.readers.base import RecordBatch, expansion_fault, readable
 
-__all__ = ["ArrowReader", "ParquetReader", "fits_type", "parquet_end_value", "parquet_metadata"]
+__all__ = [
+    "ParquetReader",
+    "as_read",
+    "check_types",
+    "checked",
+    "fits_type",
+    "in_contract",
+    "parquet_end_value",
+    "parquet_metadata",
+    "rebatch",
+]
 
 _BUFFER_BYTES = 1 << 20
 
@@ -25,8 +44,12 @@ _EXPECTED = {
     "integer": "integers",
     "boolean": "true/false or 1/0",
     "text": "text",
-    "identifier": "text or integers",
+    "identifier": "text, whole numbers or times",
 }
+
+
+_COMMON = {pa.string(), pa.dictionary(pa.int32(), pa.string()), pa.float64(), pa.int64(), pa.bool_()}
+"""The types of the tables that nlosctl writes."""
 
 
 def fits_type(arrow_type: Any, wanted: ColumnType) -> bool:
@@ -40,12 +63,15 @@ def fits_type(arrow_type: Any, wanted: ColumnType) -> bool:
     text = kinds.is_string(arrow_type) or kinds.is_large_string(arrow_type) or kinds.is_string_view(arrow_type)
     if wanted == "number":
         return bool(integer or kinds.is_floating(arrow_type) or kinds.is_decimal(arrow_type))
+    integer = integer or kinds.is_floating(arrow_type) or kinds.is_decimal(arrow_type)  # of whole numbers
     if wanted == "boolean":
         return bool(kinds.is_boolean(arrow_type) or integer)
-    return bool({"integer": integer, "text": text, "identifier": text or integer}[wanted])
+    time = kinds.is_timestamp(arrow_type) or kinds.is_date(arrow_type)
+    return bool({"integer": integer, "text": text, "identifier": text or integer or time}[wanted])
 
 
-def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> None:
+def check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> None:
+    """Raise DataError for a column of another type than ``types`` states."""
     for column in schema:
         wanted = types.get(column.name)
         if wanted is not None and not fits_type(column.type, wanted):
@@ -55,15 +81,36 @@ def _check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> Non
             )
 
 
-def _without_views(schema: Any) -> Any:
-    """Return the schema with plain text and bytes for views, on which Arrow can compute little."""
-    plain = {pa.string_view(): pa.string(), pa.binary_view(): pa.binary()}
-    return pa.schema(
-        [column.with_type(plain.get(column.type, column.type)) for column in schema], metadata=schema.metadata
+def _is_plain(schema: Any, types: Mapping[str, ColumnType]) -> bool:
+    """Return whether all columns are read as they are: common types, and no floats as ids, integers or booleans."""
+    return all(
+        field.type in _COMMON and (field.type != pa.float64() or types.get(field.name, "number") == "number")
+        for field in schema
     )
 
 
-def _rebatch(batches: Iterator[Any], rows: int) -> Iterator[Any]:
+def as_read(schema: Any, types: Mapping[str, ColumnType]) -> Any:
+    """Return the schema of a file as its columns are read, those of the contract with these ``types``."""
+    return schema if _is_plain(schema, types) else contract_schema(read_schema(schema), types)
+
+
+def in_contract(batch: Any, types: Mapping[str, ColumnType], row: int) -> RecordBatch:
+    """Return the rows of a `checked` Arrow batch with the schema of `as_read`."""
+    if _is_plain(batch.schema, types):
+        return RecordBatch(table=batch, first_row=row)
+    return contract_batch(batch, types, row)
+
+
+def checked(batch: Any) -> Any:
+    """Return the batch as `read_batch` does; offsets out of range would be read unchecked."""
+    if _is_plain(batch.schema, {}):
+        with suppress(pa.ArrowInvalid):
+            batch.validate(full=True)
+            return batch
+    return read_batch(batch)
+
+
+def rebatch(batches: Iterator[Any], rows: int) -> Iterator[Any]:
     """Yield Arrow record batches of at most ``rows`` rows; small ones are joined."""
     waiting: list[Any] = []
     count = 0
@@ -113,6 +160,7 @@ class ParquetReader:
                 **(self._file.metadata.metadata or {}),  # metadata added at the end of writing is only here
             }
         self._columns: list[str] | None = None
+        self._types: dict[str, ColumnType] = {}
         self._refuse_bomb()
 
     def _refuse_bomb(self) -> None:
@@ -139,7 +187,7 @@ class ParquetReader:
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """See FormatReader; text is read dictionary-encoded in columns of the contract."""
-        _check_types(self._part.name, self._schema, types)
+        check_types(self._part.name, as_read(self._schema, {}), types)
         self._columns = list(columns) if columns is not None else None
         encoded = [
             column.name
@@ -149,7 +197,8 @@ class ParquetReader:
         if encoded:
             with readable(self._part.name, "Parquet file"):
                 self._reopen(encoded)
-        self._schema = _without_views(self._file.schema_arrow.remove_metadata())
+        self._types = dict(types)
+        self._schema = as_read(self._file.schema_arrow.remove_metadata(), types)
         return self._schema if columns is None else pa.schema([self._schema.field(name) for name in columns])
 
     def _reopen(self, encoded: Sequence[str]) -> None:
@@ -164,19 +213,33 @@ class ParquetReader:
         start, stop = self._part.row_groups or (0, self._file.metadata.num_row_groups)
         row = 1 + sum(self._file.metadata.row_group(index).num_rows for index in range(start))
         with readable(self._part.name, "Parquet file"):
-            for batch in _rebatch(
-                self._file.iter_batches(
-                    self._batch_rows,
-                    row_groups=range(start, stop),
-                    columns=self._columns,
-                    use_threads=self._use_threads,
-                ),
-                self._batch_rows,
-            ):
-                batch.validate(full=True)
-                wanted = _without_views(batch.schema)
-                yield RecordBatch(table=batch if batch.schema.equals(wanted) else batch.cast(wanted), first_row=row)
+            for batch in rebatch(self._record_batches(range(start, stop)), self._batch_rows):
+                yield in_contract(batch, self._types, row)
                 row += batch.num_rows
+
+    def _record_batches(self, row_groups: range) -> Iterator[Any]:
+        batches = self._file.iter_batches(
+            self._batch_rows, row_groups=row_groups, columns=self._columns, use_threads=self._use_threads
+        )
+        while True:
+            try:
+                batch = next(batches, None)
+            except pa.ArrowInvalid as error:
+                raise pa.ArrowInvalid(f"{self._unreadable_column(row_groups)}{error}") from error
+            if batch is None:
+                return
+            # a name with a dot selects the member of a structure too
+            yield checked(batch if self._columns is None else batch.select(self._columns))
+
+    def _unreadable_column(self, row_groups: range) -> str:
+        """Return the first column that can't be read, for a message; empty if each can."""
+        for name in self._columns or self.names:
+            try:
+                for _ in self._file.iter_batches(self._batch_rows, row_groups=row_groups, columns=[name]):
+                    pass
+            except pa.ArrowInvalid:
+                return f"column {name!r}: "
+        return ""
 
     def close(self) -> None:
         """Close the file."""
@@ -186,7 +249,7 @@ class ParquetReader:
 
 
 def parquet_end_value(part: Part, column: str, index: int) -> Any:
-    """Return the value of ``column`` in the first (0) or last (-1) row of a part; None if it is null.
+    """Return the id in ``column`` in the first (0) or last (-1) row of a part; None if it is null.
 
     It is None too if the part is not a Parquet file with a path, or has no row or no such column.
     """
@@ -204,51 +267,8 @@ def parquet_end_value(part: Part, column: str, index: int) -> Any:
             batch = next(file.iter_batches(1, row_groups=[start], columns=[column], use_threads=False), None)
         else:
             batch = file.read_row_group(stop - 1, columns=[column], use_threads=False)
-        return None if batch is None or not batch.num_rows else batch.column(0)[index].as_py()
-
-
-class ArrowReader:
-    """An Arrow IPC file or stream."""
-
-    def __init__(self, part: Part, batch_rows: int) -> None:
-        self._part, self._batch_rows = part, batch_rows
-        with readable(part.name, "Arrow file"):
-            # not memory-mapped: truncating the file meanwhile would kill the process
-            source: Any = part.stream if part.path is None else pyarrow_source(part.path)
-            self._handle: Any = pa.OSFile(source) if isinstance(source, str) else source
-            opener = pa.ipc.open_file if part.format is FileFormat.ARROW else pa.ipc.open_stream
-            self._reader = opener(self._handle)
-            self._schema = _without_views(self._reader.schema)
-            self.names: tuple[str, ...] = tuple(self._schema.names)
-        self.metadata: Mapping[bytes, bytes] = self._schema.metadata or {}
-        self._columns: list[str] | None = None
-
-    def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
-        """See FormatReader."""
-        _check_types(self._part.name, self._schema, types)
-        self._columns = list(columns) if columns is not None else None
-        schema = self._schema.remove_metadata()
-        return schema if columns is None else pa.schema([schema.field(name) for name in columns])
-
-    def batches(self) -> Iterator[RecordBatch]:
-        """See FormatReader."""
-        row = 1
-        with readable(self._part.name, "Arrow file"):
-            for batch in _rebatch(self._record_batches(), self._batch_rows):
-                yield RecordBatch(table=batch, first_row=row)
-                row += batch.num_rows
-
-    def _record_batches(self) -> Iterator[Any]:
-        if self._part.format is FileFormat.ARROW:
-            batches: Iterator[Any] = map(self._reader.get_batch, range(self._reader.num_record_batches))
-        else:
-            batches = iter(self._reader)
-        for batch in batches:
-            batch.validate(full=True)  # offsets out of range would be read unchecked
-            batch = batch if self._columns is None else batch.select(self._columns)
-            wanted = _without_views(batch.schema)
-            yield batch if batch.schema.equals(wanted) else batch.cast(wanted)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._handle.close()
+        if batch is None or not batch.num_rows:
+            return None
+        cells = pa.table(batch.select([column])).column(0)
+        cells = cells.slice(index % len(cells), 1).combine_chunks()
+        return contract_column(read_column(cells), "identifier", column)[0][0].as_py()

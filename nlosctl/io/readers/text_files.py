@@ -1,9 +1,12 @@
-"""Text files: their bytes, unzipped within limits, and their cells converted to the contract's types."""
+"""Text files: their bytes, uncompressed within limits, and their cells converted to the contract's types."""
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import io
+import re
+from collections.abc import Callable
 from typing import IO, Any, Literal, cast
 
 import numpy as np
@@ -25,6 +28,7 @@ __all__ = [
     "decode_utf8",
     "identifier_type",
     "infer_type",
+    "names",
     "open_bytes",
     "refuse_wrong_column",
     "shown",
@@ -50,27 +54,28 @@ _ARROW_TYPES = {**ARROW_TYPES, "identifier": pa.string()}
 
 
 def open_bytes(part: Part) -> IO[bytes]:
-    """Open a file as bytes, unzipped if its format is gzipped; raises OSError if it can't be opened."""
+    """Open a file as bytes, uncompressed if its format is compressed; raises OSError if it can't be opened."""
     stream: Any = part.stream if part.stream is not None else cast(Location, part.path).open("rb")
-    if part.format.compressed:
-        stream = io.BufferedReader(_Unzipped(stream, part.name), _BUFFER_BYTES)
+    if part.format.compression:
+        stream = io.BufferedReader(_Unpacked(stream, part), _BUFFER_BYTES)
     return cast(IO[bytes], stream)
 
 
-class _Unzipped(io.RawIOBase):
-    """The content of a gzipped stream; raises DataError if it is larger than the limit ``expansion`` allows."""
+class _Unpacked(io.RawIOBase):
+    """The content of a compressed stream; raises DataError if it is larger than the limit ``expansion`` allows."""
 
-    def __init__(self, zipped: IO[bytes], name: str) -> None:
-        self._counted = _Counted(zipped)
-        self._file = gzip.GzipFile(fileobj=cast(Any, self._counted))
-        self._name, self._most, self._unpacked = name, limit("expansion"), 0
+    def __init__(self, packed: IO[bytes], part: Part) -> None:
+        self._counted = _Counted(packed)
+        self._file = _DECOMPRESSED[part.format.compression](cast(Any, self._counted))
+        self._name, self._most, self._unpacked = part.name, limit("expansion"), 0
         self._unchecked = limit("unchecked_expansion_mb") << 20
 
     def readable(self) -> bool:
         return True
 
     def readinto(self, buffer: Any) -> int:
-        got = self._file.read1(len(buffer))
+        read: Any = getattr(self._file, "read1", self._file.read)
+        got: bytes = read(len(buffer))
         buffer[: len(got)] = got
         self._unpacked += len(got)
         if self._unpacked > self._unchecked and self._unpacked > self._most * self._counted.taken:
@@ -80,18 +85,28 @@ class _Unzipped(io.RawIOBase):
     def close(self) -> None:
         super().close()
         self._file.close()
-        self._counted.zipped.close()
+        self._counted.packed.close()
 
 
-class _Counted:
-    """A stream that counts the bytes read from it."""
+_DECOMPRESSED: dict[str, Callable[[Any], Any]] = {
+    "gz": lambda packed: gzip.GzipFile(fileobj=packed),
+    "bz2": bz2.BZ2File,
+    "zst": lambda packed: pa.CompressedInputStream(pa.PythonFile(packed, mode="r"), "zstd"),
+}
 
-    def __init__(self, zipped: IO[bytes]) -> None:
-        self.zipped = zipped
+
+class _Counted(io.RawIOBase):
+    """A stream that counts the bytes read from it, and stays open."""
+
+    def __init__(self, packed: IO[bytes]) -> None:
+        self.packed = packed
         self.taken = 0
 
+    def readable(self) -> bool:
+        return True
+
     def read(self, size: int = -1) -> bytes:
-        got = self.zipped.read(size)
+        got = self.packed.read(size)
         self.taken += len(got)
         return got
 
@@ -108,9 +123,16 @@ def shown(value: object) -> str:
 
 
 def identifier_type(cells: Any) -> ColumnType:
-    """Return integer if all ``cells`` are integers without leading zero or plus sign, else identifier."""
-    filled = cells.drop_null()
+    """Return integer if all ``cells`` (see `names`) are integers without leading zero or plus sign, else identifier."""
+    filled = names(cells, "integer").drop_null()
     return "integer" if len(filled) and _integers(filled) == "plain" else "identifier"
+
+
+def names(cells: Any, wanted: ColumnType) -> Any:
+    """Return ids and names without surrounding blanks, null where nothing is left; integers without a zero fraction."""
+    text = _trimmed(cells)
+    text = pc.if_else(pc.equal(text, ""), pa.scalar(None, pa.string()), text)
+    return pc.replace_substring_regex(text, r"^([+-]?\d+)\.0*$", r"\1") if wanted == "integer" else text
 
 
 def infer_type(cells: Any) -> ColumnType | None:
@@ -154,8 +176,13 @@ def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) 
     example = cells.drop_null()[0].as_py()
     raise DataError(
         f"{file}, column {column!r}: wrong type: contains text such as {shown(example)}, "
-        f"expected {_EXPECTED_ALL[wanted]}; convert the column, or read another under this name with `columns`"
+        f"expected {_EXPECTED_ALL[wanted]}{_comma(example)}; convert the column, "
+        f"or read another under this name with `columns`"
     )
+
+
+def _comma(text: str) -> str:
+    return " with a decimal point" if re.fullmatch(r"\s*[+-]?\d+,\d+\s*", text) else ""
 
 
 def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") -> tuple[Any, list[CellFault]]:
@@ -177,7 +204,9 @@ def convert_text(cells: Any, wanted: ColumnType, column: str, hint: str = "") ->
     unfit = pc.and_(pc.is_valid(cells), pc.is_null(converted))
     faults = [
         CellFault(
-            index=index, column=column, fault=f"got {shown(cells[index].as_py())}, expected {EXPECTED[wanted]}{hint}"
+            index=index,
+            column=column,
+            fault=f"got {shown(cells[index].as_py())}, expected {EXPECTED[wanted]}{hint}{_comma(cells[index].as_py())}",
         )
         for index in np.flatnonzero(unfit.to_numpy(zero_copy_only=False)).tolist()
     ]

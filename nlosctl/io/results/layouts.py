@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, SWEEP_PREFIX
+from nlosctl.contract.tables import ESTIMATES, SWEEP_PREFIX, is_swept
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
 from nlosctl.io.measurements.reader import Chunk
@@ -114,7 +114,11 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[
             raise DataError(f"`carry` {name}: the input has no such column{did_you_mean(name, input_names)}")
     truth = () if "truth_target" in input_names else _TRUTH
     chosen = {"scene", *truth, *wanted}
-    return tuple(name for name in input_names if (name in chosen or name.startswith(SWEEP_PREFIX)) and name not in _OWN)
+    return tuple(
+        name
+        for name in input_names
+        if (name in chosen or (name.startswith(SWEEP_PREFIX) and is_swept(name))) and name not in _OWN
+    )
 
 
 def truth_positions(table: Any, rows: IntArray) -> FloatArray:

@@ -42,9 +42,11 @@ class FlagsLayout:
 
     @cached_property
     def schema(self) -> pa.Schema:
-        """The Arrow schema; earlier flags are replaced, but ``los`` and ``ip`` only by new ones."""
-        replaced = _REPLACED | set(self.names) | {"source"}
-        fields = [field for field in self.input_schema if field.name not in replaced]
+        """The Arrow schema; earlier flags are replaced, but ``los`` and ``ip`` only by new ones.
+
+        Without earlier flags, columns of the input that are named like flags get the prefix ``input_``.
+        """
+        fields = [self.input_schema.field(name).with_name(kept) for kept, name in self._kept.items()]
         fields += [pa.field(name, pa.float64()) for name in self.constants]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
@@ -58,26 +60,33 @@ class FlagsLayout:
 
     def table(self, flags: Sequence[Flags], chunk: Chunk) -> pa.Table:
         """Return the table of a chunk's flags (N,): for each snapshot, the rows by the first method, then the next."""
-        rows = chunk.table
-        if self.with_source:
-            rows = rows.drop_columns(["source"]) if "source" in rows.column_names else rows
-            rows = rows.append_column("source", repeated(chunk.source, rows.num_rows))
-        tables = [self._method_table(number, flag, rows) for number, flag in enumerate(flags)]
+        tables = [self._method_table(number, flag, chunk) for number, flag in enumerate(flags)]
         if len(tables) == 1:
             return tables[0]
         counts = np.diff(chunk.offsets)
         snapshot = np.repeat(np.arange(counts.shape[0]), counts)
-        method = np.repeat(np.arange(len(tables)), rows.num_rows)
+        method = np.repeat(np.arange(len(tables)), chunk.table.num_rows)
         order = np.lexsort((method, np.tile(snapshot, len(tables))))
         return pa.concat_tables(tables).take(pa.array(order))
+
+    @cached_property
+    def _kept(self) -> dict[str, str]:
+        """The input's columns that flags have too, by their names in the flags."""
+        names = [name for name in self.input_schema.names if name not in _KEPT_FLAGS or name not in self.names]
+        ours = _REPLACED | {"source"}
+        if "used" in names:
+            return {name: name for name in names if name not in ours}
+        return {_prefixed(name, names) if name in ours else name: name for name in names}
 
     @property
     def _with_method(self) -> bool:
         return len(self.methods) > 1 or self.sweeps is not None
 
-    def _method_table(self, number: int, flags: Flags, rows: pa.Table) -> pa.Table:
-        size = rows.num_rows
+    def _method_table(self, number: int, flags: Flags, chunk: Chunk) -> pa.Table:
+        rows, size = chunk.table, chunk.table.num_rows
         values: dict[str, Any] = {name: pa.array(np.full(size, value)) for name, value in self.constants.items()}
+        if self.with_source:
+            values["source"] = repeated(chunk.source, size)
         if self._with_method:
             values["method"] = repeated(self.methods[number], size)
         if self.sweeps is not None:
@@ -85,8 +94,16 @@ class FlagsLayout:
         values["used"] = pa.array(flags.used)
         for name in self.names:
             values[name] = _flag_values(flags.columns.get(name), self.schema.field(name).type, rows, name)
-        columns = [values[field.name] if field.name in values else rows.column(field.name) for field in self.schema]
+        values |= {kept: rows.column(name) for kept, name in self._kept.items()}
+        columns = [values[field.name] for field in self.schema]
         return pa.table(list(map(cast, columns, self.schema.types)), schema=self.schema)
+
+
+def _prefixed(name: str, taken: Sequence[str]) -> str:
+    """Return the name with the prefix ``input_``, as often as needed for a name that is not taken."""
+    while (name := f"input_{name}") in taken:
+        pass
+    return name
 
 
 @dataclass(frozen=True, kw_only=True)

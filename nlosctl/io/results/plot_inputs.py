@@ -20,11 +20,12 @@ from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, KINDS, SCORES
+from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, KINDS, SCORES, TRACE, result_table
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.readers.base import as_text
 from nlosctl.io.readers.open_file import open_part
 from nlosctl.io.results.evaluation_arrays import boolean_codes, numbers
 from nlosctl.io.results.reader import PlainReader
@@ -117,8 +118,9 @@ def open_plot_input(source: Input, scene_file: str | None, kind: str | None = No
     file = open_part(opened.parts[0], 1024, False)
     names, metadata = tuple(file.names), file.metadata
     file.close()
+    content = result_table(names)
     return PlotInput(
-        content=_content(names),
+        content="measurements" if content is None or content is TRACE else content.name,
         kind=kind or kind_of_columns(names),
         names=names,
         scene=find_scene(scene_file, metadata, opened.path),
@@ -218,22 +220,10 @@ def as_array(column: Any) -> npt.NDArray[Any]:
         return boolean_codes(column)
     if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         return numbers(column)
-    encoded = pa.chunked_array(column.cast(pa.string())).combine_chunks().dictionary_encode()
+    encoded = as_text(pa.chunked_array(column).combine_chunks()).dictionary_encode()
     words = np.array([*encoded.dictionary.to_pylist(), ""], dtype=object)
     text: npt.NDArray[Any] = words[np.asarray(encoded.indices.fill_null(len(words) - 1))]
     return text
-
-
-def _content(names: Sequence[str]) -> str:
-    known = set(names)
-    if "of" in known and known & {"rows", "snapshots"}:
-        return SCORES.name
-    for table in (BOUND, ESTIMATES):
-        if {column.name for column in table.required} <= known:
-            return table.name
-    if {column.name for column in FLAGS.required} <= known:
-        return FLAGS.name
-    return "measurements"
 
 
 def _is_wanted(name: str, wanted: Sequence[str]) -> bool:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.arrays import IntArray
-from nlosctl.contract.tables import BOUND, KINDS, SCORES, SWEEP_PREFIX
+from nlosctl.contract.tables import BOUND, KINDS, SCORES, is_swept
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
 from nlosctl.io.readers.base import plain_type
 from nlosctl.io.results.layouts import snapshot_field
@@ -47,7 +47,7 @@ def bound_schema(input_schema: Any | None) -> Any:
     fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in BOUND.columns[1:]]
     if input_schema is None:
         return pa.schema(fields)
-    swept = [field for field in input_schema if field.name.startswith(SWEEP_PREFIX)]
+    swept = [field for field in input_schema if is_swept(field.name)]
     fields += [pa.field(field.name, plain_type(field.type)) for field in swept]
     return pa.schema([pa.field("snapshot", snapshot_field(input_schema).type), *fields])
 
@@ -67,7 +67,7 @@ def bound_table(
     for field in schema:
         if field.name == "snapshot":
             columns.append(snapshot.cast(field.type))
-        elif field.name.startswith(SWEEP_PREFIX):
+        elif is_swept(field.name):
             columns.append(rows.column(field.name).take(pa.array(first_row)).cast(field.type))
         else:
             values = arrays[field.name]
@@ -86,11 +86,7 @@ def score_table(of: str, groups: Sequence[Mapping[str, Any]]) -> Any:
     fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in SCORES.columns if column.name in known]
     labels = [field for field in fields if field.type == pa.string()]
     numbers = [field for field in fields if field.type != pa.string()]
-    swept = [
-        pa.field(name, pa.array([row.get(name) for row in rows]).type)
-        for name in rows[0]
-        if name.startswith(SWEEP_PREFIX)
-    ]
+    swept = [pa.field(name, pa.array([row.get(name) for row in rows]).type) for name in rows[0] if is_swept(name)]
     return pa.Table.from_pylist(rows, schema=pa.schema([*labels, *swept, *numbers]))
 
 

@@ -202,9 +202,11 @@ def make_encoder(format: FileFormat, sink: Any, schema: Any, metadata: Mapping[s
     if format in (FileFormat.ARROW, FileFormat.ARROW_STREAM):
         return _ArrowEncoder(sink, schema.with_metadata(dict(metadata)), format)
     # gzip by zlib writes no time and no name, so that equal rows give equal bytes
-    bytes_out = pa.CompressedOutputStream(_unclosed(sink), "gzip") if format.compressed else None
-    if format in (FileFormat.CSV, FileFormat.CSV_GZ):
-        return CsvEncoder(bytes_out or sink, schema, bytes_out)
+    codec = {"gz": "gzip", "zst": "zstd", "bz2": "bz2"}.get(format.compression)
+    bytes_out = None if codec is None else pa.CompressedOutputStream(_unclosed(sink), codec)
+    if format.is_delimited:
+        separator = "\t" if format.uncompressed is FileFormat.TSV else ","
+        return CsvEncoder(bytes_out or sink, schema, bytes_out, separator)
     return JsonLinesEncoder(bytes_out or sink, bytes_out)
 
 

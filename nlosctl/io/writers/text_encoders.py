@@ -1,4 +1,4 @@
-"""Encoders of CSV and JSON Lines, plain or compressed by gzip."""
+"""Encoders of CSV, TSV and JSON Lines, plain or compressed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ __all__ = ["CsvEncoder", "JsonLinesEncoder"]
 
 
 class CsvEncoder:
-    """Writes CSV with quotes only where a cell needs them."""
+    """Writes cells between commas (or another ``separator``), with quotes only where a cell needs them."""
 
-    def __init__(self, sink: Any, schema: Any, stream: Any) -> None:
-        self._sink, self._stream = sink, stream
+    def __init__(self, sink: Any, schema: Any, stream: Any, separator: str = ",") -> None:
+        self._sink, self._stream, self._separator = sink, stream, separator
         header = io.StringIO()
-        csv.writer(header, lineterminator="\n").writerow(schema.names)
+        csv.writer(header, lineterminator="\n", delimiter=separator).writerow(schema.names)
         sink.write(header.getvalue().encode())
 
-    def _write(self, table: Any, options: Any) -> None:
+    def _write(self, table: Any, quoting: str) -> None:
         buffer = pa.BufferOutputStream()
+        options = pa.csv.WriteOptions(
+            include_header=False, batch_size=16_384, quoting_style=quoting, delimiter=self._separator
+        )
         pa.csv.write_csv(table, buffer, options)
         self._sink.write(buffer.getvalue())
 
@@ -35,9 +38,9 @@ class CsvEncoder:
         """Encode the rows of one table."""
         table = _with_plain_columns(table)
         try:
-            self._write(table, _csv_options("none"))
-        except pa.ArrowInvalid:  # a cell holds a comma, a quote or a line end
-            self._write(table, _csv_options("needed"))
+            self._write(table, "none")
+        except pa.ArrowInvalid:  # a cell holds a separator, a quote or a line end
+            self._write(table, "needed")
 
     def close(self, metadata: Mapping[str, str]) -> None:
         """End the compressed stream, if there is one; the formats have no metadata."""
@@ -59,10 +62,6 @@ def _is_plain(kind: Any) -> bool:
         return True
     number = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
     return bool(number or (types.is_temporal(kind) and not types.is_interval(kind)))
-
-
-def _csv_options(quoting: str) -> Any:
-    return pa.csv.WriteOptions(include_header=False, batch_size=16_384, quoting_style=quoting)
 
 
 class JsonLinesEncoder:
@@ -92,4 +91,6 @@ def _json_values(column: Any) -> list[str]:
     values = column.to_pylist()
     if pa.types.is_floating(column.type):
         values = [value if value is not None and math.isfinite(value) else None for value in values]
+    if pa.types.is_decimal(column.type):
+        return ["null" if value is None else str(value) for value in values]
     return [json.dumps(value, ensure_ascii=False, default=json_default) for value in values]

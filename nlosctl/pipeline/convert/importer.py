@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,9 +16,13 @@ from nlosctl.contract.tables import KINDS
 from nlosctl.errors import MethodError, NlosctlError, hide_secrets
 from nlosctl.io.conversion.import_source import cut_epochs_remark, import_path, imported_table, open_import
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
+from nlosctl.io.paths.locations import location
 from nlosctl.io.scenes.scene_file import find_scene
 
-__all__ = ["Import", "Imported"]
+__all__ = ["Import", "Imported", "import_hint"]
+
+
+_HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +33,27 @@ class Imported:
     kind: str
     scene: Scene
     notes: tuple[str, ...] = ()
+
+
+def import_hint(names: Sequence[str]) -> str:
+    """Return for a message which importer the first file of ``names`` looks like, empty text if it is none.
+
+    Only built-in importers and those of plugins that can be loaded are considered.
+    """
+    try:
+        path = location(names[0])
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES).decode("utf-8", "replace").removeprefix("\ufeff")
+    except (NlosctlError, OSError, IndexError):
+        return ""
+    for entry in registry.format_entries():
+        if entry.kind != "import":
+            continue
+        with suppress(NlosctlError):
+            spec = registry.load_format(entry)
+            if isinstance(spec, ImporterSpec) and spec.begins_like and re.match(spec.begins_like, head):
+                return f"; it looks like a file for the importer {spec.name!r}: convert it by `from` {spec.name}"
+    return ""
 
 
 class Import:

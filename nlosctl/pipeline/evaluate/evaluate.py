@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.contract.tables import ESTIMATES, FLAGS, SWEEP_PREFIX
+from nlosctl.contract.tables import ESTIMATES, FLAGS, SWEEP_PREFIX, is_swept
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.detection import DetectionScores
 from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_alternatives
@@ -162,21 +162,19 @@ def _require_columns(source: Input, reader: PlainReader, *names: str) -> None:
 
 def is_label(name: str) -> bool:
     """Return whether a key of a group is an identifier rather than a metric."""
-    return name in _LABELS or name.startswith(SWEEP_PREFIX)
+    return name in _LABELS or is_swept(name)
 
 
 def group_title(group: Mapping[str, Any]) -> str:
     """Return the file, source, method and ``sweep_*`` values of a group as text; empty for a single group."""
     labels = [str(group[label]) for label in _LABELS if label in group]
-    labels += [
-        f"{name.removeprefix(SWEEP_PREFIX)}={value}" for name, value in group.items() if name.startswith(SWEEP_PREFIX)
-    ]
+    labels += [f"{name.removeprefix(SWEEP_PREFIX)}={value}" for name, value in group.items() if is_swept(name)]
     return " ".join(labels)
 
 
 def grouping_columns(names: Sequence[str]) -> list[str]:
     """Return the columns that group the results: source, method, ``sweep_*``."""
-    return [name for name in names if name in ("source", "method") or name.startswith(SWEEP_PREFIX)]
+    return [name for name in names if name in ("source", "method") or is_swept(name)]
 
 
 def _named(readers: Readers, source: Input, key: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -1,0 +1,64 @@
+"""The message on columns that a file of measurements lacks: what is near, accepted or could replace them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from nlosctl.contract.tables import Column, Table, contract_names
+from nlosctl.errors import did_you_mean
+
+__all__ = ["missing_message", "named_like_degrees"]
+
+_SPREAD = re.compile(r"std|sigma|sd|err|unc|acc|var", re.IGNORECASE)
+_LAT = re.compile(r"(?:.*[_. ])?(?:lat|latitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
+_LON = re.compile(r"(?:.*[_. ])?(?:lon|lng|long|longitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
+
+
+def named_like_degrees(names: Sequence[str]) -> tuple[str, str] | None:
+    """Return the first of ``names`` like latitudes and the first like longitudes, None without both."""
+    lat = next((name for name in names if _LAT.fullmatch(name)), None)
+    lon = next((name for name in names if _LON.fullmatch(name)), None)
+    return None if lat is None or lon is None else (lat, lon)
+
+
+def missing_message(missing: Sequence[Column], header: Sequence[str], table: Table, file: str) -> str:
+    """Return the message on the columns ``missing`` of a file whose own names of columns are ``header``."""
+    free = [name for name in header if name not in contract_names()]
+    parts = []
+    for column in missing:
+        others = list(column.usual_names)
+        if column.earth_place:
+            others = [f"{column.earth_place}_lat_deg with {column.earth_place}_lon_deg"]
+        accepted = f", also accepted: {', '.join(others)}" if others else ""
+        option = f", or set `constants[{column.name!r}]`" if column.constant_allowed else ""
+        scene = ", or pass a scene with its sensors" if column.scene_axis is not None else ""
+        parts.append(f"{column.name!r}{_near(column, free)}{accepted}{option}{scene}")
+    comment = "; the first line begins with '#', expected the header there" if header[0].startswith("#") else ""
+    plural = "s" if len(missing) > 1 else ""
+    return (
+        f"{file}: missing column{plural} {'; '.join(parts)}{_places(missing, free)}. The file has: "
+        f"{', '.join(header) or 'no columns'}; "
+        f"rename one with `columns` NAME=HEADER, or set another `kind` than {table.name}{comment}"
+    )
+
+
+def _near(column: Column, free: Sequence[str]) -> str:
+    """Return the name in ``free`` that the column may have, for a message: a spread only for a standard deviation."""
+    is_spread = "_std_" in column.name
+    own = {name.lower(): name for name in free if bool(_SPREAD.search(name)) == is_spread}
+    for accepted in column.accepted_names:
+        quantity = accepted.rpartition("_")[0] or accepted
+        if quantity in own:
+            return f" (did you mean {own[quantity]!r}?)"
+    near = did_you_mean(column.name, own)
+    return near if not near else f" (did you mean {own[near.split(chr(39))[1]]!r}?)"
+
+
+def _places(missing: Sequence[Column], free: Sequence[str]) -> str:
+    """Return the renaming of latitudes and longitudes to those of a place that is missing, for a message."""
+    place = next((column.earth_place for column in missing if column.earth_place), "")
+    degrees = named_like_degrees(free) if place else None
+    if degrees is None:
+        return ""
+    return f"; for degrees: `columns` {place}_lat_deg={degrees[0]} and {place}_lon_deg={degrees[1]}"
