@@ -48,6 +48,12 @@ _DISTINCTIVE = {
 }
 """The names of each column that only a file of that kind must have."""
 
+_FILLABLE = {
+    kind: [frozenset(column.accepted_names) for column in table.columns if column.required and column.constant_allowed]
+    for kind, table in KINDS.items()
+}
+"""The names of each required column that a constant may fill."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class MappedColumn:
@@ -108,9 +114,8 @@ def kind_of_columns(names: Iterable[str], constants: Collection[str] = ()) -> st
     given = frozenset(names)
 
     def unfit(kind: str) -> tuple[int, int]:
-        fillable = [column for column in KINDS[kind].columns if column.required and column.constant_allowed]
         missing = sum(given.isdisjoint(accepted) for accepted in _DISTINCTIVE[kind])
-        return missing, sum(given.union(constants).isdisjoint(column.accepted_names) for column in fillable)
+        return missing, sum(given.union(constants).isdisjoint(accepted) for accepted in _FILLABLE[kind])
 
     return min(_DISTINCTIVE, key=unfit)
 
