@@ -80,4 +80,4 @@ class ArrowReader:
 
 
 def _has_more(handle: Any) -> bool:
-    return bool(handle.peek(1)) if hasattr(handle, "peek") else handle.tell() < handle.size()
+    return bool(handle.peek(1)) if hasattr(handle, "peek") else handle.seek(0, 1) < handle.size()

@@ -36,7 +36,7 @@ class Imported:
 
 
 def import_hint(names: Sequence[str]) -> str:
-    """Return for a message which importer the first file of ``names`` looks like, empty text if it is none.
+    """Return for a message which importer the first file of ``names`` looks like; an empty text if it looks like no such file.
 
     Only built-in importers and those of plugins that can be loaded are considered.
     """
