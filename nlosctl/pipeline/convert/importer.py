@@ -36,7 +36,7 @@ class Imported:
 
 
 def import_hint(names: Sequence[str]) -> str:
-    """Return for a message which importer the first file of ``names`` looks like; an empty text if it looks like no such file.
+    """Return which importer the first file of ``names`` looks like, for a message; an empty text if there is none.
 
     Only built-in importers and those of plugins that can be loaded are considered.
     """
