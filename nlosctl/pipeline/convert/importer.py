@@ -36,7 +36,7 @@ class Imported:
 
 
 def import_hint(names: Sequence[str]) -> str:
-    """Return which importer the first file of ``names`` looks like, for a message; an empty text if there is none.
+    """Return which importer the first file of ``names`` looks like, for a message, or an empty text.
 
     Only built-in importers and those of plugins that can be loaded are considered.
     """
