@@ -82,7 +82,8 @@ def naming_importer(inputs: Sequence[str] | Sequence[Input]) -> Iterator[None]:
     except (DataError, UsageError) as error:
         from nlosctl.pipeline.convert.importer import import_hint
 
-        hint = import_hint([given for given in inputs if isinstance(given, str)])
+        names = [given if isinstance(given, str) else given.parts[0].path for given in inputs]
+        hint = import_hint([str(name) for name in names if name is not None])
         if not hint or type(error) not in (DataError, UsageError):
             raise
         raise type(error)(f"{error}{hint}") from error

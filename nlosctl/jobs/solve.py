@@ -17,7 +17,15 @@ from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import format_named
 from nlosctl.io.results.layouts import carried_names
 from nlosctl.io.writers.output_set import OutputSet, is_folder_target
-from nlosctl.jobs.files import Destination, Opened, open_inputs, open_measurements, open_output, write_report
+from nlosctl.jobs.files import (
+    Destination,
+    Opened,
+    naming_importer,
+    open_inputs,
+    open_measurements,
+    open_output,
+    write_report,
+)
 from nlosctl.pipeline.engine.workers import usable_jobs
 from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
 from nlosctl.pipeline.solve.method_runs import MethodRun, leaves_options_open, method_runs, require_estimates
@@ -46,7 +54,8 @@ def solve(
         use_threads=options.jobs != 1,
         extra_columns=read.extra_columns if "flags" in wanted else carried_names(write.carry),
     )
-    given = open_inputs(inputs, read.input_format)
+    with naming_importer(inputs):
+        given = open_inputs(inputs, read.input_format)
     with (
         _readable_again(given, read, options) as sources,
         open_measurements(sources, read, write, destination) as opened,
