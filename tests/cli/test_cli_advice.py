@@ -124,12 +124,12 @@ def test_triplets(cli: Cli, tmp_path: Path, change: str) -> None:
 
 
 def test_longitudes_as_metres(cli: Cli, tmp_path: Path) -> None:
-    """Positions within a degree whose bearings do not fit: the advice names the columns of latitude and longitude."""
+    """Metres that look like longitudes and latitudes: the remark names the options that read them so."""
     header = "snapshot,sensor,Lon,Lat,azimuth_deg,bearing_std_deg"
     rows = ["1,hill,8.540,47.370,110.187,1", "1,tower,8.600,47.400,198.754,1", "1,van,8.620,47.330,317.755,1"]
     (tmp_path / "m.csv").write_text("\n".join([header, *rows]) + "\n")
     outcome = cli("localize", "m.csv", "--column", "sensor_x_m=Lon", "--column", "sensor_y_m=Lat", "-o", "e.csv")
-    assert "are they longitudes and latitudes?" in outcome.err
+    assert "look like longitudes and latitudes" in outcome.err
     assert cli("localize", "m.csv", *advised(outcome), "--overwrite", "-o", "e.csv").code == 0
     text = (tmp_path / "e.csv").read_text().splitlines()
     fix = dict(zip(text[0].split(","), text[1].split(","), strict=True))

@@ -245,7 +245,7 @@ def _unit_remarks(
         if x is not None and y is not None and _are_degrees(x, y, _values(batch, x), _values(batch, y)):
             remarks.append(
                 f"{file}: columns {x!r} and {y!r} are read as metres, but look like longitudes and latitudes; "
-                f"if they are, read them by `columns` {owner}_lon_deg={x} and {owner}_lat_deg={y}"
+                f"if they are, read them by `columns` {owner}_lon_deg={x} and `columns` {owner}_lat_deg={y}"
             )
     for name, own in columns.items():
         column = mapped[name]

@@ -35,7 +35,7 @@ _MOSTLY_INDIRECT = 0.8
 _LARGEST_CHUNK = 2000
 _MOST_SNAPSHOTS = 200
 _FEWEST_PAIRS = 5
-_TRIED, _AS_GIVEN, _PAIRS, _SHORT, _DEGREES = "tried", "as given", "pairs", "short", "degrees"
+_TRIED, _AS_GIVEN, _PAIRS, _SHORT = "tried", "as given", "pairs", "short"
 _EXCHANGED = "exchanged"
 _EXCHANGE = {"dod_rad": "doa_rad", "doa_rad": "dod_rad", "dod_std_rad": "doa_std_rad", "doa_std_rad": "dod_std_rad"}
 _VARIED = {"bearings": "bearing_rad", "ranges": "range_m", "triplets": "doa_rad"}
@@ -81,7 +81,6 @@ def fit_after_changes(chunk: Chunk, reader: MeasurementReader) -> dict[str, int]
         return {}
     part = _snapshots(chunk, wanted)
     counts = {_TRIED: wanted.size, _PAIRS: wanted.size * pairs, _AS_GIVEN: _fitting(part, measured)}
-    counts[_DEGREES] = wanted.size * _are_degrees(part.columns)
     for name, columns in _changes(part.columns, measured):
         counts[name] = _fitting(replace(part, columns=columns), measured)
     return counts
@@ -99,12 +98,6 @@ def _snapshots(chunk: Chunk, wanted: npt.NDArray[Any]) -> Chunk:
         columns={name: values[rows] for name, values in chunk.columns.items()},
         left_out=chunk.left_out[rows],
     )
-
-
-def _are_degrees(columns: Columns) -> bool:
-    """Return whether all positions of sensors may be longitudes and latitudes of a region of a degree."""
-    x, y = columns["sensor_x_m"], columns["sensor_y_m"]
-    return bool((np.abs(x) <= 360.0).all() and (np.abs(y) <= 90.0).all() and max(np.ptp(x), np.ptp(y)) < 1.0)
 
 
 def _changes(columns: Columns, measured: Measured) -> Iterator[tuple[str, Columns]]:
@@ -163,9 +156,6 @@ def cause_remarks(counts: Mapping[str, int], measured: Measured) -> list[str]:
     if counts.get(best, 0) > (_NEARLY_ALL if pairs else _MOST) * tried and not (pairs and tried < _FEWEST_PAIRS):
         what = "paths" if measured.kind == "triplets" else "snapshots"
         return [f"{counts[best]} of {tried} {what} fit ({counts[_AS_GIVEN]} as given) {_change(best, measured)}"]
-    if counts.get(_DEGREES, 0) > _MOST * tried and "sensor_x_m" in measured.names:
-        lat, lon = measured.option("sensor_y_m", "sensor_lat_deg"), measured.option("sensor_x_m", "sensor_lon_deg")
-        return [f"the sensors' x and y are within a degree: are they longitudes and latitudes? Then {lat} and {lon}"]
     return []
 
 
