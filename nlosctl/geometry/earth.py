@@ -18,6 +18,9 @@ _WGS84 = "EPSG:4326"
 _ALIGNED = 0.99
 """Axes are those of east and north if the cosine of their angle is larger; planes may distort angles a little."""
 
+_TURN_OF_DATUM_RAD = 2e-5
+"""Turns of north by a datum operation are corrected if they are larger: smaller ones are far below any bearing's."""
+
 
 class EarthPlane:
     """The plane of a projected coordinate reference system, or a tangent plane about an origin.
@@ -45,6 +48,7 @@ class EarthPlane:
             projected = _checked_crs(pyproj, crs)
         self._turn_rad = float(np.radians(rotation_deg))
         self._meridian_deg = 0.0
+        self._datum_turn_rad = 0.0
         if crs is None:
             self._transformer = pyproj.Transformer.from_crs(_WGS84, projected, always_xy=True)
             self._factors = pyproj.Proj(projected)
@@ -54,7 +58,9 @@ class EarthPlane:
         if projected.prime_meridian is not None:
             meridian = projected.prime_meridian  # its longitude may be in grads
             self._meridian_deg = float(np.degrees(meridian.longitude * meridian.unit_conversion_factor))
-        self._check_axes(projected, crs)
+        turned = self._checked_north(projected, crs)
+        if abs(turned) > _TURN_OF_DATUM_RAD:
+            self._datum_turn_rad = turned
 
     def to_plane(self, lat_deg: FloatArray, lon_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x and y (N,) in metres; NaN where a coordinate is NaN or outside the plane."""
@@ -77,10 +83,14 @@ class EarthPlane:
             return lat  # get_factors rejects it
         factors = self._factors.get_factors(lon - self._meridian_deg, lat)  # longitudes from the CRS's own meridian
         convergence = np.radians(factors.meridian_convergence)
-        return np.where(np.isfinite(convergence), 0.5 * np.pi + convergence - self._turn_rad, np.nan)
+        north = 0.5 * np.pi + convergence - self._turn_rad + self._datum_turn_rad
+        return np.where(np.isfinite(convergence), north, np.nan)
 
-    def _check_axes(self, crs: Any, name: str) -> None:
-        """Raise UsageError unless a step north moves along `north_rad`, and a step east to its right.
+    def _checked_north(self, crs: Any, name: str) -> float:
+        """Return by how much a step north on WGS 84 turns from `north_rad`, mid-area; UsageError if axes differ.
+
+        A datum operation with rotations about the earth's axes turns all directions of its area alike. A step north
+        must move about along `north_rad`, and a step east to its right.
 
         Planes of southings and westings are turned or mirrored: directions from their axes would mean something else.
         """
@@ -91,12 +101,14 @@ class EarthPlane:
             east = area.east + (360.0 if area.east < area.west else 0.0)
             lat, lon = 0.5 * (area.south + area.north), (0.5 * (area.west + east) + 180.0) % 360.0 - 180.0
         step = 1e-4
-        x, y = self.to_plane(np.array([lat, lat + step, lat]), np.array([lon, lon, lon + step]))
-        north, to_east = np.arctan2(y[1:] - y[0], x[1:] - x[0])
+        lats, lons = lat + step * np.array([0.0, -0.5, 0.5, 0.0]), lon + step * np.array([0.0, 0.0, 0.0, 1.0])
+        x, y = self.to_plane(lats, lons)
+        north, to_east = np.arctan2([y[2] - y[1], y[3] - y[0]], [x[2] - x[1], x[3] - x[0]])
         turned = np.array([north - self.north_rad(x[:1], y[:1])[0], north - to_east - 0.5 * np.pi])
         if (np.cos(turned) < _ALIGNED).any():
             axes = " and ".join(f"{axis.abbrev} ({axis.direction})" for axis in crs.axis_info[:2])
             raise UsageError(f"{name!r} has the axes {axes}, expected east and north, as EPSG:32632")
+        return float(np.remainder(turned[0] + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def flat_errors(

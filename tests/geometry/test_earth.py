@@ -121,6 +121,12 @@ def test_one_datum_operation_serves_all_points() -> None:
     np.testing.assert_allclose(plane.to_plane(lat, lon), [[0.0, 305055.0], [0.0, 610582.0]], atol=0.01)
 
 
+@pytest.mark.parametrize("code", ["EPSG:3058", "EPSG:3303", "EPSG:8433", "ESRI:102159"])
+def test_a_datum_that_is_turned_turns_north(code: str) -> None:
+    """Datum operations with rotations turn directions by .004 to .025 degrees: north follows them."""
+    assert worst_azimuth_error_deg(code) < 1e-4
+
+
 @pytest.mark.slow
 def test_north_of_every_projected_crs() -> None:
     """Each projected CRS that pyproj knows is refused, or its azimuths agree with geodesics."""
