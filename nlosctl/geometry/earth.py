@@ -18,8 +18,8 @@ _WGS84 = "EPSG:4326"
 _ALIGNED = 0.99
 """Axes are those of east and north if the cosine of their angle is larger; planes may distort angles a little."""
 
-_TURN_OF_DATUM_RAD = 2e-5
-"""Turns of north by a datum operation are corrected if they are larger: smaller ones are far below any bearing's."""
+_TURN_OF_DATUM_RAD = 5e-5
+"""Turns of north by a datum operation are corrected if larger: PROJ's derivatives are off by 4e-5 at some points."""
 
 
 class EarthPlane:
