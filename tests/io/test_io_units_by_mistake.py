@@ -130,7 +130,7 @@ def test_the_message_lists_the_headers_of_the_file(tmp_path: Path) -> None:
 def test_latitudes_under_other_headers_are_proposed(tmp_path: Path) -> None:
     """`Lat` and `Lon` are proposed as latitude and longitude of the sensor."""
     message = _message(tmp_path, "snapshot,sensor,Lat,Lon,azimuth_deg", "--bearing-std-deg", "1")
-    assert "--column sensor_lat_deg=Lat and sensor_lon_deg=Lon" in message
+    assert "--column sensor_lat_deg=Lat and --column sensor_lon_deg=Lon" in message
 
 
 def test_a_std_of_ranges_speaks_of_ranges(tmp_path: Path) -> None:

@@ -61,4 +61,4 @@ def _places(missing: Sequence[Column], free: Sequence[str]) -> str:
     degrees = named_like_degrees(free) if place else None
     if degrees is None:
         return ""
-    return f"; for degrees: `columns` {place}_lat_deg={degrees[0]} and {place}_lon_deg={degrees[1]}"
+    return f"; for degrees: `columns` {place}_lat_deg={degrees[0]} and `columns` {place}_lon_deg={degrees[1]}"
