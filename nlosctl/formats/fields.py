@@ -13,6 +13,7 @@ from nlosctl.errors import DataError, did_you_mean
 
 __all__ = [
     "KEEP_MEANING",
+    "decoded",
     "integer",
     "kept_cells",
     "lines",
@@ -45,6 +46,20 @@ def lines(file: ForeignFile) -> Iterator[tuple[int, str]]:
     finally:
         with suppress(ValueError):  # already closed if the reader was abandoned before its end
             text.detach()
+
+
+def decoded(file: ForeignFile) -> str:
+    """Return the text of a format without lines, with ``\\n`` line ends; raise DataError if it is not UTF-8 text."""
+    content = file.stream.read()
+    if b"\0" in content:
+        line = content.count(b"\n", 0, content.index(b"\0")) + 1
+        raise DataError(f"{file.name}, line {line}: contains zero bytes; not a text file")
+    try:
+        text: str = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start)
+        raise DataError(f"{file.name}, after line {line}: not UTF-8 text; save it as UTF-8") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def take_apart(numbered: Iterator[tuple[int, str]], parse: Callable[[int, str], Row | None]) -> Iterator[Row | BadLine]:

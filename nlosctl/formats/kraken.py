@@ -1,18 +1,20 @@
-"""Options and rows shared by both KrakenSDR formats: a direction relative to the array becomes a compass azimuth.
+"""Options and rows shared by the KrakenSDR formats: a direction relative to the array becomes a compass azimuth.
 
-The XML has the direction counter-clockwise from the front of the array; df-aggregator converts it to an azimuth as
-heading + 360 - DoA (receivers.py). The sense of the CSV depends on the version of the software, see
+XML and JSON have the direction counter-clockwise from the front of the array; df-aggregator converts it to an azimuth
+as heading + 360 - DoA (receivers.py). The sense of the CSV depends on the version of the software, see
 `nlosctl.formats.kraken_csv`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from nlosctl.contract.formats import Row, UnfitError
 from nlosctl.contract.options import option
 from nlosctl.formats.epochs import WINDOW_MEANING
+from nlosctl.formats.own_fields import OwnFieldOptions, OwnFields
 
 __all__ = ["EXTRA", "KrakenOptions", "reading"]
 
@@ -26,14 +28,14 @@ EXTRA: dict[str, Any] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class KrakenOptions:
+class KrakenOptions(OwnFieldOptions):
     """Settings that a log of readings does not contain."""
 
     window: str = option("all", meaning=WINDOW_MEANING)
     sense: Literal["auto", "counter-clockwise", "clockwise"] = option(
         "auto",
         meaning="positive sense of the direction from the front of the array; auto: that of the spectra of a CSV,"
-        " counter-clockwise in XML",
+        " counter-clockwise in XML and JSON",
     )
     heading_deg: float | None = option(
         None, meaning="heading of the array, clockwise from north, instead of the logged one", unit="deg"
@@ -61,8 +63,13 @@ def reading(
     power_db: float,
     clockwise: bool,
     options: KrakenOptions,
+    own: OwnFields,
+    cells: Mapping[str, str],
 ) -> Row:
-    """Return the row of one reading, with ``doa_deg`` clockwise or not; raise UnfitError without a position."""
+    """Return the row of one reading, with ``doa_deg`` clockwise or not; raise UnfitError without a position.
+
+    ``cells`` are the log's own fields, some of them kept by ``own``.
+    """
     if lat_deg == 0.0 and lon_deg == 0.0:
         raise UnfitError("got 0, 0: the station had no position, expected its latitude and longitude", "latitude")
     heading = heading_deg if options.heading_deg is None else options.heading_deg
@@ -70,7 +77,7 @@ def reading(
     return Row(
         line=line,
         epoch_s=time_s,
-        group=f"{frequency_hz:.0f}",
+        group=own.group(cells, f"{frequency_hz:.0f}"),
         values={
             "sensor": station,
             "sensor_lat_deg": lat_deg,
@@ -83,4 +90,5 @@ def reading(
             "power_db": power_db,
             "heading_deg": heading,
         },
+        kept=own.kept(cells),
     )

@@ -16,16 +16,21 @@ from nlosctl.errors import DataError
 from nlosctl.formats.epochs import in_epochs, parse_window
 from nlosctl.formats.fields import lines, number, take_apart
 from nlosctl.formats.kraken import EXTRA, KrakenOptions, reading
+from nlosctl.formats.own_fields import OwnFields
 
 __all__ = ["FORMAT"]
 
+_FIELDS = (
+    *("time in ms", "DoA", "confidence", "power", "frequency", "array", "latency", "station ID"),
+    *("latitude", "longitude", "GPS heading", "compass heading", "main heading"),
+)
 _FEWEST = 12
-"""Time, DoA, confidence, power, frequency, array, latency, station, latitude, longitude, two headings."""
-
 _HEADING_SOURCE = 12
 _SPECTRUM = 17
 """The indices of the name of the main heading, GPS or Compass in the order of the headings, and of the spectrum."""
 
+_EARLY = ["R"] * 10
+"""The reserved entries from the station on, in the files of the first versions."""
 
 _FEWEST_VALUES = 8
 _WIDEST_PEAK_DEG = 3.0
@@ -41,9 +46,15 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> list[Row | BadLine]:
     """Return the rows of a file, with the sense of its spectra unless the options specify one."""
     clockwise_rows: dict[int, Row] = {}
     senses: dict[int, bool] = {}
+    own = OwnFields(options)
 
     def parse(line: int, text: str) -> Row:
         fields = [field.strip() for field in text.split(",")]
+        if fields[7:17] == _EARLY:
+            raise DataError(
+                f"{file.name}, line {line}: an early log of krakensdr_doa, without name and position of the station; "
+                f"record with a later version, or put name, latitude, longitude and heading into fields 8 to 12"
+            )
         if len(fields) < _FEWEST:
             raise UnfitError(f"got {len(fields)} fields, expected at least {_FEWEST}: time, DoA, confidence, ...")
         station = fields[7]
@@ -64,6 +75,8 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> list[Row | BadLine]:
             lon_deg=number(fields[9], "longitude", -180.0, 180.0),
             heading_deg=number(fields[11 if compass else 10], "heading", -360.0, 360.0),
             options=options,
+            own=own,
+            cells=dict(zip(_FIELDS, fields, strict=False)),
         )
         clockwise_rows[line] = read(clockwise=True)
         sense = _clockwise(doa_deg, fields[_SPECTRUM:])
@@ -72,6 +85,7 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> list[Row | BadLine]:
         return read(clockwise=False)
 
     rows = list(take_apart(lines(file), parse))
+    own.check(file)
     clockwise = options.sense == "clockwise"
     if options.sense == "auto" and clockwise_rows:
         clockwise = _common_sense(file, senses)

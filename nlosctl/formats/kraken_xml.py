@@ -1,6 +1,7 @@
-"""KrakenSDR readings in the DF Aggregator format: one DATA element per XML document, any number of documents.
+"""KrakenSDR readings in the DF Aggregator format: DATA elements, each a document of its own or within any root.
 
-Lines are fed to expat within an enclosing element, where document types, and with them entities, are not valid XML.
+The text is given to expat within an enclosing element, where document types, and with them entities, are not valid XML.
+krakensdr_doa (`wr_xml`) writes an element in one line without a declaration, so a log may be a single line.
 """
 
 from __future__ import annotations
@@ -12,26 +13,30 @@ from xml.parsers import expat
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row, UnfitError
 from nlosctl.errors import DataError
 from nlosctl.formats.epochs import in_epochs, parse_window
-from nlosctl.formats.fields import lines, number
+from nlosctl.formats.fields import decoded, number
 from nlosctl.formats.kraken import EXTRA, KrakenOptions, reading
+from nlosctl.formats.own_fields import OwnFields
 
 __all__ = ["FORMAT"]
 
-_DECLARATION = re.compile(r"<\?xml.*?\?>")
+_DECLARATION = re.compile(r"<\?xml.*?\?>", re.DOTALL)
 """Each document may begin with one."""
 
+_REFUSED = re.compile(r"<!(?:DOCTYPE|ENTITY)")
+_PIECE = 1 << 20
 _DEEPEST = 8
 _LONGEST_TEXT = 10_000
+_SHOWN = 200
 _LARGEST_MHZ = 1e5
 _LOCATION = ("LOCATION/LATITUDE", "LOCATION/LONGITUDE", "LOCATION/HEADING")
 _FIELDS = ("STATION_ID", "TIME", "FREQUENCY", *_LOCATION, "DOA", "PWR", "CONF")
 
 
 class _Readings:
-    """Collects the fields of DATA elements; ``done`` holds complete elements with the line where each begins."""
+    """Collects the fields of DATA elements, and the text outside of them; ``done`` has both, by their first lines."""
 
     def __init__(self) -> None:
-        self.done: list[tuple[int, dict[str, str]]] = []
+        self.done: list[tuple[int, dict[str, str] | str]] = []
         self._path: list[str] = []
         self._fields: dict[str, str] = {}
         self._line = 0
@@ -58,8 +63,9 @@ class _Readings:
     def _text(self, text: str) -> None:
         if "DATA" in self._path:
             key = "/".join(self._path[self._path.index("DATA") + 1 :])
-            if key in _FIELDS:
-                self._fields[key] = (self._fields.get(key, "") + text)[:_LONGEST_TEXT]
+            self._fields[key] = (self._fields.get(key, "") + text)[:_LONGEST_TEXT]
+        elif len(self._path) == 1 and text.strip():
+            self.done.append((self.parser.CurrentLineNumber, text.strip()))
 
 
 def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
@@ -68,28 +74,38 @@ def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
 
 
 def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
-    readings, line, has_data = _Readings(), 0, False
+    text = decoded(file)
+    refused = _REFUSED.search(text)
+    if refused is not None:
+        line = text.count("\n", 0, refused.start()) + 1
+        raise DataError(
+            f"{file.name}, line {line}: contains a document type or an entity, expected neither; they are not supported"
+        )
+    text = _DECLARATION.sub(lambda found: "\n" * found[0].count("\n"), text)
+    readings, own, has_data = _Readings(), OwnFields(options), False
     try:
-        for line, text in lines(file):
-            if "<!DOCTYPE" in text or "<!ENTITY" in text:
-                raise DataError("contains a document type or an entity, expected neither; they are not supported")
-            blank = line - readings.parser.CurrentLineNumber  # so that the parser's line numbers are the file's
-            readings.parser.Parse("\n" * blank + _DECLARATION.sub("", text), False)
-            for first_line, fields in readings.done:
-                has_data = True
-                yield _reading(first_line, fields, options)
+        for start in range(0, len(text) + 1, _PIECE):
+            readings.parser.Parse(text[start : start + _PIECE], False)
+            for line, found in readings.done:
+                has_data |= isinstance(found, dict)
+                yield _outside(line, found) if isinstance(found, str) else _reading(line, found, options, own)
             readings.done.clear()
         readings.parser.Parse("</LOG>", True)
     except expat.ExpatError as error:
-        raise DataError(f"{file.name}, line {line}: not XML: {expat.errors.messages[error.code]}") from None
+        raise DataError(f"{file.name}, line {error.lineno}: not XML: {expat.errors.messages[error.code]}") from None
     except DataError as error:
-        prefix = "" if str(error).startswith(file.name) else f"{file.name}, line {line}: "
-        raise DataError(f"{prefix}{error}") from None
+        raise DataError(f"{file.name}, line {readings.parser.CurrentLineNumber}: {error}") from None
     if not has_data:
         raise DataError(f"{file.name}: no <DATA> element; not DF Aggregator output")
+    own.check(file)
 
 
-def _reading(line: int, fields: dict[str, str], options: KrakenOptions) -> Row | BadLine:
+def _outside(line: int, text: str) -> BadLine:
+    return BadLine(line=line, fault="got text outside of the elements, expected <DATA>", text=text[:_SHOWN])
+
+
+def _reading(line: int, fields: dict[str, str], options: KrakenOptions, own: OwnFields) -> Row | BadLine:
+    cells = {name.rpartition("/")[2]: value.strip() for name, value in fields.items() if name}
     try:
         for name in _FIELDS:
             if not fields.get(name, "").strip():
@@ -107,9 +123,11 @@ def _reading(line: int, fields: dict[str, str], options: KrakenOptions) -> Row |
             heading_deg=number(fields["LOCATION/HEADING"], "LOCATION/HEADING", -360.0, 360.0),
             clockwise=options.sense == "clockwise",
             options=options,
+            own=own,
+            cells=cells,
         )
     except UnfitError as unfit:
-        text = " ".join(f"{name}={value.strip()}" for name, value in fields.items())
+        text = " ".join(f"{name}={value}" for name, value in cells.items() if value)
         return BadLine(line=line, fault=unfit.fault, column=unfit.column, text=text)
 
 
@@ -121,7 +139,7 @@ def _hertz(frequency: float) -> float:
 FORMAT = ImporterSpec(
     name="kraken-xml",
     summary="KrakenSDR readings in the DF Aggregator format (XML)",
-    reference="df-aggregator, receivers.py (the elements and how they make an azimuth)",
+    reference="krakensdr_doa, kraken_sdr_signal_processor.py, wr_xml; df-aggregator, receivers.py (how it reads them)",
     options=KrakenOptions,
     kind=lambda options: "bearings",
     rows=_rows,

@@ -20,6 +20,7 @@ SOURCE, HALL = (47.36, 8.58), (47.3765, 8.5485)
 MAPS = {
     "kraken.geojson": (SOURCE, 20.0),
     "aggregator.geojson": (SOURCE, 20.0),
+    "pro.geojson": (SOURCE, 20.0),
     "bear.geojson": (SOURCE, 20.0),
     "tags.geojson": (HALL, 12.0),
     "anchors.geojson": (HALL, 12.0),
