@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ __all__ = ["METHOD", "AssignmentOptions", "solve"]
 _BANDWIDTH_SHARE = 0.1
 _EVIDENCE_MARGIN = 10.0
 """Candidates with less evidence than minus this are dropped: the clutter is less dense once targets explain echoes."""
+
+_SEEDING_SENSORS = 20
+_SEEING_SENSORS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +114,7 @@ def _candidates(
         least = usual_sensors(echoes.sensors, options.detection_probability)
     else:
         least = min(options.min_sensors, echoes.sensors)
-    seeds = find_seeds(cross_all(echoes, options.gap_tolerance_m, gate))
+    seeds = find_seeds(cross_all(_seeding_echoes(echoes, least), options.gap_tolerance_m, gate))
     gates = Gates(
         min_sensors=least,
         gate_std=options.gate_std,
@@ -126,6 +129,24 @@ def _candidates(
         return np.where(gate.contains(candidates.x, candidates.y), weights, -np.inf)
 
     return find_candidates(echoes, seeds.x, seeds.y, gates, evidence)
+
+
+def _seeding_echoes(echoes: Echoes, least: int) -> Echoes:
+    """Return the echoes of the sensors whose circles are crossed for seeds: all, or of many some that are far apart.
+
+    A target that ``least`` of the sensors see is seen by ``_SEEING_SENSORS`` of the chosen ones in any case.
+    """
+    wanted = max(_SEEDING_SENSORS, echoes.sensors - least + _SEEING_SENSORS)
+    if wanted >= echoes.sensors:
+        return echoes
+    chosen = np.zeros(echoes.sensors, dtype=bool)
+    nearest = np.hypot(echoes.sensor_x, echoes.sensor_y)
+    for _ in range(wanted):
+        farthest = int(np.argmax(np.where(chosen, -1.0, nearest)))
+        chosen[farthest] = True
+        apart = np.hypot(echoes.sensor_x - echoes.sensor_x[farthest], echoes.sensor_y - echoes.sensor_y[farthest])
+        nearest = np.minimum(nearest, apart)
+    return replace(echoes, radius=np.where(chosen[:, None], echoes.radius, np.nan))
 
 
 METHOD = MethodSpec(

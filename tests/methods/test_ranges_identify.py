@@ -273,6 +273,21 @@ def test_irregular_layouts_are_identified() -> None:
     assert exact >= 37
 
 
+def test_many_sensors_need_only_some_of_their_crossings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With 40 sensors, some blind to a target, 20 sensors' crossings lead to what those of all lead to."""
+    for trial in range(3):
+        generator = np.random.default_rng([trial, 40])
+        sensors = generator.uniform(-200.0, 200.0, (40, 2))
+        targets = generator.uniform(-150.0, 150.0, (3, 2))
+        missed = tuple((int(sensor), k) for k in range(3) for sensor in generator.choice(40, 2, replace=False))
+        many = echo_world(generator, sensors, targets, perimeter(generator, 2), 0.3, PAPER_FIELD, missed)
+        found = found_sets(solve(ranges_assignment.METHOD, many.batch))
+        with monkeypatch.context() as patch:
+            patch.setattr(ranges_assignment, "_SEEDING_SENSORS", 40)
+            assert found_sets(solve(ranges_assignment.METHOD, many.batch)) == found
+        assert len(found) == 3
+
+
 def test_a_shared_row_is_that_of_the_nearest_target() -> None:
     """Two targets that share a circle (``unique=points``): its flag and residual belong to the target it fits best.
 

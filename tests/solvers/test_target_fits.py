@@ -116,6 +116,8 @@ def test_joint_fits_agree_with_scipy():
     problem = TripletProblem.of_snapshots(batch, np.zeros(30), np.zeros(30))
     found = fit_snapshots(problem, x.reshape(30, 4), y.reshape(30, 4))
     assert found.converged.all()
+    alone = fit_snapshots(problem.take(np.array([7])), x.reshape(30, 4)[7:8], y.reshape(30, 4)[7:8])
+    assert (alone.x[0], alone.y[0], alone.cost[0]) == (found.x[7], found.y[7], found.cost[7])
     stds = (problem.inverse_dod_std, problem.inverse_doa_std, problem.inverse_length_std)
     for n in range(30):
         one = problem.take(np.array([n]))

@@ -155,7 +155,9 @@ def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> Int
         index = chosen[:, sensor]
         distance[:, sensor] = np.abs(ranges[index] - predicted) / echoes.std_m[sensor, index]
     if gates.min_sensors < echoes.sensors:
-        rank = np.argsort(np.argsort(distance, axis=1, kind="stable"), axis=1)
+        rank = np.empty_like(chosen)
+        nearest_first = np.argsort(distance, axis=1, kind="stable")
+        np.put_along_axis(rank, nearest_first, np.arange(echoes.sensors)[None, :], axis=1)
         chosen[(rank >= gates.min_sensors) & (distance > gates.gate_std)] = _NOTHING
     return chosen
 

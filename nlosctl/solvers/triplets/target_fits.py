@@ -21,6 +21,7 @@ _SAME_BASIN = 0.05
 """An initial point whose cost matches the quadratic model of a known minimum this well converges to it."""
 _SNAPSHOT_STARTS = 5
 """So many of the targets that single paths propose are tried for all paths together."""
+_COSTS_AT_ONCE = 256
 
 
 @dataclass
@@ -109,9 +110,7 @@ def fit_snapshots(
     problem: TripletProblem, proposed_x: FloatArray, proposed_y: FloatArray, *, max_iterations: int = 100
 ) -> TargetFits:
     """Fit one target to all paths (B, K) of each snapshot, from the likeliest of the proposed targets (B, K)."""
-    costs = np.stack(
-        [problem.evaluate(proposed_x[:, k], proposed_y[:, k]).cost for k in range(proposed_x.shape[1])], axis=1
-    )
+    costs = _costs(problem, proposed_x, proposed_y)
     order = np.argsort(np.where(np.isnan(costs), np.inf, costs), axis=1, kind="stable")[:, :_SNAPSHOT_STARTS]
     start_x, start_y = (np.take_along_axis(values, order, axis=1) for values in (proposed_x, proposed_y))
 
@@ -120,6 +119,18 @@ def fit_snapshots(
 
     starts = ((start_x[:, start], start_y[:, start]) for start in range(order.shape[1]))
     return _best_of(problem, starts, descend)
+
+
+def _costs(problem: TripletProblem, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the costs (B, K) of K points of each problem (B,), several points at a time where problems are few."""
+    count, points = x.shape
+    at_once = max(1, _COSTS_AT_ONCE // max(count, 1))
+    costs = np.empty(x.shape)
+    for start in range(0, points, at_once):
+        part = slice(start, start + at_once)
+        repeated = np.repeat(np.arange(count), x[:, part].shape[1])
+        costs[:, part] = problem.take(repeated).evaluate(x[:, part].ravel(), y[:, part].ravel()).cost.reshape(count, -1)
+    return costs
 
 
 def _best_of(
