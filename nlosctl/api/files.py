@@ -8,7 +8,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from nlosctl.api.tables import BadRows, SceneLike, TableSink, input_options, inputs_of, set_aside
+from nlosctl.api.tables import BadRows, SceneLike, TableSink, input_options, inputs_of, row_options, set_aside
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
@@ -35,7 +35,8 @@ def read(
     """Return a file or folder as a pyarrow Table with the contract's types; the scene is in its metadata.
 
     Without ``importer`` it is a table in any format that the command line reads; with it (such as ``kraken-csv``, see
-    ``nlosctl convert``) it is the file of another program, and ``parameters`` are those of the importer. ``bad_rows``
+    ``nlosctl convert``) it is the file of another program, and ``parameters`` are those of the importer, or ``wide``,
+    ``missing``, ``where`` and ``declination_deg`` of `localize`. ``bad_rows``
     is the name of a file for bad rows; without it they are an error.
 
     Raises DataError for faults of the data, UsageError for an unknown importer or parameter.
@@ -62,7 +63,8 @@ def convert(
 ) -> ConversionReport:
     """Write a table or file as the file ``output``, whose extension selects the format: see ``nlosctl convert``.
 
-    ``parameters`` are those of the exporter (of estimates to a map, such as ``fixes.geojson``) or of the importer.
+    ``parameters`` are those of the exporter (of estimates to a map, such as ``fixes.geojson``) or of the importer, or
+    ``wide``, ``missing``, ``where`` and ``declination_deg`` of `localize`.
     Raises DataError for faults of the data or an existing file, UsageError for options that do not apply.
     """
     write = OutputOptions(output=fspath(output), overwrite=overwrite, bad_rows=_path(bad_rows))
@@ -81,15 +83,17 @@ def _convert(
     receiver: Callable[[Any, dict[str, str]], Any] | None,
 ) -> ConversionReport:
     is_name = isinstance(source, str | PathLike)
+    parameters = dict(parameters)
+    rows = row_options(parameters)
     if importer is not None and not is_name:
         raise UsageError("an importer reads a file; give its path")
     return convert_job.convert(
         [fspath(source)] if is_name else inputs_of(source),
-        InputOptions(scene=_path(scene), crs=crs, origin=origin),
+        InputOptions(scene=_path(scene), crs=crs, origin=origin, **rows),
         write,
         importer=importer,
         exporter=exporter,
-        parameters=dict(parameters),
+        parameters=parameters,
         receiver=receiver,
     )
 
@@ -102,7 +106,7 @@ def validate(
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
     bad_rows: BadRows = None,
-    **stds: float,
+    **stds: Any,
 ) -> dict[str, Any]:
     """Check measurements as ``nlosctl validate`` does; return the kind, counts, columns and remarks.
 
@@ -110,7 +114,7 @@ def validate(
     table of them is in ``bad_row_table``); without it they raise DataError, which names row, column, value and cure.
     """
     read = input_options(columns, constants, scene, stds, kind=kind)
-    _refuse_more(stds)
+    _refuse_more(stds, "validate")
     with set_aside(bad_rows) as aside:
         result = validate_job.validate(inputs_of(table), read, OutputOptions(**aside.options))
         return {**result, **{f"{name[:-1]}_table": value for name, value in aside.tables().items()}}
@@ -198,11 +202,12 @@ def plot(
     linear: bool = False,
     title: str | None = None,
     size_in: tuple[float, float] | None = None,
+    **rows: Any,
 ) -> Plot:
     """Plot measurements, flags, estimates or bounds (tables or paths); their contents select the view.
 
-    The arguments are those of ``nlosctl plot``. Raises MissingExtraError without matplotlib, UsageError for a view that
-    does not suit the tables.
+    The arguments are those of ``nlosctl plot``; ``rows`` are ``wide``, ``missing``, ``where`` and ``declination_deg``
+    of `localize`. Raises MissingExtraError without matplotlib, UsageError for a view that does not suit the tables.
     """
     from contextlib import ExitStack
 
@@ -210,11 +215,12 @@ def plot(
     from nlosctl.plotting.plot_request import PlotRequest
     from nlosctl.plotting.views.pictures import choose_view, draw_picture
 
-    read = input_options(columns, None, scene, {}, kind=kind)
+    read = input_options(columns, None, scene, rows, kind=kind)
+    _refuse_more(rows, "plot")
     with ExitStack() as stack:
         files = []
         for given in (given for table in tables for given in inputs_of(table)):
-            files.append(open_plot_input(given, _path(scene) if isinstance(scene, str | PathLike) else None, kind))
+            files.append(open_plot_input(given, read))
             stack.callback(files[-1].close)
         if not files:
             raise UsageError("nothing to plot; give a table or the path of a file")
@@ -239,6 +245,6 @@ def _path(path: str | PathLike[str] | None) -> str | None:
     return None if path is None else fspath(path)
 
 
-def _refuse_more(keywords: Mapping[str, Any]) -> None:
+def _refuse_more(keywords: Mapping[str, Any], function: str) -> None:
     for name in keywords:
-        raise UsageError(f"validate takes no argument {name!r}; standard deviations are such as bearing_std_deg=2.0")
+        raise UsageError(f"{function} takes no argument {name!r}; standard deviations are such as bearing_std_deg=2.0")

@@ -79,9 +79,10 @@ def localize(
     ``bad_rows`` is True (the result has them in ``bad_rows``) or the name of a file for them. ``field`` is the search
     region: ``xmin,xmax,ymin,ymax``, ``circle:x,y,r``, ``polygon:FILE`` or ``sensors:FACTOR``. ``target_z_m`` is the
     height of the targets if ranges are slant. ``crs`` or ``origin`` (latitude and longitude in degrees) define the
-    local plane on earth. ``ellipse`` (a probability) and ``add`` (such as nees) add columns. ``sweep`` runs
-    parameters through
-    several values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
+    local plane on earth. ``wide`` (``azimuth_deg=az_*``), ``missing``, ``where`` (``snr_db >= 10``), each one or
+    several, and ``declination_deg`` change the rows before anything else, as the flags of the command line do.
+    ``ellipse`` (a probability) and ``add`` (such as nees) add columns. ``sweep`` runs parameters through several
+    values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
@@ -115,7 +116,7 @@ def bound(
     all_rows: bool = False,
     noise: str = "gaussian",
     use_ranges: bool = True,
-    **stds: float,
+    **stds: Any,
 ) -> Any:
     """Return the Cramér-Rao bound of each snapshot at its true position as a table; see ``nlosctl bound``.
 

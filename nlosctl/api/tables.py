@@ -17,7 +17,7 @@ from nlosctl.errors import UsageError
 from nlosctl.io.paths.inputs import Input, expand_inputs
 from nlosctl.io.results.in_memory import gather, input_of_table, read_table
 
-__all__ = ["BadRows", "SceneLike", "TableSink", "input_options", "inputs_of", "names_of", "set_aside"]
+__all__ = ["BadRows", "SceneLike", "TableSink", "input_options", "inputs_of", "names_of", "row_options", "set_aside"]
 
 SceneLike = Scene | str | PathLike[str] | None
 BadRows = bool | str | PathLike[str] | None
@@ -39,7 +39,10 @@ def input_options(
     keywords: dict[str, Any],
     **rest: Any,
 ) -> InputOptions:
-    """Return the options of reading; standard deviations are moved from ``keywords`` to the constants, in radians."""
+    """Return the options of reading.
+
+    Standard deviations are moved from ``keywords`` to the constants, in radians; so are the options of `row_options`.
+    """
     given = dict(constants or {})
     scales = _scales()
     for name in [name for name in keywords if name in scales]:
@@ -53,7 +56,17 @@ def input_options(
             raise UsageError(f"{standard!r} is given in two units; give one")
         converted[standard] = _number(name, value) * scale
     scene = scene if scene is None or isinstance(scene, Scene) else fspath(scene)
+    rest |= row_options(keywords)
     return InputOptions(columns=dict(columns or {}), constants=converted, scene=scene, **rest)
+
+
+def row_options(keywords: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that change rows (``wide missing where declination_deg``), removed from ``keywords``."""
+    given: dict[str, Any] = {}
+    for name in ("wide", "missing", "where"):
+        values = keywords.pop(name, ())
+        given[name] = tuple(map(str, [values] if isinstance(values, str | int | float) else values))
+    return given | {"declination_deg": keywords.pop("declination_deg", None)}
 
 
 def _scales() -> dict[str, tuple[str, float]]:

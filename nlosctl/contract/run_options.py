@@ -25,6 +25,7 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 
 _SOLVE = "localize detect-ip identify-los"
 _READ = f"{_SOLVE} bound validate"
+_MEASUREMENTS = f"{_READ} plot convert"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
 _NOISES = ("gaussian", "laplace")
 _ENGINES = ("local", "dask")
@@ -96,7 +97,8 @@ class InputOptions:
     ``columns`` maps a standard column name to the file's own, ``constants`` a missing column to its value (radians,
     metres). ``scene`` is a scene or the name of a file; without one it is searched for as
     `nlosctl.io.scenes.scene_file.find_scene` describes. ``extra_columns`` are the columns to keep beside those of the
-    measurement, by name or prefix (``sweep_*``); None keeps all. Columns that are not kept are not read.
+    measurement, by name or prefix (``sweep_*``); None keeps all. Columns that are not kept are not read. ``wide``,
+    ``missing``, ``where`` and ``declination_deg`` change the rows before all else: `nlosctl.io.row_steps`.
     """
 
     input_format: str | None = _option(
@@ -124,6 +126,18 @@ class InputOptions:
     max_spool_bytes: int = _option(
         10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
         "localize", minimum=1, metavar="N")
+    wide: Sequence[str] = _option(
+        (), "--wide", "Input", "Columns of a wide table, such as azimuth_deg=az_*; * is the sensor. Repeatable.",
+        _MEASUREMENTS, metavar="NAME=PATTERN")
+    missing: Sequence[str] = _option(
+        (), "--missing", "Input", "Leave out rows with this measured value, such as -999. Repeatable.",
+        _MEASUREMENTS, metavar="VALUE")
+    where: Sequence[str] = _option(
+        (), "--where", "Input", "Use only rows that meet a condition, such as 'snr_db >= 10'. Repeatable.",
+        _MEASUREMENTS, metavar="CONDITION")
+    declination_deg: float | str | None = _option(
+        None, "--declination-deg", "Input", "Magnetic declination (degrees or column) to add to azimuths.",
+        _MEASUREMENTS, metavar="DEG")
     scene: Scene | str | None = _option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
         "localize identify-los bound validate convert plot simulate", metavar="FILE")
@@ -135,6 +149,16 @@ class InputOptions:
     extra_columns: Sequence[str] | None = None
     chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
+
+    @property
+    def changes_rows(self) -> bool:
+        """Whether an option changes the rows or columns of a file before they are mapped to the contract."""
+        return bool(self.wide or self.missing or self.where or self.declination_deg is not None)
+
+    @property
+    def drops_rows(self) -> bool:
+        """Whether an option may leave out rows."""
+        return bool(self.wide or self.missing or self.where)
 
     @property
     def frame(self) -> EarthFrame | None:

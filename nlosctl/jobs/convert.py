@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from nlosctl.contract.run_options import InputOptions, OutputOptions
@@ -13,6 +15,8 @@ from nlosctl.io.conversion.table_copy import TableCopy
 from nlosctl.io.measurements.row_checks import ProblemLog
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat, Location, format_named, format_of_path, location
+from nlosctl.io.results.in_memory import input_of_table
+from nlosctl.io.row_steps.unused_rows import unused_rows_remark
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.io.writers.output_set import OutputSet, check_targets
 from nlosctl.jobs.files import bad_row_writer, naming_importer, open_inputs, open_output
@@ -42,6 +46,7 @@ class _Source:
     metadata: dict[str, str]
     log: ProblemLog
     notes: tuple[str, ...] = ()
+    unused_rows: Counter[str] = field(default_factory=Counter)
 
     @property
     def scene(self) -> str | None:
@@ -105,7 +110,10 @@ def convert(
             for table in source.tables:
                 sink.write(table)
                 rows += table.num_rows
-    return ConversionReport(rows=rows, bad_rows=source.log.total, loses_scene=loses_scene, notes=source.notes)
+    unused = [unused_rows_remark(source.unused_rows)] if source.unused_rows else []
+    return ConversionReport(
+        rows=rows, bad_rows=source.log.total, loses_scene=loses_scene, notes=(*source.notes, *unused)
+    )
 
 
 @contextmanager
@@ -131,12 +139,12 @@ def _imported(
     imported = job.read(name)
     content = {"importer": importer, "parameters": parameters, "inputs": [{"name": hide_secrets(name)}]}
     metadata = file_metadata("convert", content, imported.scene)
+    tables, schema, unused_rows = iter([imported.table]), imported.table.schema, Counter[str]()
+    if read.changes_rows:
+        copy = TableCopy(dataclasses.replace(input_of_table(imported.table), name=hide_secrets(name)), read)
+        tables, schema, unused_rows = copy.tables(), copy.schema, copy.unused_rows
     yield _Source(
-        tables=iter([imported.table]),
-        schema=imported.table.schema,
-        metadata=metadata,
-        log=job.log,
-        notes=imported.notes,
+        tables=tables, schema=schema, metadata=metadata, log=job.log, notes=imported.notes, unused_rows=unused_rows
     )
 
 
@@ -157,13 +165,18 @@ def _table(
             raise UsageError(f"{error}; {hint}") from None
         if more:
             raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
-        copy = TableCopy(given, scene_file=read.scene if isinstance(read.scene, str) else None, frame=read.frame)
+        copy = TableCopy(given, read)
     try:
         bad_rows = bad_row_writer(write, copy.schema.names, outputs, paths)
         if bad_rows is not None:
             copy.set_bad_rows_aside(bad_rows)
         yield _Source(
-            tables=copy.tables(), schema=copy.schema, metadata=copy.metadata, log=copy.log, notes=given.remarks
+            tables=copy.tables(),
+            schema=copy.schema,
+            metadata=copy.metadata,
+            log=copy.log,
+            notes=(*given.remarks, *copy.remarks),
+            unused_rows=copy.unused_rows,
         )
     finally:
         copy.close()

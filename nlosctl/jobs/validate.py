@@ -37,7 +37,7 @@ def validate(
             progress(reader.report.rows_in_all, None)
         return {
             "kind": reader.kind,
-            "rows": reader.report.rows_in_all,
+            "rows": reader.report.rows_taken,
             "snapshots": reader.report.snapshots,
             "sensors": len(reader.sensor_names),
             "bad_rows": reader.report.bad_rows,

@@ -32,7 +32,7 @@ def opened(path: Path, *lines: str) -> PlotInput:
     """Return a file of these lines."""
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     (source,) = expand_inputs([str(path)])
-    return open_plot_input(source, None)
+    return open_plot_input(source, InputOptions())
 
 
 def drawn(view: str, *files: PlotInput, **options: Any) -> Picture:

@@ -14,6 +14,7 @@ import pyarrow.parquet
 import pytest
 
 import nlosctl
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.results.plot_inputs import PlotInput, open_plot_input, read_sampled
@@ -79,7 +80,7 @@ def files(tmp_path: Path) -> Any:
         paths = [tmp_path / f"{name}.parquet" for name in names]
         for name, path in zip(names, paths, strict=True):
             pyarrow.parquet.write_table(made(name), path)
-        return [open_plot_input(given, None) for given in expand_inputs([str(path) for path in paths])]
+        return [open_plot_input(given, InputOptions()) for given in expand_inputs([str(path) for path in paths])]
 
     return write
 
@@ -253,7 +254,7 @@ def test_scores_draw_the_same_line_as_their_estimates(files: Any, tmp_path: Path
     opened = files("fixes of swept")
     scores = tmp_path / "scores.csv"
     assert run(["evaluate", opened[0].name, "-o", str(scores)]) == 0
-    by_scores = picture([open_plot_input(expand_inputs([str(scores)])[0], None)])
+    by_scores = picture([open_plot_input(expand_inputs([str(scores)])[0], InputOptions())])
     assert figure_bytes(by_scores.figure, "png") == figure_bytes(picture(opened).figure, "png")
 
 
@@ -263,7 +264,7 @@ def test_methods_without_a_sweep_are_horizontal_lines(tmp_path: Path) -> None:
         made("bearings"), method=["ls", "ml"], sweep={"ml:min_range_m": [0.0, 10.0, 50.0]}
     ).estimates
     pyarrow.parquet.write_table(fixes, tmp_path / "e.parquet")
-    axes = shown(picture([open_plot_input(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure)[0]
+    axes = shown(picture([open_plot_input(expand_inputs([str(tmp_path / "e.parquet")])[0], InputOptions())]).figure)[0]
     assert "ls" in [text.get_text() for text in axes.texts]
     assert axes.get_xlabel() == "min range [m]"
 
@@ -274,7 +275,7 @@ def test_detection_rates_against_a_sweep(tmp_path: Path) -> None:
         made("paths"), method="tdaj", sweep={"eta_m": [0.0, 2.0], "false_alarm": [0.01, 0.1, 0.3]}
     ).flags
     pyarrow.parquet.write_table(flags, tmp_path / "f.parquet")
-    opened = [open_plot_input(expand_inputs([str(tmp_path / "f.parquet")])[0], None)]
+    opened = [open_plot_input(expand_inputs([str(tmp_path / "f.parquet")])[0], InputOptions())]
     axes = shown(picture(opened).figure)[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("false alarm [-]", "$P_d$ [-]")
     group = nlosctl.evaluate(flags).groups[0]
@@ -336,7 +337,7 @@ def test_many_estimates_become_a_density(tmp_path: Path) -> None:
     """Above some thousand estimates a panel shows counts per cell, and all points are counted."""
     fixes = nlosctl.localize(nlosctl.simulate("ring", trials=4000), method="ls").estimates
     pyarrow.parquet.write_table(fixes, tmp_path / "e.parquet")
-    axes = picture([open_plot_input(expand_inputs([str(tmp_path / "e.parquet")])[0], None)]).figure.axes[0]
+    axes = picture([open_plot_input(expand_inputs([str(tmp_path / "e.parquet")])[0], InputOptions())]).figure.axes[0]
     counts = np.ma.MaskedArray(axes.collections[0].get_array()).filled(0.0)
     assert 3900 < counts.sum() <= 4000
 
@@ -383,7 +384,7 @@ def test_unknown_snapshots_are_refused(files: Any) -> None:
 )
 def test_every_good_fixture_can_be_plotted(name: str) -> None:
     """Fixtures of every kind are plotted in their columns and units."""
-    figure = picture([open_plot_input(expand_inputs([str(FIXTURES / f"good_{name}")])[0], None)]).figure
+    figure = picture([open_plot_input(expand_inputs([str(FIXTURES / f"good_{name}")])[0], InputOptions())]).figure
     assert figure_bytes(figure, "pdf").startswith(b"%PDF")
 
 
@@ -392,7 +393,7 @@ def test_snapshots_without_a_fix_are_noted(tmp_path: Path) -> None:
     row = {"snapshot": 1, "method": "ml", "target": 0, "alternative": 0, "x_m": None, "y_m": None, "cov_xx_m2": None}
     row |= {"cov_xy_m2": None, "cov_yy_m2": None, "n_measurements": 1, "n_used": 0, "cost": None, "status": "too_few"}
     pyarrow.csv.write_csv(pa.Table.from_pylist([row]), tmp_path / "e.csv")
-    opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], None)]
+    opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], InputOptions())]
     plotted = picture(opened, "scene")
     assert plotted.notes == ["ml: no position (too_few)"]
     assert figure_bytes(plotted.figure, "png")
@@ -406,7 +407,7 @@ def test_positions_that_are_no_fix_are_crosses(tmp_path: Path) -> None:
     row |= dict.fromkeys(("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"))
     row |= {"n_measurements": 4, "n_used": 2, "cost": 1.0, "status": "no_consensus"}
     pyarrow.csv.write_csv(pa.Table.from_pylist([row]), tmp_path / "e.csv")
-    opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], None)]
+    opened = [open_plot_input(expand_inputs([str(tmp_path / "e.csv")])[0], InputOptions())]
     lines = picture(opened, "scene").figure.axes[0].get_lines()
     assert [(line.get_marker(), line.get_label()) for line in lines if line.get_xdata().tolist() == [3.0]] == [
         ("x", "mixture-ml: no fix (no_consensus)")

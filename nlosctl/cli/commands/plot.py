@@ -198,11 +198,10 @@ def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[PlotInpu
     from nlosctl.jobs.files import open_inputs
 
     given = open_inputs(inputs, read.input_format)
-    scene = read.scene if isinstance(read.scene, str) else None
     with ExitStack() as stack:
         files = []
         for source in given:
-            files.append(open_plot_input(source, scene, read.kind))
+            files.append(open_plot_input(source, read))
             stack.callback(files[-1].close)
         yield files
 

@@ -9,7 +9,7 @@ from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
 from nlosctl.contract.tables.results import ADDED_COLUMNS, BOUND, ELLIPSE, ESTIMATES, FLAGS, TRACE, TRUTH
 from nlosctl.contract.tables.scores import SCORES
-from nlosctl.contract.tables.shared import EARTH_PLACES
+from nlosctl.contract.tables.shared import DEGREE, EARTH_PLACES
 from nlosctl.contract.tables.triplets import TRIPLETS
 
 __all__ = [
@@ -32,9 +32,11 @@ __all__ = [
     "ColumnType",
     "Spelling",
     "Table",
+    "azimuth_units",
     "contract_names",
     "declared_type",
     "is_swept",
+    "measured_names",
     "result_table",
 ]
 
@@ -49,6 +51,25 @@ TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATE
 def contract_names() -> frozenset[str]:
     """Return the names of all columns of all tables, including other spellings."""
     return frozenset(name for table in TABLES.values() for column in table.columns for name in column.accepted_names)
+
+
+@cache
+def measured_names() -> frozenset[str]:
+    """Return the names of the columns of measured values in all kinds, including other spellings."""
+    columns = [column for table in KINDS.values() for column in table.columns if column.measured]
+    return frozenset(name for column in columns for name in column.accepted_names)
+
+
+@cache
+def azimuth_units() -> dict[str, float]:
+    """Return the names of columns of azimuths as a compass shows them, each with its unit in degrees."""
+    columns = [column for table in KINDS.values() for column in table.columns if column.measured]
+    return {
+        spelling.name: abs(spelling.scale) / DEGREE
+        for column in columns
+        for spelling in column.spellings
+        if spelling.is_compass
+    }
 
 
 @cache

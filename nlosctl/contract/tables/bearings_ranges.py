@@ -25,6 +25,7 @@ def _directions() -> tuple[Spelling, ...]:
                         scale=-DEGREE if clockwise else DEGREE,
                         offset=(0.5 * math.pi if north else 0.0) + (math.pi if back else 0.0),
                         from_north=north,
+                        is_compass=north and clockwise and not back,
                         meaning=f"{sense} from {origin}{', from the source to the sensor' if back else ''}",
                         usual=not back and not other,
                     )
@@ -78,6 +79,7 @@ _RANGE = (
     Column(
         name="range_m",
         type="number",
+        measured=True,
         unit="m",
         nullable=True,
         positive=True,
@@ -155,6 +157,7 @@ BEARINGS = Table(
         Column(
             name="bearing_rad",
             type="number",
+            measured=True,
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,

@@ -29,7 +29,8 @@ ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
 class Spelling:
     """Another name for a column, in another unit: ``canonical = value * scale + offset``.
 
-    With ``from_north`` it is a direction from true north, for any plane on the earth. ``meaning`` completes "as ...".
+    With ``from_north`` it is a direction from true north, for any plane on the earth; ``is_compass`` marks those that a
+    compass shows, to which a declination can be added. ``meaning`` completes "as ...".
     Messages on a missing column list the ``usual`` spellings only.
     """
 
@@ -37,6 +38,7 @@ class Spelling:
     scale: float
     offset: float = 0.0
     from_north: bool = False
+    is_compass: bool = False
     meaning: str = ""
     usual: bool = True
 
@@ -48,10 +50,11 @@ class Column:
     ``too_large_means`` explains values beyond ``largest_magnitude``. ``constant_allowed`` lets the setting
     ``constants`` fill a missing column. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
     sensor position fill it.
-    ``names_reflector`` marks text that names a reflector of the scene. ``carried`` columns are truth or flags of an
-    earlier step: checked for their type and copied, never passed to a method. ``of_circles`` marks
-    flags that are only set in a scene with circles. ``earth_place`` names the location (see `EARTH_PLACES`) whose
-    latitude and longitude can replace it. ``add`` is the name by which the setting ``add`` requests a result column.
+    ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured value. ``carried``
+    columns are truth or flags of an earlier step: checked for their type and copied, never passed to a method.
+    ``of_circles`` marks flags that are only set in a scene with circles. ``earth_place`` names the location (see
+    `EARTH_PLACES`) whose latitude and longitude can replace it. ``add`` is the name by which the setting ``add``
+    requests a result column.
     ``every_run`` marks a result column that every run writes, but a file need not have.
     """
 
@@ -67,6 +70,7 @@ class Column:
     constant_allowed: bool = False
     scene_axis: int | None = None
     names_reflector: bool = False
+    measured: bool = False
     carried: bool = False
     of_circles: bool = False
     earth_place: str = ""

@@ -32,6 +32,7 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
         Column(
             name=f"{name}_rad",
             type="number",
+            measured=True,
             unit="rad",
             required=True,
             largest_magnitude=2.0 * math.pi,
@@ -79,6 +80,7 @@ TRIPLETS = Table(
         Column(
             name="path_length_m",
             type="number",
+            measured=True,
             unit="m",
             required=True,
             positive=True,

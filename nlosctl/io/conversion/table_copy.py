@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pyarrow as pa
 
 from nlosctl.contract.limits import size
-from nlosctl.contract.scene import EarthFrame, Scene
+from nlosctl.contract.run_options import InputOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import FLAGS, KINDS, result_table
 from nlosctl.errors import DataError
+from nlosctl.io.measurements.bad_rows import bad_rows_of
 from nlosctl.io.measurements.column_mapping import kind_of_columns
-from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog, bad_rows_of
-from nlosctl.io.paths.inputs import Input
-from nlosctl.io.readers.base import RecordBatch
+from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
+from nlosctl.io.paths.inputs import Input, Part
+from nlosctl.io.readers.base import RecordBatch, closed_on_failure
 from nlosctl.io.readers.open_file import TableFile, open_part
+from nlosctl.io.row_steps.unused_rows import no_rows_left
 from nlosctl.io.scenes.scene_file import SCENE_KEY, find_scene, scene_to_toml
 
 __all__ = ["TableCopy"]
@@ -24,17 +28,20 @@ __all__ = ["TableCopy"]
 
 @dataclass
 class TableCopy:
-    """Copies the parts of one input; ``rows`` counts the rows that have been copied."""
+    """Copies the parts of one input, with the changes to rows that the options ``read`` ask for.
+
+    ``rows`` counts the rows that have been copied, ``unused_rows`` those that an option leaves out.
+    """
 
     given: Input
-    scene_file: str | None = None
-    frame: EarthFrame | None = None
+    read: InputOptions = field(default_factory=InputOptions)
     rows: int = 0
+    unused_rows: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         self.log = ProblemLog()
         part = self.given.parts[0]
-        self._source = open_part(part, size("chunk_rows"), True)
+        self._source = self._opened(part)
         try:
             if not self._source.names:
                 raise DataError(f"{part.name}: the table has no columns")
@@ -56,6 +63,11 @@ class TableCopy:
         return self._schema
 
     @property
+    def remarks(self) -> list[str]:
+        """What the options of reading note on the file."""
+        return self._source.remarks
+
+    @property
     def metadata(self) -> dict[str, str]:
         """The provenance of the input, and its scene."""
         kept = {
@@ -70,7 +82,7 @@ class TableCopy:
         for part in self.given.parts:
             source = self._source
             if part is not self.given.parts[0]:
-                source = open_part(part, size("chunk_rows"), True)
+                source = self._opened(part)
                 if source.names != self._source.names:
                     source.close()
                     raise DataError(
@@ -79,10 +91,13 @@ class TableCopy:
                 source.start(self._types(source), None)
             try:
                 for batch in source.batches():
+                    self.unused_rows.update(batch.left_out)
                     yield self._good(part.name, batch)
             finally:
                 source.close()
         self.log.raise_if_stopping()
+        if not self.rows and self.unused_rows and not self.log.total:
+            raise DataError(no_rows_left(self.given.name, self.unused_rows))
 
     def set_bad_rows_aside(self, sink: BadRowSink) -> None:
         """Send bad rows to ``sink`` and continue with the others; call it before the rows are read."""
@@ -92,9 +107,19 @@ class TableCopy:
         """Close the input."""
         self._source.close()
 
+    def _opened(self, part: Part) -> TableFile:
+        file = open_part(part, size("chunk_rows"), True)
+        with closed_on_failure(file):
+            if self.read.changes_rows:
+                from nlosctl.io.row_steps.added_steps import add_row_steps
+
+                add_row_steps(file, self.read, part.name)
+        return file
+
     def _scene(self) -> Scene:
-        scene = find_scene(self.scene_file, self._source.metadata, self.given.path)
-        return scene if self.frame is None else replace(scene, frame=self.frame)
+        scene_file = self.read.scene if isinstance(self.read.scene, str) else None
+        scene = find_scene(scene_file, self._source.metadata, self.given.path)
+        return scene if self.read.frame is None else replace(scene, frame=self.read.frame)
 
     def _types(self, source: TableFile) -> dict[str, Any]:
         """Return the contract's types of the columns: those of a table of results, else of a kind of measurements.

@@ -24,6 +24,8 @@ __all__ = ["PlaneCoordinates"]
 class PlaneCoordinates:
     """A `Step` that adds x and y in the plane ``frame``, which may be set after `request` but before `apply`."""
 
+    replaces: Sequence[str] = ()
+
     def __init__(self, pairs: Sequence[CoordinateColumns], frame: EarthFrame | None) -> None:
         self._pairs, self.frame = tuple(pairs), frame
         self.names: tuple[str, ...] = tuple(name for pair in pairs for name in (pair.x, pair.y))
@@ -66,7 +68,7 @@ class PlaneCoordinates:
     def set_first_frame(self, file: TableFile, name: str) -> None:
         """Set the plane that touches the earth at the first location in the file; raise DataError without one."""
         pair = self._pairs[0]
-        for batch in file.peek():
+        for batch in file.peek(without=self):
             lat, lon = _degrees(batch.table, pair.lat), _degrees(batch.table, pair.lon)
             usable = np.flatnonzero((np.abs(lat) <= 90.0) & (lon >= -180.0) & (lon <= 360.0))
             if usable.shape[0]:

@@ -24,7 +24,7 @@ from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_input
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
 
-__all__ = ["Chunk", "MeasurementReader", "ReadReport"]
+__all__ = ["Chunk", "MeasurementReader", "ReadReport", "refuse_no_rows"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,6 +136,9 @@ class MeasurementReader:
             if self.report.rows_in_all == rows_before and self._only is None:
                 raise DataError(f"{given.name}: no rows: the file has columns only")
         self._tally.log.raise_if_stopping()
+        if self._only is None:
+            refuse_no_rows(self._inputs, self.report.rows_taken, self.report)
+            self.report.remarks += self.report.unused_remarks()
         if self.report.snapshots_lost:
             self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
 
@@ -176,14 +179,22 @@ class MeasurementReader:
         return self._rows(part, RowTally(log=ProblemLog(lambda rows: None)))
 
     def _end_id(self, part: Part, index: int) -> Any:
-        """See PartBoundaries: None if bad rows are set aside, since the row at the end may be one of them."""
-        if self.sets_bad_rows_aside or SNAPSHOT not in self.schema.names:
+        """See PartBoundaries: None if rows are left out or set aside, since the row at the end may be one of them."""
+        if self.sets_bad_rows_aside or self.options.drops_rows or SNAPSHOT not in self.schema.names:
             return None
         value = parquet_end_value(part, self.options.columns.get(SNAPSHOT, SNAPSHOT), index)
         if value is None:
             return None
         kind = id_type(self.schema)
         return pa.scalar(str(value) if pa.types.is_string(kind) else int(value), kind)
+
+
+def refuse_no_rows(inputs: Sequence[Input], rows: int, report: ReadReport) -> None:
+    """Raise DataError if none of the ``rows`` of all inputs is left by the options of reading."""
+    if not rows and report.unused_rows:
+        from nlosctl.io.row_steps.unused_rows import no_rows_left
+
+        raise DataError(no_rows_left(inputs[0].name, report.unused_rows))
 
 
 class _Snapshots:

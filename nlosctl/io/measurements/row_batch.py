@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,8 +16,9 @@ from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
+from nlosctl.io.measurements.bad_rows import log_bad_rows
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
-from nlosctl.io.measurements.row_checks import Fault, ProblemLog, ValueChecks, bad_rows_of, is_null, null_mask
+from nlosctl.io.measurements.row_checks import Fault, ProblemLog, ValueChecks, is_null, null_mask
 from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots, id_type
@@ -122,6 +124,7 @@ class ReadReport:
     ``rows`` are good (``left_out_rows`` of them are flagged by an earlier step), ``bad_rows`` are not.
     ``snapshots`` have been returned; all rows of ``snapshots_lost`` are bad. ``rows_by_file`` counts good and bad rows.
     ``rejoined`` are the snapshots across parts that may be several, see `nlosctl.io.measurements.returned_ids`.
+    ``unused_rows`` counts the rows left out by an option of reading, by its name.
     """
 
     rows: int = 0
@@ -131,12 +134,26 @@ class ReadReport:
     snapshots_lost: int = 0
     rows_by_file: dict[str, int] = field(default_factory=dict)
     rejoined: list[str] = field(default_factory=list)
+    unused_rows: Counter[str] = field(default_factory=Counter)
     remarks: list[str] = field(default_factory=list)
 
     @property
-    def rows_in_all(self) -> int:
-        """The number of rows, good and bad."""
+    def rows_taken(self) -> int:
+        """The number of rows, good and bad, that no option leaves out."""
         return self.rows + self.bad_rows
+
+    @property
+    def rows_in_all(self) -> int:
+        """The number of rows: good, bad and left out by an option."""
+        return self.rows_taken + self.unused_rows.total()
+
+    def unused_remarks(self) -> list[str]:
+        """Return a line on the rows left out by options of reading, if there are any."""
+        if not self.unused_rows:
+            return []
+        from nlosctl.io.row_steps.unused_rows import unused_rows_remark
+
+        return [unused_rows_remark(self.unused_rows)]
 
 
 @dataclass(kw_only=True)
@@ -175,8 +192,9 @@ class RowConverter:
         self.checks.rows += batch.num_rows
         ids, faults = self._ids(batch)
         columns = self._columns(batch, faults)
-        bad = self._log_bad_rows(record_batch, faults)
-        self._count(batch.num_rows, 0 if bad is None else int(bad.sum()), len(record_batch.line_faults))
+        any_bad = record_batch.line_faults or record_batch.cell_faults or faults
+        bad = log_bad_rows(self._file, record_batch, faults, self._opened, self._tally.log) if any_bad else None
+        self._count(batch.num_rows, 0 if bad is None else int(bad.sum()), record_batch)
         self._tally.lost.add(ids, bad)
         rows = RowBatch(
             file=self._file,
@@ -189,10 +207,13 @@ class RowConverter:
         )
         return rows if bad is None else rows.filter(~bad)
 
-    def _count(self, rows: int, bad: int, bad_lines: int) -> None:
-        report = self._tally.report
+    def _count(self, rows: int, bad: int, batch: RecordBatch) -> None:
+        report, bad_lines = self._tally.report, len(batch.line_faults)
         report.rows += rows - bad
         report.bad_rows += bad + bad_lines
+        if batch.left_out:
+            report.unused_rows.update(batch.left_out)
+            rows += sum(batch.left_out.values())
         report.rows_by_file[self._file] = report.rows_by_file.get(self._file, 0) + rows + bad_lines
 
     def _table(self, batch: Any) -> Any:
@@ -276,21 +297,3 @@ class RowConverter:
                 cells = plain(batch.column(self._plan.mapped[name].name)).cast(pa.bool_())
                 out |= cells.fill_null(not leaves_out).to_numpy(zero_copy_only=False) == leaves_out
         return out
-
-    def _log_bad_rows(self, batch: RecordBatch, faults: Sequence[Fault]) -> BoolArray | None:
-        """Log each bad row with its first fault; return their mask (N,), or None if all rows are good."""
-        if not (batch.line_faults or batch.cell_faults or faults):
-            return None
-        first: dict[int, tuple[str, str]] = {}
-        for cell in batch.cell_faults:
-            first.setdefault(cell.index, (cell.column, cell.fault))
-        bad = np.zeros(batch.table.num_rows, dtype=np.bool_)
-        bad[list(first)] = True
-        wanted = self._tally.log.wanted()
-        for fault in faults:
-            for index in np.flatnonzero(fault.mask & ~bad)[:wanted].tolist():
-                first[index] = (self._opened.file_name_of.get(fault.column, fault.column), fault.describe(index))
-            bad |= fault.mask
-        rows = bad_rows_of(self._file, batch, self._opened.names, first)
-        self._tally.log.add(rows[:wanted], total=int(bad.sum()) + len(batch.line_faults))
-        return bad

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
 from nlosctl.errors import DataError, GatheredError, printable
 from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn
-from nlosctl.io.readers.base import RecordBatch, plain, text_at
+from nlosctl.io.readers.base import plain
 
 __all__ = [
     "SHOWN_PROBLEMS",
@@ -26,7 +26,6 @@ __all__ = [
     "ProblemLog",
     "ValueChecks",
     "as_float64",
-    "bad_rows_of",
     "got",
     "is_null",
     "null_mask",
@@ -115,31 +114,6 @@ class ProblemLog:
         hidden = self.total - len(lines)
         more = f"... and {hidden} more; " if hidden else ""
         return "\n".join([*lines, f"{more}{self.total} bad rows in all; {hint}"])
-
-
-def bad_rows_of(
-    file: str, batch: RecordBatch, names: Sequence[str], faults: Mapping[int, tuple[str, str]]
-) -> list[BadRow]:
-    """Return the bad rows of a batch in file order: those at the indices of ``faults``, and lines that are not rows.
-
-    ``names`` are the columns, ``faults`` the column and the message for each index.
-    """
-    rows = [
-        BadRow(
-            problem=Problem(file=file, row=line.row, line=line.line, column=None, fault=line.fault),
-            values={},
-            raw_line=line.text,
-        )
-        for line in batch.line_faults
-    ]
-    numbers = batch.row_numbers()
-    cells = batch.table if batch.text is None else batch.text
-    for index, (column, fault) in faults.items():
-        line = None if batch.lines is None else int(batch.lines[index])
-        problem = Problem(file=file, row=int(numbers[index]), line=line, column=column, fault=fault)
-        values = {name: text_at(cells.column(at), index) for at, name in enumerate(names)}
-        rows.append(BadRow(problem=problem, values=values))
-    return sorted(rows, key=lambda row: row.problem.row or 0)
 
 
 Describe = Callable[[int], str]

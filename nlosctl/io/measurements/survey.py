@@ -103,11 +103,12 @@ def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey
     """Open every file and check its columns and its scene; raise DataError or UsageError for a file that is wrong."""
     parts = [(given, part) for given in inputs for part in given.parts]
     first = parts[0][1]
-    survey, opened = _survey_first(*parts[0], options)
+    survey, opened, coordinates = _survey_first(*parts[0], options)
     with closed_on_failure(survey):
         survey.remarks += [remark for given in inputs for remark in given.remarks]
         names, schemas = [opened.own_names], [opened.schema]
-        for batch in islice(opened.file.peek(), 1):
+        survey.remarks += opened.file.remarks
+        for batch in islice(opened.file.peek(without=coordinates), 1):
             survey.remarks += _unit_remarks(batch, opened.plan.mapped, opened.file_name_of, first.name)
         survey.keep_or_close(opened, only=len(parts) == 1)
         for given, part in parts[1:]:
@@ -121,7 +122,9 @@ def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey
     return survey
 
 
-def _survey_first(given: Input, part: Part, options: InputOptions) -> tuple[InputSurvey, OpenTable]:
+def _survey_first(
+    given: Input, part: Part, options: InputOptions
+) -> tuple[InputSurvey, OpenTable, PlaneCoordinates | None]:
     """Open the first file, which determines the kind, the scene, and the plane on earth: the scene's, else its own."""
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
@@ -133,7 +136,7 @@ def _survey_first(given: Input, part: Part, options: InputOptions) -> tuple[Inpu
                 coordinates.set_first_frame(file, part.name)
             plane_of(coordinates.frame)  # raises an error if there is no such plane
             scene = replace(scene, frame=coordinates.frame)
-        return InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata), opened
+        return InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata), opened, coordinates
 
 
 def _open_next(given: Input, part: Part, options: InputOptions, survey: InputSurvey, first: Part) -> OpenTable:
@@ -191,6 +194,10 @@ def _planned(
     part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
     """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
+    if options.changes_rows:
+        from nlosctl.io.row_steps.added_steps import add_row_steps
+
+        add_row_steps(file, options, part.name)
     pairs = coordinate_columns(file.names, options.columns, part.name)
     coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
     if coordinates is not None:

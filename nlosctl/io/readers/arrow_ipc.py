@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -20,6 +20,8 @@ __all__ = ["ArrowReader"]
 
 class ArrowReader:
     """An Arrow IPC file, or streams one after the other."""
+
+    accepted_texts: Collection[str] = ()
 
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -59,7 +59,8 @@ class RecordBatch:
 
     ``rows`` (N,) are their numbers from 1 (None: consecutive from ``first_row``), ``lines`` (N,) the lines where they
     begin (None: not a text file). ``text`` holds the original cells where the reader converted text. Unreadable values
-    are null in ``table`` and listed in ``cell_faults``.
+    are null in ``table`` and listed in ``cell_faults``. ``origins`` has for a column made of several of the file that
+    of each row (N,). ``left_out`` counts rows that are not in the batch by the setting that leaves them out.
     """
 
     table: Any
@@ -69,6 +70,8 @@ class RecordBatch:
     text: Any = None
     cell_faults: Sequence[CellFault] = ()
     line_faults: Sequence[LineFault] = ()
+    origins: Mapping[str, Any] = field(default_factory=dict)
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     def row_numbers(self) -> IntArray:
         """Return the data row numbers (N,)."""
@@ -78,10 +81,14 @@ class RecordBatch:
 
 
 class FormatReader(Protocol):
-    """An open file of one format: ``names`` are its columns, ``metadata`` its key-value metadata."""
+    """An open file of one format: ``names`` are its columns, ``metadata`` its key-value metadata.
+
+    A column of numbers may consist of ``accepted_texts``: values that stand for a missing one.
+    """
 
     names: tuple[str, ...]
     metadata: Mapping[bytes, bytes]
+    accepted_texts: Collection[str]
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """Set the types of the contract's columns, and which columns to read (None: all); return the Arrow schema."""

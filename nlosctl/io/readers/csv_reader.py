@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import IO, Any
@@ -53,6 +53,7 @@ class CsvReader:
     """
 
     metadata: Mapping[bytes, bytes] = {}
+    accepted_texts: Collection[str] = ()
 
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
@@ -92,7 +93,7 @@ class CsvReader:
                 if self._types[name] == "integer":
                     self._hints[name] = f" as in the first {self._first.table.num_rows} rows"
             elif name in types:
-                refuse_wrong_column(cells, types[name], self._part.name, name)
+                refuse_wrong_column(cells, types[name], self._part.name, name, self.accepted_texts)
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
 
     def _survey(self, unknown: Sequence[str]) -> dict[str, ColumnType]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
@@ -96,6 +96,7 @@ class JsonLinesReader:
     """
 
     metadata: Mapping[bytes, bytes] = {}
+    accepted_texts: Collection[str] = ()
 
     def __init__(self, part: Part, batch_rows: int) -> None:
         self._part, self._batch_rows = part, batch_rows
@@ -158,7 +159,7 @@ class JsonLinesReader:
 
     def _refuse_wrong_column(self, name: str) -> None:
         rows = self._first.objects if self._first is not None else []
-        values = [row[name] for row in rows[:100] if row.get(name) is not None]
+        values = [row[name] for row in rows[:100] if row.get(name) is not None and row[name] not in self.accepted_texts]
         if self._types[name] not in ("number", "integer", "boolean") or self._contract[name] == "identifier":
             return
         _, faults = json_column(values, self._types[name], name, self._contract[name])

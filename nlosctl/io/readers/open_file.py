@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any, Protocol
@@ -27,9 +27,10 @@ _HEAD_BYTES = 4096
 
 
 class Step(Protocol):
-    """Adds the columns ``names`` to the rows of a file."""
+    """Adds the columns ``names`` to the rows of a file in place of ``replaces``, or leaves out rows."""
 
     names: tuple[str, ...]
+    replaces: Sequence[str]
 
     def request(
         self, types: Mapping[str, ColumnType], columns: list[str] | None
@@ -37,10 +38,10 @@ class Step(Protocol):
         """Return the types and columns (None: all) to read so that ``columns`` can be given."""
 
     def extend(self, schema: Any) -> Any:
-        """Return the Arrow schema with the added columns."""
+        """Return the Arrow schema with the added columns, without replaced ones."""
 
     def apply(self, batch: RecordBatch) -> RecordBatch:
-        """Return a batch with the added columns."""
+        """Return a batch with the added columns, without replaced ones."""
 
 
 class TableFile:
@@ -57,7 +58,16 @@ class TableFile:
     def add_step(self, step: Step) -> None:
         """Add a step after the others; call it before `start`."""
         self._steps.append(step)
-        self.names = (*self.names, *step.names)
+        self.names = (*(name for name in self.names if name not in step.replaces), *step.names)
+
+    def accept_texts(self, texts: Collection[str]) -> None:
+        """Do not refuse a column of numbers that contains nothing but these ``texts``, which a step handles."""
+        self._reader.accepted_texts = frozenset(texts)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the steps note on the file; call `start` first."""
+        return [remark for step in self._steps for remark in getattr(step, "remarks", ())]
 
     def start(self, types: Mapping[str, ColumnType], columns: Sequence[str] | None) -> Any:
         """Set the types of the contract's columns, and which columns to read (None: all); return the Arrow schema."""
@@ -80,14 +90,14 @@ class TableFile:
         """
         return map(self._with_steps, self._rows) if self._steps else self._rows
 
-    def peek(self) -> Iterator[RecordBatch]:
-        """Yield rows without the columns of the last step; `batches` yields them again."""
+    def peek(self, without: Step | None = None) -> Iterator[RecordBatch]:
+        """Yield rows without the columns of the step ``without``, the last one; `batches` yields them again."""
         seen: list[RecordBatch] = []
         rows, self._rows = self._rows, chain(seen, self._rows)
         for batch in rows:
             seen.append(batch)
-            for step in self._steps[:-1]:
-                batch = step.apply(batch)
+            for step in self._steps:
+                batch = batch if step is without else step.apply(batch)
             yield batch
 
     def _with_steps(self, batch: RecordBatch) -> RecordBatch:

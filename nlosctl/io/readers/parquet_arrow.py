@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
@@ -148,6 +148,8 @@ def _parquet_metadata(path: Location, size: int, modified: int) -> Any:
 
 class ParquetReader:
     """A Parquet file, read in batches of any size, independent of its row groups."""
+
+    accepted_texts: Collection[str] = ()
 
     def __init__(self, part: Part, batch_rows: int, use_threads: bool) -> None:
         self._part, self._batch_rows, self._use_threads = part, batch_rows, use_threads

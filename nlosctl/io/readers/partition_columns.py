@@ -23,6 +23,8 @@ class PartitionColumns:
     A value is an integer if it is written as one, else text; a column of the contract has the contract's type.
     """
 
+    replaces: Sequence[str] = ()
+
     def __init__(self, part: Part, file_names: Sequence[str]) -> None:
         self._file = part.name
         self._texts = {name: text for name, text in part.keys if name not in file_names}

@@ -6,7 +6,7 @@ import bz2
 import gzip
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import IO, Any, Literal, cast
 
 import numpy as np
@@ -166,10 +166,14 @@ def wider_type(one: ColumnType | None, other: ColumnType | None) -> ColumnType |
     return "number" if {one, other} == {"integer", "number"} else "text"
 
 
-def refuse_wrong_column(cells: Any, wanted: ColumnType, file: str, column: str) -> None:
-    """Raise DataError if there are several ``cells`` and none of them fits the contract's type."""
+def refuse_wrong_column(
+    cells: Any, wanted: ColumnType, file: str, column: str, accepted_texts: Collection[str] = ()
+) -> None:
+    """Raise DataError if there are several ``cells`` and none fits the contract's type or is an accepted text."""
     if wanted in ("text", "identifier"):
         return
+    if accepted_texts:
+        cells = cells.filter(pc.invert(pc.is_in(_trimmed(cells), value_set=pa.array(sorted(accepted_texts)))))
     for some in (cells.slice(0, _TRIED), cells):
         if len(some) - some.null_count < _FEWEST_WRONG or len(convert_text(some, wanted, column)[0].drop_null()):
             return

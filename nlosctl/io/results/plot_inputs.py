@@ -8,6 +8,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import IO, Any
 
@@ -107,8 +108,11 @@ class PlotSnapshot:
     file_columns: Columns = field(default_factory=dict)
 
 
-def open_plot_input(source: Input, scene_file: str | None, kind: str | None = None) -> PlotInput:
-    """Return the content of an input, detected from its columns; raises DataError if it can't be read."""
+def open_plot_input(source: Input, read: InputOptions) -> PlotInput:
+    """Return the content of an input, detected from its columns; raises DataError if it can't be read.
+
+    Options that change rows are for measurements; other contents are read as they are.
+    """
     spool = None
     if source.parts[0].stream is not None:
         spool = _spooled(source)
@@ -116,14 +120,18 @@ def open_plot_input(source: Input, scene_file: str | None, kind: str | None = No
     else:
         opened = source
     file = open_part(opened.parts[0], 1024, False)
-    names, metadata = tuple(file.names), file.metadata
-    file.close()
-    content = result_table(names)
+    with closing(file):
+        content = result_table(file.names)
+        if read.changes_rows and content in (None, FLAGS):
+            from nlosctl.io.row_steps.added_steps import add_row_steps
+
+            add_row_steps(file, read, source.name)
+        names, metadata = tuple(file.names), file.metadata
     return PlotInput(
         content="measurements" if content is None or content is TRACE else content.name,
-        kind=kind or kind_of_columns(names),
+        kind=read.kind or kind_of_columns(names),
         names=names,
-        scene=find_scene(scene_file, metadata, opened.path),
+        scene=find_scene(read.scene if isinstance(read.scene, str) else None, metadata, opened.path),
         source=source,
         spool=spool,
     )

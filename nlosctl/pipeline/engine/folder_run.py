@@ -9,7 +9,7 @@ from typing import Any
 
 from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, MethodError, UsageError
-from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.measurements.reader import MeasurementReader, refuse_no_rows
 from nlosctl.io.parts.part_files import part_names, sliced
 from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.io.paths.inputs import Input
@@ -124,10 +124,11 @@ class FolderRun:
         return {part.name: part.path.stat().st_mtime_ns for part in parts if part.path is not None}
 
     def _count(self, records: Mapping[int, Mapping[str, Any]]) -> None:
-        report, remarks = self._run.report, list(self._run.reader.report.remarks)
+        report, read = self._run.report, self._run.reader.report
         for number in sorted(records):
             try:
                 report.take(records[number]["counts"])
+                read.unused_rows.update(records[number]["unused_rows"])
             except (KeyError, TypeError, ValueError, AttributeError) as error:
                 name = self._names[number]
                 raise DataError(
@@ -139,6 +140,8 @@ class FolderRun:
         for given, rows in zip(self._inputs, rows_by_group, strict=True):
             if not rows:
                 raise DataError(f"{given.name}: no rows: the files have columns only")
+        refuse_no_rows(self._inputs, sum(rows_by_group) - read.unused_rows.total(), read)
+        remarks = [*read.remarks, *read.unused_remarks()]
         lost = getattr(report, "snapshots_lost", 0)
         if lost:
             remarks.append(f"all rows of {lost} snapshots are bad: they are left out")

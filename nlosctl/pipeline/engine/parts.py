@@ -89,6 +89,7 @@ class PartWork:
         record = {
             "input": name,
             "rows": reader.report.rows_by_file.get(name, 0),
+            "unused_rows": dict(reader.report.unused_rows),
             "files": files,
             "counts": run.report.counts(),
             "span": span(),

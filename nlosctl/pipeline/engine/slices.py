@@ -13,7 +13,7 @@ from typing import Any, NoReturn, Protocol
 from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import MethodError, NlosctlError, UsageError
-from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.measurements.reader import MeasurementReader, refuse_no_rows
 from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.part_files import sliced
 from nlosctl.io.paths.inputs import Input
@@ -69,15 +69,21 @@ class SliceWork:
     start: Callable[[MeasurementReader], Run]
     positions: tuple[tuple[int, int], ...]
 
-    def make(self, number: int) -> tuple[list[ChunkTables], dict[str, Any], dict[str, int], dict[str, Any]] | None:
-        """Return the tables of a slice, its counts, the rows of its file and the span of its ids; None: a fault."""
+    def make(
+        self, number: int
+    ) -> tuple[list[ChunkTables], dict[str, Any], tuple[dict[str, int], dict[str, int]], dict[str, Any]] | None:
+        """Return the tables of a slice, its counts, the rows of its file (all, and unused), and the span of its ids.
+
+        None: a fault.
+        """
         reader = MeasurementReader(self.inputs, self.options, survey=self.survey, only=self.positions[number])
         run = self.start(reader)
         try:
             tables = list(run.tables())
         except NlosctlError:
             return None
-        return tables, run.report.counts(), reader.report.rows_by_file, dataclasses.asdict(reader.spans[0])
+        rows = reader.report.rows_by_file, dict(reader.report.unused_rows)
+        return tables, run.report.counts(), rows, dataclasses.asdict(reader.spans[0])
 
     def with_absolute_paths(self) -> SliceWork:
         """Return the same work for a process with another current folder."""
@@ -94,11 +100,12 @@ class SliceWork:
             for (group, _), result in zip(self.positions, results, strict=True):
                 if result is None:
                     raise SliceError
-                tables, counts, rows_by_file, span = result
+                tables, counts, (rows_by_file, unused_rows), span = result
                 order.add(group, span)
                 if spans is not None:
                     spans.append(span)
                 run.report.take(counts)
+                run.reader.report.unused_rows.update(unused_rows)
                 for name, count in rows_by_file.items():
                     rows[name] = rows.get(name, 0) + count
                 yield from tables
@@ -161,7 +168,8 @@ def _tables(
     rows = reader.report.rows_by_file
     if any(not sum(rows[part.name] for part in given.parts) for given in inputs):
         _solve_at_once(work, inputs)
-    run.add_notes(reader.report.remarks)
+    refuse_no_rows(inputs, sum(rows.values()) - reader.report.unused_rows.total(), reader.report)
+    run.add_notes([*reader.report.remarks, *reader.report.unused_remarks()])
 
 
 def _solve_at_once(work: SliceWork, inputs: Sequence[Input]) -> NoReturn:

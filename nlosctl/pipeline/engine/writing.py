@@ -128,6 +128,9 @@ class ChunkTables:
 def read_settings(options: InputOptions) -> dict[str, Any]:
     """Return the settings of reading that determine the results, without those that have their defaults."""
     settings = {"columns": options.columns, "constants": options.constants, "all_rows": options.all_rows}
+    settings |= {name: list(getattr(options, name)) for name in ("wide", "missing", "where")}
+    if options.declination_deg is not None:
+        settings["declination_deg"] = options.declination_deg
     return {name: value for name, value in settings.items() if value}
 
 
