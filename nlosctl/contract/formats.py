@@ -28,7 +28,7 @@ __all__ = [
     "formats_fault",
 ]
 
-FORMATS_VERSION = 2
+FORMATS_VERSION = 3
 """The version of this contract, incremented with every addition; a plugin states the version it was written for."""
 
 OLDEST_FORMATS_VERSION = 1
@@ -84,8 +84,9 @@ class ImporterSpec:
     ``reference`` is the document that defines the format, ``options`` a frozen dataclass whose fields
     (`nlosctl.contract.options.option`) are the parameters. ``rows(file, options)`` yields the rows of each snapshot
     consecutively, and a `BadLine` for each line with a fault; it raises DataError if the file cannot be used at all.
-    ``kind(options)`` is the kind of measurement, ``extra`` the types of columns that are not standard. The pattern
-    ``begins_like`` (a regular expression) matches the beginning of such a file, to name the importer in messages.
+    ``kind(options)`` is the kind of measurement, ``extra`` the types of columns that are not standard. A file is
+    recognized by the pattern ``begins_like`` (a regular expression), which matches the beginning of a line that only
+    its program writes: a header or any record. Files of arrays are recognized by one of the sets of names ``arrays``.
     """
 
     name: str
@@ -96,6 +97,7 @@ class ImporterSpec:
     rows: Callable[[ForeignFile, Any], Iterator[Row | BadLine]]
     extra: Mapping[str, ColumnType] = field(default_factory=dict)
     begins_like: str = ""
+    arrays: Sequence[Sequence[str]] = ()
     contract_version: int | None = None
 
     @property

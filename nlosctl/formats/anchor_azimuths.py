@@ -64,7 +64,7 @@ FORMAT = ImporterSpec(
     options=AnchorOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"(?=[^\n]*\btime_s\b)(?=[^\n]*\bsensor\b)(?=[^\n]*\bazimuth_deg\b)",
+    begins_like=r"(?![\d{<]|.*\bsnapshot\b)(?=.*\btime_s\b)(?=.*\bsensor\b)(?=.*\bazimuth_deg\b)",
     extra={"time_s": "number", "tag": "text"},
 )
 """The specification of the importer."""

@@ -142,7 +142,7 @@ FORMAT = ImporterSpec(
     options=KrakenOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"\s*\d{12,14}\s*,\s*-?[\d.]+\s*,(?:[^,\n]*,){3}\s*\w+\s*,",
+    begins_like=r"\d{12,14}\s*,\s*-?[\d.]+\s*,(?:\s*-?[\d.eE+-]+\s*,){3}\s*[A-Za-z]+\s*,\s*\d+\s*,",
     extra=EXTRA,
 )
 """The specification of the importer."""

@@ -62,7 +62,7 @@ FORMAT = ImporterSpec(
     options=KrakenOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r'[^\0]{0,999}"radioBearing"\s*:',
+    begins_like=r'.{0,300}?"(?:radioBearing|gpsBearing|tStamp)"\s*:',
     extra=EXTRA,
 )
 """The specification of the importer."""

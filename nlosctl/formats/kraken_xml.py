@@ -143,7 +143,7 @@ FORMAT = ImporterSpec(
     options=KrakenOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"[^\0]{0,999}<DATA>",
+    begins_like=r"(?:<(?!DATA>)[^>]*>\s*)*<DATA>",
     extra=EXTRA,
 )
 """The specification of the importer."""

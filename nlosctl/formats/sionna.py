@@ -231,6 +231,7 @@ FORMAT = ImporterSpec(
     options=SionnaOptions,
     kind=lambda options: str(options.kind),
     rows=_rows,
+    arrays=(_NEEDED, ("rx", "tx", "tau", "phi_r", "phi_t")),
     extra={"interactions": "integer"},
 )
 """The specification of the importer."""

@@ -81,7 +81,7 @@ FORMAT = ImporterSpec(
     options=UudfOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"[^\0]{0,999}\+UUDF:",
+    begins_like=r".{0,100}?\+UUDF:",
     extra={"tag": "text", "elevation_deg": "number", "rssi_dbm": "number", "channel": "integer", "time_s": "number"},
 )
 """The specification of the importer."""

@@ -89,7 +89,7 @@ FORMAT = ImporterSpec(
     options=UwbOptions,
     kind=lambda options: "ranges",
     rows=_rows,
-    begins_like=r"(?=[^\n]*\btime\b)(?=[^\n]*\banchor\b)(?=[^\n]*\brange\b)",
+    begins_like=r"(?![\d{<])(?=.*\btime\b)(?=.*\banchor\b)(?=.*\brange\b)",
     extra={"time_s": "number", "tag": "text"},
 )
 """The specification of the importer."""

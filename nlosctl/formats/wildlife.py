@@ -87,6 +87,6 @@ FORMAT = ImporterSpec(
     options=WildlifeOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"(?=[^\n]*\bGID\b)(?=[^\n]*\bEasting\b)(?=[^\n]*\bNorthing\b)(?=[^\n]*\bAzimuth\b)",
+    begins_like=r"(?![\d{<])(?=.*\bGID\b)(?=.*\bEasting\b)(?=.*\bNorthing\b)(?=.*\bAzimuth\b)",
 )
 """The specification of the importer."""

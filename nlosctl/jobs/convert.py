@@ -29,11 +29,12 @@ __all__ = ["ConversionReport", "convert"]
 
 @dataclass(frozen=True, kw_only=True)
 class ConversionReport:
-    """Rows written, bad rows set aside, whether the output format cannot store the scene, and remarks."""
+    """Rows written, bad rows set aside, whether the output format cannot store the scene, importer, and remarks."""
 
     rows: int
     bad_rows: int
     loses_scene: bool
+    importer: str | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -45,6 +46,7 @@ class _Source:
     schema: Any
     metadata: dict[str, str]
     log: ProblemLog
+    importer: str | None = None
     notes: tuple[str, ...] = ()
     unused_rows: Counter[str] = field(default_factory=Counter)
 
@@ -112,7 +114,11 @@ def convert(
                 rows += table.num_rows
     unused = [unused_rows_remark(source.unused_rows)] if source.unused_rows else []
     return ConversionReport(
-        rows=rows, bad_rows=source.log.total, loses_scene=loses_scene, notes=(*source.notes, *unused)
+        rows=rows,
+        bad_rows=source.log.total,
+        loses_scene=loses_scene,
+        importer=source.importer,
+        notes=(*source.notes, *unused),
     )
 
 
@@ -137,14 +143,20 @@ def _imported(
         bad_rows=bad_row_writer(write, (), outputs, paths),
     )
     imported = job.read(name)
-    content = {"importer": importer, "parameters": parameters, "inputs": [{"name": hide_secrets(name)}]}
+    content = {"importer": imported.importer, "parameters": parameters, "inputs": [{"name": hide_secrets(name)}]}
     metadata = file_metadata("convert", content, imported.scene)
     tables, schema, unused_rows = iter([imported.table]), imported.table.schema, Counter[str]()
     if read.changes_rows:
         copy = TableCopy(dataclasses.replace(input_of_table(imported.table), name=hide_secrets(name)), read)
         tables, schema, unused_rows = copy.tables(), copy.schema, copy.unused_rows
     yield _Source(
-        tables=tables, schema=schema, metadata=metadata, log=job.log, notes=imported.notes, unused_rows=unused_rows
+        tables=tables,
+        schema=schema,
+        metadata=metadata,
+        log=job.log,
+        importer=imported.importer,
+        notes=imported.notes,
+        unused_rows=unused_rows,
     )
 
 

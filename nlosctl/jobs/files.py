@@ -80,7 +80,7 @@ def naming_importer(inputs: Sequence[str] | Sequence[Input]) -> Iterator[None]:
     try:
         yield
     except (DataError, UsageError) as error:
-        from nlosctl.pipeline.convert.importer import import_hint
+        from nlosctl.pipeline.convert.recognition import import_hint
 
         names = [given if isinstance(given, str) else given.parts[0].path for given in inputs]
         hint = import_hint([str(name) for name in names if name is not None])

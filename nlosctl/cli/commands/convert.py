@@ -33,7 +33,7 @@ def convert(
             metavar="NAME",
             autocompletion=complete_importer,
             rich_help_panel="Input",
-            help="Importer of another program's file; default: the input is a table.",
+            help="Importer of another program's file, or auto; default: a table.",
         ),
     ] = None,
     target: Annotated[
@@ -103,7 +103,8 @@ def convert(
         )
     terminal = Terminal(quiet)
     bad = f", {report.bad_rows} bad row{'s' if report.bad_rows > 1 else ''} set aside" if report.bad_rows else ""
-    terminal.note(f"{inputs[0]}: {report.rows} rows{bad}")
+    by = f" (importer {report.importer})" if report.importer else ""
+    terminal.note(f"{inputs[0]}: {report.rows} rows{bad}{by}")
     for note in report.notes:
         terminal.note(f"note: {note}")
     if report.loses_scene and write.scene_out is None:

@@ -56,8 +56,8 @@ def complete_scenario(incomplete: str) -> list[Offer]:
 
 
 def complete_importer(incomplete: str) -> list[Offer]:
-    """Offer the importers of other programs' files."""
-    return _formats("import", incomplete)
+    """Offer the importers of other programs' files, and ``auto``."""
+    return [*_starting(incomplete, [("auto", "by content")]), *_formats("import", incomplete)]
 
 
 def complete_exporter(incomplete: str) -> list[Offer]:

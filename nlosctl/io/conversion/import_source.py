@@ -6,11 +6,13 @@ import re
 import shutil
 import sys
 import tempfile
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import IO, Any
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from nlosctl.contract.formats import BadLine, Row
 from nlosctl.contract.tables import ColumnType, Table
@@ -19,7 +21,7 @@ from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.locations import Location, location, near_name, require_utf8
 
-__all__ = ["cut_epochs_remark", "import_path", "imported_table", "open_import"]
+__all__ = ["array_names", "cut_epochs_remark", "import_path", "imported_table", "open_import"]
 
 _IN_MEMORY_BYTES = 64 << 20
 
@@ -53,6 +55,21 @@ def open_import(name: str) -> Iterator[IO[bytes]]:
             yield spooled
     except OSError as error:
         raise DataError(f"{name}: can't be read: {error.strerror or error}") from error
+
+
+def array_names(stream: IO[bytes]) -> list[str] | None:
+    """Return the names of the arrays of an NPZ file or the columns of a Parquet file; None for any other file."""
+    head = stream.read(4)
+    stream.seek(0)
+    try:
+        if head == b"PK\x03\x04":
+            with zipfile.ZipFile(stream) as archive:
+                return [name.removesuffix(".npy") for name in archive.namelist()]
+        if head == b"PAR1":
+            return list(pq.read_schema(stream).names)
+    except (zipfile.BadZipFile, pa.ArrowException, OSError, ValueError):
+        return []
+    return None
 
 
 def imported_table(

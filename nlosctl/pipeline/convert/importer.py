@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,51 +11,31 @@ from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import KINDS
-from nlosctl.errors import MethodError, NlosctlError, hide_secrets
+from nlosctl.errors import DataError, MethodError, NlosctlError, hide_secrets
 from nlosctl.io.conversion.import_source import cut_epochs_remark, import_path, imported_table, open_import
 from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
-from nlosctl.io.paths.locations import location
 from nlosctl.io.scenes.scene_file import find_scene
+from nlosctl.pipeline.convert.recognition import AUTO, choose_importer, import_hint, makers_of
 
-__all__ = ["Import", "Imported", "import_hint"]
-
-
-_HEAD_BYTES = 4096
+__all__ = ["Import", "Imported"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Imported:
-    """A table of measurements, its kind, its scene, and remarks on its snapshots."""
+    """A table of measurements, its kind, its importer, its scene, and remarks on its snapshots."""
 
     table: Any
     kind: str
+    importer: str
     scene: Scene
     notes: tuple[str, ...] = ()
 
 
-def import_hint(names: Sequence[str]) -> str:
-    """Return which importer the first file of ``names`` looks like, for a message, or an empty text.
-
-    Only built-in importers and those of plugins that can be loaded are considered.
-    """
-    try:
-        path = location(names[0])
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES).decode("utf-8", "replace").removeprefix("\ufeff")
-    except (NlosctlError, OSError, IndexError):
-        return ""
-    for entry in registry.format_entries():
-        if entry.kind != "import":
-            continue
-        with suppress(NlosctlError):
-            spec = registry.load_format(entry)
-            if isinstance(spec, ImporterSpec) and spec.begins_like and re.match(spec.begins_like, head):
-                return f"; it looks like a file for the importer {spec.name!r}: convert it by `from` {spec.name}"
-    return ""
-
-
 class Import:
-    """Reads files by the importer ``name``; ``bad_rows`` takes lines that can't be read, else they are errors."""
+    """Reads files by the importer ``name`` (``auto``: the one that recognizes the file).
+
+    ``bad_rows`` takes lines that can't be read, else they are errors.
+    """
 
     def __init__(
         self,
@@ -68,30 +46,42 @@ class Import:
         frame: EarthFrame | None = None,
         bad_rows: BadRowSink | None = None,
     ) -> None:
-        spec = registry.resolve_format(name, "import")
-        assert isinstance(spec, ImporterSpec)  # noqa: S101 - what the registry says
-        self._spec = spec
-        self._options = parse_options(spec.options, parameters, f"importer {spec.name!r}")
+        self._name, self._parameters = name, parameters
         self._scene_file, self._frame = scene_file, frame
         self.log = ProblemLog(bad_rows)
+        if name != AUTO:
+            self._resolved(name)
+
+    def _resolved(self, name: str) -> tuple[ImporterSpec, Any]:
+        """Return the importer and its options; raises UsageError for an unknown one or invalid parameters."""
+        spec = registry.resolve_format(name, "import")
+        assert isinstance(spec, ImporterSpec)  # noqa: S101 - what the registry says
+        return spec, parse_options(spec.options, self._parameters, f"importer {spec.name!r}")
 
     def read(self, source: str) -> Imported:
         """Return a file (``-`` is stdin) as a table. Raises DataError, with the lines that do not fit."""
         scene = find_scene(self._scene_file, {}, import_path(source))
         if self._frame is not None:
             scene = replace(scene, frame=self._frame)
-        kind = self._spec.kind(self._options)
         name = "stdin" if source == "-" else hide_secrets(source)
         with open_import(source) as stream:
-            rows = self._rows(ForeignFile(name=name, stream=stream, scene=scene))
-            table = imported_table(rows, KINDS[kind], self._spec.extra, name, self.log)
-        has_grid = getattr(self._options, "window", None) not in (None, "all", "auto")
-        return Imported(table=table, kind=kind, scene=scene, notes=tuple(cut_epochs_remark(table) if has_grid else []))
+            chosen = self._name if self._name == AUTO else self._resolved(self._name)[0].name
+            spec, options = self._resolved(choose_importer(chosen, makers_of(stream, chosen), name))
+            kind = spec.kind(options)
+            rows = _rows(spec, options, ForeignFile(name=name, stream=stream, scene=scene))
+            try:
+                table = imported_table(rows, KINDS[kind], spec.extra, name, self.log)
+            except DataError as error:
+                raise type(error)(f"{error}{import_hint([source], spec.name)}") from error
+        has_grid = getattr(options, "window", None) not in (None, "all", "auto")
+        notes = tuple(cut_epochs_remark(table) if has_grid else [])
+        return Imported(table=table, kind=kind, importer=spec.name, scene=scene, notes=notes)
 
-    def _rows(self, file: ForeignFile) -> Iterator[Row | BadLine]:
-        try:
-            yield from self._spec.rows(file, self._options)
-        except (NlosctlError, OSError):
-            raise
-        except Exception as error:
-            raise MethodError(f"importer {self._spec.name!r} failed: {type(error).__name__}: {error}") from error
+
+def _rows(spec: ImporterSpec, options: Any, file: ForeignFile) -> Iterator[Row | BadLine]:
+    try:
+        yield from spec.rows(file, options)
+    except (NlosctlError, OSError):
+        raise
+    except Exception as error:
+        raise MethodError(f"importer {spec.name!r} failed: {type(error).__name__}: {error}") from error
