@@ -101,7 +101,7 @@ def _learn(
         options=reader.options,
         survey=reader.survey(),
         jobs=options.jobs,
-        engine=None if options.engine == "local" else _cluster(options),
+        engine=None if options.scheduler is None else _cluster(options),  # processes serve as well as a local cluster
         ignores_bad_rows=write.bad_rows is not None,
     )
     return learn_options(runs, reader.kind, reader.scene, options, passes, destination.console.detail)

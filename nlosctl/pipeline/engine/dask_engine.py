@@ -88,7 +88,7 @@ class _Watched:
                 if future.status == "error":
                     raise  # the task's own
                 if future.status != "pending":  # else its worker was lost with the result, and it is repeated
-                    raise self._lost("the Dask scheduler does not answer") from error
+                    raise self._silent(self._unanswering()) from error
             except (CancelledError, self.distributed.comm.CommClosedError) as error:
                 raise self._lost("the connection to the Dask scheduler was lost") from error
             except self.distributed.scheduler.KilledWorker as error:
@@ -115,6 +115,14 @@ class _Watched:
                 alive, signs = answered, now
             if answered > alive + self.timeout_s:
                 raise self._silent("no Dask worker answers" if workers else "no Dask worker is left")
+
+    def _unanswering(self) -> str:
+        """Return who does not send a result that is there."""
+        try:
+            self._workers(min(self.timeout_s, _SECONDS_TO_ANSWER))
+        except (TimeoutError, OSError, AttributeError):
+            return "the Dask scheduler does not answer"
+        return "no Dask worker answers"
 
     def _workers(self, timeout_s: float) -> dict[str, dict[str, Any]]:
         workers: dict[str, dict[str, Any]] = self.client.sync(
