@@ -1,8 +1,9 @@
 """Is a fix with status `ok` worth its covariance? Every method that estimates positions, over random geometry.
 
 Prints the table of docs/reliability.md: ``python benchmarks/coverage.py [SNAPSHOTS]`` (default 2000 for each row), and
-the tables of docs/outliers.md on a wrong ``alpha`` and std: ``python benchmarks/coverage.py prices``. It uses the
-functions of the package alone, so that another checkout can be measured: ``PYTHONPATH=CHECKOUT python ...``.
+the tables of docs/outliers.md on a wrong ``alpha`` and std (``python benchmarks/coverage.py prices``) and on estimated
+shares (``python benchmarks/coverage.py shares``; SNAPSHOTS times two rows). It uses the functions of the package alone,
+so that another checkout can be measured: ``PYTHONPATH=CHECKOUT python ...``.
 """
 
 from __future__ import annotations
@@ -147,8 +148,25 @@ def price_lines(snapshots: int) -> Iterator[str]:
         yield f"| {share:g} | " + " | ".join(cells(share, 0.25, factor) for factor in (0.25, 0.5, 1.0, 2.0, 4.0)) + " |"
 
 
+def share_lines(snapshots: int) -> Iterator[str]:
+    """Yield rows of shares by ``alpha=estimate``, first with the region given, then with the default region."""
+    for share in (0.0, 0.1, 0.25, 0.4, 0.5):
+        cells = []
+        for sensors in (3, 4, 5, 8, 15):
+            world = {"sensors": sensors, "mirrors": 0, "bearing_std_deg": (2.0, 2.0), "outlier_fraction": share}
+            table = nlosctl.simulate("random", trials=2 * snapshots // sensors, seed=1, **world)
+            true = 1.0 - np.mean(table["truth_los"].to_pylist())
+            found = (
+                nlosctl.localize(table, method="mixture-ml", alpha="estimate", field=region).report.learned
+                for region in (_SQUARE, "sensors:1")
+            )
+            given, default = (learned["mixture-ml"].values["alpha"] for learned in found)
+            cells.append(f"{true:.3f}: {given:.3f} / {default:.3f}")
+        yield f"| {share:g} | " + " | ".join(cells) + " |"
+
+
 if __name__ == "__main__":
-    wanted = price_lines if "prices" in sys.argv else lines
+    wanted = price_lines if "prices" in sys.argv else share_lines if "shares" in sys.argv else lines
     number = next((int(word) for word in sys.argv[1:] if word.isdigit()), 2000)
     for line in wanted(number):
         print(line, flush=True)

@@ -36,6 +36,10 @@ __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 _CHANCE = 2
 """So many rows always agree: whether there is a source can't be known."""
 
+_FURTHER_NATS = 1.0
+"""Of a fix that leaves out a row the rivals' mass counts so much beyond ``ambiguous_within``: then half a per cent of
+the ok fixes of five sensors are absurd with a quarter of outliers."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RangeMixtureOptions(OutlierOptions, MixtureModeOptions):
@@ -90,6 +94,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     evidence = model.log_evidence(fixes.cost[:, 0], at_best, best)
     further = {
         Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > _CHANCE),
+        Status.AMBIGUOUS: model.rivalled(fixes, options.ambiguous_within + _FURTHER_NATS),
         Status.DEGENERATE: model.uncertain(x, y, fixes.covariance.at(slice(None), 0)),
         Status.INFEASIBLE: np.any(model.circles.unseen(x, y) & (at_best > 0.5), axis=1),
     }

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
-from nlosctl.geometry.blocks import rows_of
+from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.initial_estimates import Mode
@@ -18,7 +18,7 @@ from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["Rival", "find_rival", "log_evidence", "loose_odds", "outlier_gain", "rival_mass"]
+__all__ = ["Rival", "bonus_of_agreement", "find_rival", "log_evidence", "loose_odds", "outlier_gain", "rival_mass"]
 
 _BEYOND_EDGE = 2.0
 """A fix on the edge of the search region stays if the mode outside is at most this many nats more likely."""
@@ -34,6 +34,12 @@ _LEVERAGE = 0.5
 
 _MOST_GAIN = 50.0
 """More than so many nats are as good as certain."""
+
+_SELDOM = 0.015
+"""Rows that all agree by chance with a smaller probability need less evidence, with a larger one more."""
+
+_LESS_EVIDENCE = 2.8
+"""So much less in nats at most."""
 
 
 def outlier_gain(field_of_view_rad: float) -> float:
@@ -73,15 +79,30 @@ def log_evidence(
     return evidence + np.where(share < 0.0, share, 0.0)
 
 
-def rival_mass(fixes: RankedFixes, area_m2: FloatArray) -> FloatArray:
+def bonus_of_agreement(mixture: Mixture, probability: FloatArray, log_chance: FloatArray) -> FloatArray:
+    """Return by how much the `log_evidence` (B,) grows if no row is an outlier, less what is not needed then, in nats.
+
+    ``probability`` (B, K): that the rows, one of each sensor, are direct. ``log_chance`` (B,) is the logarithm of the
+    mean probability that a row agrees with a position by chance: all rows beyond two do so the more seldom, the less
+    evidence is needed for as few of such snapshots to have a consensus.
+    """
+    with ignoring_division():
+        gain = sum_measurements(np.log(probability)) - mixture.count * np.log1p(-mixture.obstructed)
+    seldom = np.minimum(2.0 * (log(_SELDOM) - (mixture.count - _CHANCE) * log_chance), _LESS_EVIDENCE)
+    return np.asarray(gain + seldom)
+
+
+def rival_mass(fixes: RankedFixes, area_m2: FloatArray, gain: FloatArray | float = 1.0) -> FloatArray:
     """Return the posterior mass (B,) of all other modes of each snapshot in units of the best's: peaks times volumes.
 
-    A volume is at most the area (B,) of the search region.
+    A volume is at most the area (B,) of the search region. Outliers are rarer by ``gain`` than in the fixes' costs.
     """
     count = fixes.cost.shape[1]
+    log_gain = np.broadcast_to(np.log(gain), area_m2.shape)[:, None]
     with ignoring_overflow():
         volume = np.minimum(tau * np.sqrt(fixes.covariance.determinant), area_m2[:, None])
-        mass = np.exp(fixes.cost[:, :1] - fixes.cost) * volume / volume[:, :1]
+        mass = np.exp(fixes.cost[:, :1] - fixes.cost + (fixes.n_used - fixes.n_used[:, :1]) * log_gain)
+        mass *= volume / volume[:, :1]
     total = np.zeros(area_m2.shape)
     for t in range(1, count):
         total += np.where(mass[:, t] > 0.0, mass[:, t], 0.0)

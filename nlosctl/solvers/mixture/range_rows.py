@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from math import log, pi, sqrt
+from math import exp, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,12 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
-from nlosctl.solvers.mixture.consensus import log_evidence
+from nlosctl.solvers.mixture.consensus import bonus_of_agreement, log_evidence, rival_mass
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
 from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
+from nlosctl.solvers.mixture.ranked_estimates import RankedFixes
 from nlosctl.solvers.optimization.problem import RowDerivatives
 from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_by_circle, pairs_by_circle
 
@@ -36,6 +37,10 @@ _ON_SENSOR = 1e-6
 
 _PLAUSIBLE_SHARE = 0.25
 """The share of the default search region, which is generous, in which a source is expected."""
+
+_WITHIN_STDS = 6.0
+"""A row agrees with a position by chance if it is in an interval of so many standard deviations about the distance, out
+of the side of the area in which a source is expected."""
 
 _NO_OUTLIER = 1e-30
 """The share of outliers with bias=none, which keeps the likelihood above zero far from a range."""
@@ -107,16 +112,39 @@ class RangeOutlierModel:
         """Return the logarithm of the evidence of modes (B,) over that of "no source", in nats.
 
         Without a source a range is anything up to the longest of the snapshot. That is denser than over the diagonal of
-        the search region, and holds for the outliers of a source too, apart from late ones.
+        the search region, and holds for the outliers of a source too, apart from late ones. It is the evidence that no
+        row is an outlier, with the `bonus_of_agreement`, where that is more.
         """
-        longest = np.maximum(max_measurements(self.circles.range_m), np.finfo(np.float64).tiny)
-        gain = np.minimum(np.exp(self.log_density) * longest, 1.0)
+        gain = self._gain()
         if self.mixture.outliers is None:
-            return log_evidence(self.mixture, cost, probability, hessian, self.area_m2, gain)
-        no_source = self.mixture.count * (self.log_density - np.log(gain))
-        evidence = log_evidence(self.mixture, cost, probability, hessian, self.area_m2)
-        evidence += self.mixture.log_nlos - no_source
-        return evidence
+            evidence = log_evidence(self.mixture, cost, probability, hessian, self.area_m2, gain)
+            gain = gain[:, None]
+            probability = gain * probability / (1.0 + (gain - 1.0) * probability)
+        else:
+            no_source = self.mixture.count * (self.log_density - np.log(gain))
+            evidence = log_evidence(self.mixture, cost, probability, hessian, self.area_m2)
+            evidence += self.mixture.log_nlos - no_source
+        if self.mixture.last is not None:  # of several paths of a sensor all but one are outliers
+            return evidence
+        log_width = sum_measurements(np.log(_WITHIN_STDS * self.circles.std_m)) / self.mixture.count
+        log_chance = log_width - 0.5 * np.log(self.area_m2)
+        return np.maximum(evidence, evidence + bonus_of_agreement(self.mixture, probability, log_chance))
+
+    def rivalled(self, fixes: RankedFixes, within: float) -> BoolArray:
+        """Return which best fixes (B,) leave out a row although other modes have exp(-``within``) of their mass.
+
+        A late range widens its own posterior (`LateRanges`): there are no other modes to weigh.
+        """
+        if self.mixture.outliers is not None:
+            return np.zeros(self.area_m2.shape, dtype=bool)
+        sensors = self.mixture.count if self.mixture.last is None else np.count_nonzero(self.mixture.last, axis=1)
+        rivals = rival_mass(fixes, self.area_m2, self._gain()) >= exp(-within)
+        return np.asarray(rivals & (fixes.n_used[:, 0] < sensors))
+
+    def _gain(self) -> FloatArray:
+        """Return by how much outliers (B,) are rarer if they are anything up to the longest range: at most 1."""
+        longest = np.maximum(max_measurements(self.circles.range_m), np.finfo(np.float64).tiny)
+        return np.asarray(np.minimum(np.exp(self.log_density) * longest, 1.0))
 
     def uncertain(self, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix) -> BoolArray:
         """Return which fixes (B,) are degenerate: on a sensor, or a standard deviation beyond the farthest."""
