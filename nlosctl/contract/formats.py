@@ -37,11 +37,15 @@ OLDEST_FORMATS_VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class ForeignFile:
-    """A file of another program: its name for messages, its bytes and its scene."""
+    """A file of another program: its name for messages, its bytes and its scene.
+
+    ``more`` are the further files of the run, for an importer that makes one table of ``several``.
+    """
 
     name: str
     stream: IO[bytes]
     scene: Scene
+    more: Sequence[ForeignFile] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +65,16 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class BadLine:
-    """A line with a fault: what was read and what was expected, the name of the column if known, and the text."""
+    """A line with a fault: what was read and what was expected, the name of the column if known, and the text.
+
+    ``file`` is the name of its file, if that is not the first one of the run.
+    """
 
     line: int
     fault: str
     column: str | None = None
     text: str = ""
+    file: str | None = None
 
 
 class UnfitError(Exception):
@@ -87,6 +95,7 @@ class ImporterSpec:
     ``kind(options)`` is the kind of measurement, ``extra`` the types of columns that are not standard. A file is
     recognized by the pattern ``begins_like`` (a regular expression), which matches the beginning of a line that only
     its program writes: a header or any record. Files of arrays are recognized by one of the sets of names ``arrays``.
+    With ``several`` it makes one table of all files of a run, and a folder is its files.
     """
 
     name: str
@@ -98,6 +107,7 @@ class ImporterSpec:
     extra: Mapping[str, ColumnType] = field(default_factory=dict)
     begins_like: str = ""
     arrays: Sequence[Sequence[str]] = ()
+    several: bool = False
     contract_version: int | None = None
 
     @property

@@ -1,4 +1,4 @@
-"""CSV of directions relative to each anchor's boresight, one per line, from any angle-of-arrival system."""
+"""Tables of directions relative to each anchor's boresight, one per line, from any angle-of-arrival system."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ from typing import Any, Literal
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
 from nlosctl.formats.anchors import anchor_values, anchors_of
+from nlosctl.formats.clock import TIME_TYPES, Clock
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
-from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number, read_table
+from nlosctl.formats.fields import number
+from nlosctl.formats.own_fields import OwnFieldOptions, OwnFields
+from nlosctl.formats.tables import Wide, open_table
 
 __all__ = ["FORMAT"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnchorOptions:
+class AnchorOptions(OwnFieldOptions):
     """Names of the columns, and settings that the file does not contain."""
 
-    time: str = option("time_s", meaning="column with the time in seconds")
+    time: str = option("time_s", meaning="column with the time in seconds, or as ISO 8601")
     sensor: str = option("sensor", meaning="column with the anchor's name, as in the scene")
-    azimuth: str = option("azimuth_deg", meaning="column with the direction from the boresight, in degrees")
+    azimuth: str = option(
+        "azimuth_deg", meaning="column with the direction from the boresight in degrees, or columns such as az_*"
+    )
     tag: str | None = option(None, meaning="column with the tag's name; each tag has its own snapshots")
     sense: Literal["clockwise", "counter-clockwise"] = option(
         "clockwise", meaning="positive sense of directions from the boresight, seen from above"
     )
     window: str = option("0.1s", meaning=WINDOW_MEANING)
-    keep: str | None = option(None, meaning=KEEP_MEANING)
     bearing_std_deg: float | None = option(
         None,
         meaning="standard deviation of every direction; otherwise set it in the next command",
@@ -39,32 +43,39 @@ class AnchorOptions:
 
 def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
     anchors = anchors_of(file)
-    keep = listed(options.keep)
-    wanted = [*keep, options.time, options.sensor, options.azimuth, *([options.tag] if options.tag else [])]
+    own, clock = OwnFields(options.group, options.keep), Clock()
+    wide = None
+    wanted = [*own.wanted, options.time, *([options.tag] if options.tag else [])]
+    if "*" in options.azimuth:
+        wide = Wide(pattern=options.azimuth, sensor=options.sensor, known=list(anchors))
+    else:
+        wanted += [options.sensor, options.azimuth]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
         angle = number(cells[options.azimuth], options.azimuth, -360.0, 360.0)
         clockwise = angle if options.sense == "clockwise" else -angle
-        time_s = number(cells[options.time], options.time)
+        epoch_s, time = clock.read(line, cells[options.time], options.time)
         values: dict[str, Any] = {
             **anchor_values(anchors, cells[options.sensor], clockwise, options.sensor),
             "bearing_std_deg": options.bearing_std_deg,
-            "time_s": time_s,
             "tag": cells[options.tag] if options.tag else None,
+            **time,
         }
-        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values, kept=kept_cells(cells, keep))
+        group = own.group(cells, values["tag"] or "")
+        return Row(line=line, epoch_s=epoch_s, group=group, values=values, kept=own.kept(cells))
 
-    yield from in_epochs(read_table(file, wanted, parse), parse_window(options.window, "importer 'anchor-azimuths'"))
+    rows = open_table(file).rows(wanted, parse, wide)
+    yield from in_epochs(rows, parse_window(options.window, "importer 'anchor-azimuths'"))
 
 
 FORMAT = ImporterSpec(
     name="anchor-azimuths",
-    summary="CSV of directions relative to each anchor's boresight, with the anchors in the scene",
+    summary="Tables (CSV, TSV, JSON Lines) of directions from each anchor's boresight; anchors in the scene",
     reference="this project, docs/formats.md",
     options=AnchorOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"(?![\d{<]|.*\bsnapshot\b)(?=.*\btime_s\b)(?=.*\bsensor\b)(?=.*\bazimuth_deg\b)",
-    extra={"time_s": "number", "tag": "text"},
+    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\btime_s\b)(?=.*\bsensor\b)(?=.*\bazimuth_deg\b)",
+    extra={**TIME_TYPES, "sensor_z_m": "number", "tag": "text"},
 )
 """The specification of the importer."""

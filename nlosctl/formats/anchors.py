@@ -36,5 +36,6 @@ def anchor_values(anchors: dict[str, Sensor], name: str, clockwise_deg: float, f
         "sensor": name,
         "sensor_x_m": anchor.position[0],
         "sensor_y_m": anchor.position[1],
+        "sensor_z_m": anchor.z_m,
         "azimuth_deg": (anchor.heading_deg + clockwise_deg) % 360.0,
     }

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 
 from nlosctl.contract.formats import BadLine, ForeignFile, Row, UnfitError
-from nlosctl.errors import DataError, did_you_mean
+from nlosctl.errors import DataError
 
-__all__ = [
-    "KEEP_MEANING",
-    "decoded",
-    "integer",
-    "kept_cells",
-    "lines",
-    "listed",
-    "number",
-    "read_header",
-    "read_table",
-    "take_apart",
-]
+__all__ = ["KEEP_MEANING", "decoded", "integer", "kept_cells", "lines", "listed", "number", "take_apart"]
 
 _LONGEST_LINE = 1 << 20
 _SHOWN = 60
@@ -74,52 +62,6 @@ def take_apart(numbered: Iterator[tuple[int, str]], parse: Callable[[int, str], 
                 yield row
 
 
-def read_header(file: ForeignFile) -> tuple[dict[str, int], Iterator[tuple[int, str]]]:
-    """Return the index of each column of a CSV, and the lines that follow; raise DataError if the file is empty."""
-    numbered = lines(file)
-    first = next(numbered, None)
-    if first is None:
-        raise DataError(f"{file.name}: no rows: the file is empty")
-    columns: dict[str, int] = {}
-    for index, name in enumerate(_header(first[1], file)):
-        if name.strip() in columns:
-            raise DataError(f"{file.name}: column {name.strip()!r} occurs twice; rename or drop one")
-        columns[name.strip()] = index
-    return columns, numbered
-
-
-def _header(text: str, file: ForeignFile) -> list[str]:
-    try:
-        return _cells(text)
-    except UnfitError as unfit:
-        raise DataError(f"{file.name}, line 1: the header can't be read: {unfit.fault}") from None
-
-
-def read_table(
-    file: ForeignFile, wanted: Sequence[str], parse: Callable[[int, Mapping[str, str]], Row | None]
-) -> Iterator[Row | BadLine]:
-    """Yield the results of ``parse(line, cells)`` for each row of a CSV, as `take_apart` does.
-
-    Raises DataError if the header lacks one of the columns ``wanted``.
-    """
-    columns, numbered = read_header(file)
-    for name in wanted:
-        if name not in columns:
-            known = ", ".join(known if known.isprintable() else repr(known) for known in columns)
-            raise DataError(
-                f"{file.name}: no column {name!r}{did_you_mean(name, columns)}. The file has: {known}; "
-                "set the column names with `parameters`"
-            )
-
-    def parse_line(line: int, text: str) -> Row | None:
-        cells = _cells(text)
-        if len(cells) != len(columns):
-            raise UnfitError(f"got {len(cells)} fields, expected {len(columns)} as in the header")
-        return parse(line, {name: cells[index].strip() for name, index in columns.items()})
-
-    yield from take_apart(numbered, parse_line)
-
-
 KEEP_MEANING = "further columns to copy as text, separated by commas"
 
 
@@ -166,10 +108,3 @@ def _within(what: str, low: float, high: float) -> str:
     if math.isfinite(low):
         return f"{what} of at least {low:g}"
     return what
-
-
-def _cells(text: str) -> list[str]:
-    try:
-        return next(csv.reader([text], skipinitialspace=True, strict=True))
-    except (csv.Error, StopIteration):
-        raise UnfitError("the quotes don't match") from None

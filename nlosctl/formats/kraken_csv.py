@@ -46,7 +46,7 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> list[Row | BadLine]:
     """Return the rows of a file, with the sense of its spectra unless the options specify one."""
     clockwise_rows: dict[int, Row] = {}
     senses: dict[int, bool] = {}
-    own = OwnFields(options)
+    own = OwnFields(options.group, options.keep)
 
     def parse(line: int, text: str) -> Row:
         fields = [field.strip() for field in text.split(",")]

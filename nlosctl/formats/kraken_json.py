@@ -27,7 +27,7 @@ def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
 
 
 def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
-    own = OwnFields(options)
+    own = OwnFields(options.group, options.keep)
 
     def parse(line: int, record: Mapping[str, Any]) -> Row:
         cells = cells_of(record)

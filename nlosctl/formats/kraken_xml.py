@@ -82,7 +82,7 @@ def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLi
             f"{file.name}, line {line}: contains a document type or an entity, expected neither; they are not supported"
         )
     text = _DECLARATION.sub(lambda found: "\n" * found[0].count("\n"), text)
-    readings, own, has_data = _Readings(), OwnFields(options), False
+    readings, own, has_data = _Readings(), OwnFields(options.group, options.keep), False
     try:
         for start in range(0, len(text) + 1, _PIECE):
             readings.parser.Parse(text[start : start + _PIECE], False)

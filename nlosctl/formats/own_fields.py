@@ -26,8 +26,8 @@ class OwnFieldOptions:
 class OwnFields:
     """Takes the fields of ``group`` and ``keep`` from records whose fields may differ from one to the next."""
 
-    def __init__(self, options: OwnFieldOptions) -> None:
-        self._by, self._keep = listed(options.group), listed(options.keep)
+    def __init__(self, group: str | None, keep: str | None) -> None:
+        self._by, self._keep = listed(group), listed(keep)
         self.wanted = [*self._by, *self._keep]
         self._known: dict[str, None] = {}
 

@@ -12,15 +12,20 @@ from nlosctl.errors import DataError
 from nlosctl.formats.anchors import anchor_values, anchors_of
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, in_rounds, parse_window
 from nlosctl.formats.fields import integer, lines, number, take_apart
+from nlosctl.formats.own_fields import OwnFieldOptions, OwnFields
 
 __all__ = ["FORMAT"]
 
 _EVENT = "+UUDF:"
-_FIELDS = (9, 10)
+_FIELDS = (
+    *("instance_id", "rssi_pol1", "angle_azimuth", "angle_elevation", "rssi_pol2", "channel", "anchor_id"),
+    *("user_defined_str", "timestamp_ms", "sequence_number"),
+)
+"""The names of the manual; the last one is absent in early versions."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class UudfOptions:
+class UudfOptions(OwnFieldOptions):
     """Settings that a log of angle events does not contain."""
 
     window: str = option(
@@ -39,6 +44,7 @@ class UudfOptions:
 
 def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
     anchors = anchors_of(file)
+    own = OwnFields(options.group, options.keep)
     events = 0
 
     def parse(line: int, text: str) -> Row | None:
@@ -48,12 +54,14 @@ def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
             return None
         events += 1
         fields = [field.strip() for field in next(csv.reader([text[start + len(_EVENT) :].replace("”", '"')]))]
-        if len(fields) not in _FIELDS:
+        if len(fields) not in (len(_FIELDS) - 1, len(_FIELDS)):
             raise UnfitError(f"got {len(fields)} fields after {_EVENT}, expected 9, or 10 with the sequence number")
+        cells = dict(zip(_FIELDS, fields, strict=False))
         return Row(
             line=line,
             epoch_s=number(fields[8], "timestamp_ms", 0.0) / 1e3,
-            group=fields[0],
+            group=own.group(cells, fields[0]),
+            kept=own.kept(cells),
             values={
                 **anchor_values(anchors, fields[6], number(fields[2], "angle_azimuth", -90.0, 90.0), "anchor_id"),
                 "bearing_std_deg": options.bearing_std_deg,
@@ -72,6 +80,7 @@ def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
         yield from in_epochs(rows, parse_window(options.window, "importer 'uudf'"))
     if not events:
         raise DataError(f"{file.name}: no line contains {_EVENT!r}; not a u-connectLocate log")
+    own.check(file)
 
 
 FORMAT = ImporterSpec(
@@ -82,6 +91,13 @@ FORMAT = ImporterSpec(
     kind=lambda options: "bearings",
     rows=_rows,
     begins_like=r".{0,100}?\+UUDF:",
-    extra={"tag": "text", "elevation_deg": "number", "rssi_dbm": "number", "channel": "integer", "time_s": "number"},
+    extra={
+        "tag": "text",
+        "sensor_z_m": "number",
+        "elevation_deg": "number",
+        "rssi_dbm": "number",
+        "channel": "integer",
+        "time_s": "number",
+    },
 )
 """The specification of the importer."""

@@ -11,8 +11,11 @@ from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row, Un
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.options import option
 from nlosctl.errors import UsageError
+from nlosctl.formats.clock import TIME_TYPES, Clock
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
-from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number, read_table
+from nlosctl.formats.fields import number
+from nlosctl.formats.own_fields import OwnFieldOptions, OwnFields
+from nlosctl.formats.tables import Wide, open_table
 
 __all__ = ["FORMAT"]
 
@@ -21,13 +24,13 @@ _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 
 @dataclass(frozen=True, kw_only=True)
-class UwbOptions:
+class UwbOptions(OwnFieldOptions):
     """Names of the columns, their units, and settings that the file does not contain."""
 
     time: str = option("time", meaning="column with the time")
     time_unit: Literal["s", "ms", "us", "ns"] = option("s", meaning="unit of the time")
     anchor: str = option("anchor", meaning="column with the anchor's name, as in the scene")
-    range: str = option("range", meaning="column with the range")
+    range: str = option("range", meaning="column with the range, or columns of one anchor each, such as dist_*")
     range_unit: Literal["m", "cm", "mm"] = option("m", meaning="unit of range and std; the variance is in its square")
     tag: str | None = option(None, meaning="column with the tag's name; each tag has its own snapshots")
     std: str | None = option(None, meaning="column with the standard deviation of a range")
@@ -40,23 +43,29 @@ class UwbOptions:
         exclusive=True,
     )
     window: str = option("0.1s", meaning=WINDOW_MEANING)
-    keep: str | None = option(None, meaning=KEEP_MEANING)
 
 
 def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
     if sum(value is not None for value in (options.std, options.variance, options.range_std_m)) > 1:
         raise UsageError("importer 'uwb' takes only one of the parameters std, variance and range_std_m")
-    optional = (options.tag, options.std, options.variance)
-    keep = listed(options.keep)
-    wanted = [*keep, options.time, options.anchor, options.range, *(name for name in optional if name)]
+    own, clock = OwnFields(options.group, options.keep), Clock(_SECONDS[options.time_unit])
     sensors = {sensor.name: sensor for sensor in file.scene.sensors}
     metres = _METRES[options.range_unit]
+    wide = None
+    if "*" in options.range:
+        wide = Wide(pattern=options.range, sensor=options.anchor, known=list(sensors))
+        if options.std is not None or options.variance is not None:
+            raise UsageError("importer 'uwb' with one column per anchor takes range_std_m, not std or variance")
+    optional = (options.tag, options.std, options.variance)
+    wanted = [*own.wanted, options.time, *(name for name in optional if name)]
+    if wide is None:
+        wanted += [options.anchor, options.range]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
         anchor = cells[options.anchor]
         if not anchor:
             raise UnfitError("empty, expected the name of the anchor", options.anchor)
-        time_s = number(cells[options.time], options.time) * _SECONDS[options.time_unit]
+        epoch_s, time = clock.read(line, cells[options.time], options.time)
         known = sensors.get(anchor)
         x, y = known.position if known is not None else (None, None)
         values: dict[str, Any] = {
@@ -66,12 +75,14 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
             "sensor_z_m": known.z_m if known is not None else None,
             "range_m": number(cells[options.range], options.range, 1e-9, LARGEST_NUMBER) * metres,
             "range_std_m": _std(cells, options, metres),
-            "time_s": time_s,
             "tag": cells[options.tag] if options.tag else None,
+            **time,
         }
-        return Row(line=line, epoch_s=time_s, group=values["tag"] or "", values=values, kept=kept_cells(cells, keep))
+        group = own.group(cells, values["tag"] or "")
+        return Row(line=line, epoch_s=epoch_s, group=group, values=values, kept=own.kept(cells))
 
-    yield from in_epochs(read_table(file, wanted, parse), parse_window(options.window, "importer 'uwb'"))
+    rows = open_table(file).rows(wanted, parse, wide)
+    yield from in_epochs(rows, parse_window(options.window, "importer 'uwb'"))
 
 
 def _std(cells: Mapping[str, str], options: UwbOptions, metres: float) -> float | None:
@@ -84,12 +95,12 @@ def _std(cells: Mapping[str, str], options: UwbOptions, metres: float) -> float 
 
 FORMAT = ImporterSpec(
     name="uwb",
-    summary="UWB ranging logs, one range per line (CSV: time, anchor, range, or as named)",
+    summary="UWB ranging logs (CSV, TSV, JSON Lines: time, anchor, range, or as named), one range per line or column",
     reference="this project, docs/formats.md; columns as in common UWB logs",
     options=UwbOptions,
     kind=lambda options: "ranges",
     rows=_rows,
-    begins_like=r"(?![\d{<])(?=.*\btime\b)(?=.*\banchor\b)(?=.*\brange\b)",
-    extra={"time_s": "number", "tag": "text"},
+    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\btime\b)(?=.*\banchor\b)(?=.*\brange\b)",
+    extra={**TIME_TYPES, "tag": "text"},
 )
 """The specification of the importer."""

@@ -1,4 +1,4 @@
-"""Compass bearings of wildlife telemetry: a CSV with one line per bearing, grouped by animal and time."""
+"""Compass bearings of wildlife telemetry: a table with one line per bearing, grouped by animal and time."""
 
 from __future__ import annotations
 
@@ -9,19 +9,32 @@ from typing import Any
 
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
-from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number, read_table
+from nlosctl.formats.fields import KEEP_MEANING, kept_cells, listed, number
+from nlosctl.formats.tables import open_table
 
 __all__ = ["FORMAT"]
 
 
+_KNOWN = (("GID", "obs_id"), ("Easting", "utm_x"), ("Northing", "utm_y"), ("Azimuth", "azimuth"))
+"""The columns of group, x, y and azimuth, in sigloc and in razimuth."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class WildlifeOptions:
-    """Names of the columns (default: as in the R package sigloc), and settings that the file does not contain."""
+    """Names of the columns (default: those of the R packages sigloc and razimuth), and settings."""
 
-    group: str = option("GID", meaning="column, or several (A,B), with the same value for all bearings of one location")
-    x: str = option("Easting", meaning="column with the observer's easting in metres, or longitude with degrees=true")
-    y: str = option("Northing", meaning="column with the observer's northing in metres, or latitude with degrees=true")
-    azimuth: str = option("Azimuth", meaning="column with the bearing to the animal, degrees clockwise from north")
+    group: str | None = option(
+        None, meaning="column, or several (A,B), with one value for the bearings of a location; default: GID or obs_id"
+    )
+    x: str | None = option(
+        None, meaning="column with easting in metres, or longitude with degrees=true; default: Easting or utm_x"
+    )
+    y: str | None = option(
+        None, meaning="column with northing in metres, or latitude with degrees=true; default: Northing or utm_y"
+    )
+    azimuth: str | None = option(
+        None, meaning="column with the bearing in degrees clockwise from north; default: Azimuth or azimuth"
+    )
     station: str | None = option(None, meaning="column with the observer's or station's name; default: numbered")
     keep: str | None = option(None, meaning=KEEP_MEANING)
     degrees: bool = option(False, meaning="whether x and y are longitude and latitude (WGS 84)")
@@ -42,17 +55,22 @@ class WildlifeOptions:
 
 
 def _rows(file: ForeignFile, options: WildlifeOptions) -> Iterator[Row | BadLine]:
-    by, keep = listed(options.group), listed(options.keep)
-    wanted = [*by, *keep, options.x, options.y, options.azimuth, *([options.station] if options.station else [])]
+    table = open_table(file)
+    group, x, y, bearing = (
+        next((name for name in known if name in table.columns), known[0]) if given is None else given
+        for given, known in zip((options.group, options.x, options.y, options.azimuth), _KNOWN, strict=True)
+    )
+    by, keep = listed(group), listed(options.keep)
+    wanted = [*by, *keep, x, y, bearing, *([options.station] if options.station else [])]
     names = ("sensor_lon_deg", "sensor_lat_deg") if options.degrees else ("sensor_x_m", "sensor_y_m")
     limits = (180.0, 90.0) if options.degrees else (1e9, 1e9)
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
-        azimuth = number(cells[options.azimuth], options.azimuth, -360.0, 360.0)
+        azimuth = number(cells[bearing], bearing, -360.0, 360.0)
         values: dict[str, Any] = {
             "sensor": cells[options.station] if options.station else "",
-            names[0]: number(cells[options.x], options.x, -limits[0], limits[0]),
-            names[1]: number(cells[options.y], options.y, -limits[1], limits[1]),
+            names[0]: number(cells[x], x, -limits[0], limits[0]),
+            names[1]: number(cells[y], y, -limits[1], limits[1]),
             "azimuth_deg": (azimuth + options.declination_deg) % 360.0,
             "bearing_std_deg": options.bearing_std_deg,
         }
@@ -60,7 +78,7 @@ def _rows(file: ForeignFile, options: WildlifeOptions) -> Iterator[Row | BadLine
         return Row(line=line, group=group, values=values, kept=kept_cells(cells, keep))
 
     groups: dict[str, list[Row]] = {}
-    for row in read_table(file, wanted, parse):
+    for row in table.rows(wanted, parse):
         if isinstance(row, BadLine):
             yield row
         else:
@@ -83,10 +101,12 @@ def _named(group: str, rows: list[Row]) -> Iterator[Row]:
 FORMAT = ImporterSpec(
     name="wildlife",
     summary="Compass bearings of wildlife telemetry (CSV: GID, Easting, Northing, Azimuth, or as named)",
-    reference="R package sigloc 0.0.4, data 'bear' and as.receiver: GID, Easting, Northing, Azimuth",
+    reference="R packages sigloc 0.0.4, data 'bear' and as.receiver, and razimuth, sim_atd (columns); those of LOAS "
+    "and Locate are named by group, x, y, azimuth",
     options=WildlifeOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"(?![\d{<])(?=.*\bGID\b)(?=.*\bEasting\b)(?=.*\bNorthing\b)(?=.*\bAzimuth\b)",
+    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\b(?:GID|obs_id)\b)(?=.*\b(?:Easting|utm_x)\b)(?=.*\b(?:Northing|utm_y)\b)"
+    r"(?=.*\b[Aa]zimuth\b)",
 )
 """The specification of the importer."""

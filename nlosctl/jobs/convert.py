@@ -69,9 +69,9 @@ def convert(
 ) -> ConversionReport:
     """Convert one input to one output, by an importer or as a table, and by an exporter or as a table.
 
-    ``parameters`` are those of the exporter, else of the importer. ``receiver`` returns, for schema and metadata, a
-    receiver of the rows of a table that replaces the output. Raises DataError for faults of the data, UsageError for
-    options that do not apply.
+    An importer may take several files. ``parameters`` are those of the exporter, else of the importer. ``receiver``
+    returns, for schema and metadata, a receiver of the rows of a table that replaces the output. Raises DataError for
+    faults of the data, UsageError for options that do not apply.
     """
     if read.frame is not None:
         plane_of(read.frame)  # report an unusable CRS before anything is read
@@ -87,7 +87,7 @@ def convert(
     with OutputSet() as outputs:
         check_targets([write.output, write.scene_out, write.bad_rows], overwrite=write.overwrite, inputs=paths)
         if importer is not None:
-            opened = _imported(str(inputs[0]), importer, to_importer, read, write, outputs, paths)
+            opened = _imported([str(name) for name in inputs], importer, to_importer, read, write, outputs, paths)
         else:
             opened = _table(inputs, read, write, outputs, paths)
         with opened as source:
@@ -124,7 +124,7 @@ def convert(
 
 @contextmanager
 def _imported(
-    name: str,
+    names: Sequence[str],
     importer: str,
     parameters: dict[str, Any],
     read: InputOptions,
@@ -132,7 +132,7 @@ def _imported(
     outputs: OutputSet,
     paths: Sequence[Location],
 ) -> Iterator[_Source]:
-    """Read another program's file by an importer."""
+    """Read another program's file, or several, by an importer."""
     if read.input_format is not None:
         raise UsageError("`input_format` is for tables; `from` names the importer")
     job = Import(
@@ -142,12 +142,16 @@ def _imported(
         frame=read.frame,
         bad_rows=bad_row_writer(write, (), outputs, paths),
     )
-    imported = job.read(name)
-    content = {"importer": imported.importer, "parameters": parameters, "inputs": [{"name": hide_secrets(name)}]}
+    imported = job.read(*names)
+    content = {
+        "importer": imported.importer,
+        "parameters": parameters,
+        "inputs": [{"name": hide_secrets(name)} for name in names],
+    }
     metadata = file_metadata("convert", content, imported.scene)
     tables, schema, unused_rows = iter([imported.table]), imported.table.schema, Counter[str]()
     if read.changes_rows:
-        copy = TableCopy(dataclasses.replace(input_of_table(imported.table), name=hide_secrets(name)), read)
+        copy = TableCopy(dataclasses.replace(input_of_table(imported.table), name=hide_secrets(names[0])), read)
         tables, schema, unused_rows = copy.tables(), copy.schema, copy.unused_rows
     yield _Source(
         tables=tables,

@@ -169,4 +169,7 @@ def test_foreign_files_suggest_the_importers(cli: Any) -> None:
         assert "--from" in outcome.err
         assert "internal error" not in outcome.err
     wrong = cli("convert", LOGS / "kraken_app.csv", "--from", "wildlife")
-    assert wrong.err == f"nlosctl: {LOGS / 'kraken_app.csv'}: column '0.0' occurs twice; rename or drop one\n"
+    assert wrong.err == (
+        f"nlosctl: {LOGS / 'kraken_app.csv'}: column '0.0' occurs twice; rename or drop one; it looks like a file for "
+        "the importer 'kraken-csv': convert it by --from kraken-csv\n"
+    )

@@ -26,8 +26,16 @@ LOGS = {
     "anchor_azimuths.csv": "anchor-azimuths",
     "uwb_ranges.csv": "uwb",
     "bear_bearings.csv": "wildlife",
+    "grouse.csv": "wildlife",
+    "azimuth.dat": "white-garrott",
+    "array_a.json": "odas",
+    "uwb_ranges.jsonl": "uwb",
     "sionna_paths.npz": "sionna",
 }
+PARAMETERS = {"array_a.json": {"sensor": "array_a"}, "azimuth.dat": {"towers": str(FORMATS / "towers.dat")}}
+SCENES = {"array_a.json": "odas"}
+FURTHER = {"array_b.json", "array_c.json", "towers.dat", "telemetry.tsv", "uwb_wide.csv"}
+"""Files that belong to another, or whose columns must be named."""
 TEXTS = {name: FORMATS / name for name in LOGS if not name.endswith(".npz")}
 
 
@@ -35,7 +43,7 @@ def log(folder: Path, *names: str, joint: bytes = b"") -> Path:
     """Write logs, one after the other, to a file whose name has no meaning, with the scene of the anchors."""
     path = folder / "log"
     path.write_bytes(joint.join((FORMATS / name).read_bytes() for name in names))
-    shutil.copy(FORMATS / "uwb_ranges.scene.toml", folder / "log.scene.toml")
+    shutil.copy(FORMATS / f"{SCENES.get(names[0], 'uwb_ranges')}.scene.toml", folder / "log.scene.toml")
     return path
 
 
@@ -43,16 +51,17 @@ def test_every_importer_has_a_log() -> None:
     """Each built-in importer has a log in the fixtures, and each log there an entry in ``LOGS``."""
     built_in = [entry for entry in registry.format_entries() if entry.distribution == "nlosctl"]
     assert {entry.name for entry in built_in if entry.kind == "import"} == set(LOGS.values())
-    assert {path.name for path in FORMATS.iterdir() if not path.name.endswith(".scene.toml")} == set(LOGS)
+    assert {path.name for path in FORMATS.iterdir() if not path.name.endswith(".scene.toml")} == {*LOGS, *FURTHER}
 
 
 @pytest.mark.parametrize("name", LOGS)
 def test_auto_recognizes_every_log_by_content(tmp_path: Path, name: str) -> None:
     """``auto`` gives the rows of the named importer, whatever the name of the file."""
     path = log(tmp_path, name)
-    found = Import("auto", {}).read(str(path))
+    parameters = PARAMETERS.get(name, {})
+    found = Import("auto", parameters).read(str(path))
     assert found.importer == LOGS[name]
-    assert found.table.equals(Import(LOGS[name], {}).read(str(path)).table)
+    assert found.table.equals(Import(LOGS[name], parameters).read(str(path)).table)
 
 
 @pytest.mark.parametrize("first", TEXTS)

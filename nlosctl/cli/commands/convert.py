@@ -81,7 +81,7 @@ def convert(
             raise UsageError("name a file to convert; 'nlosctl convert' alone lists the formats")
         _list(json)
         return
-    if len(inputs) > 1:
+    if len(inputs) > 1 and not source:
         raise UsageError(f"convert takes one input, got {len(inputs)}: convert them one by one, or name their folder")
     from nlosctl.jobs.convert import convert
 
@@ -104,7 +104,7 @@ def convert(
     terminal = Terminal(quiet)
     bad = f", {report.bad_rows} bad row{'s' if report.bad_rows > 1 else ''} set aside" if report.bad_rows else ""
     by = f" (importer {report.importer})" if report.importer else ""
-    terminal.note(f"{inputs[0]}: {report.rows} rows{bad}{by}")
+    terminal.note(f"{', '.join(inputs)}: {report.rows} rows{bad}{by}")
     for note in report.notes:
         terminal.note(f"note: {note}")
     if report.loses_scene and write.scene_out is None:

@@ -9,6 +9,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Any
 
 import pyarrow as pa
@@ -21,22 +22,33 @@ from nlosctl.io.arrow_columns import ARROW_TYPES
 from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.locations import Location, location, near_name, require_utf8
 
-__all__ = ["array_names", "cut_epochs_remark", "import_path", "imported_table", "open_import"]
+__all__ = ["array_names", "cut_epochs_remark", "import_files", "import_path", "imported_table", "open_import"]
 
 _IN_MEMORY_BYTES = 64 << 20
 
 
 def import_path(name: str) -> Location | None:
-    """Return the path of a file, None for stdin (``-``); raise DataError if there is no such file."""
+    """Return the path of a file or a folder, None for stdin (``-``); raise DataError if it does not exist."""
     if name == "-":
         return None
     path = location(name)
-    if path.is_dir():
-        raise DataError(f"{name}: is a folder, expected a file; name its files, or let the shell: {name.rstrip('/')}/*")
     if not path.exists():
         raise DataError(f"{name}: there is no such file{near_name(path)}")
     require_utf8(name)
     return path
+
+
+def import_files(name: str) -> list[str]:
+    """Return the files of a folder in the order of their names, or the file itself; raise DataError for no file."""
+    path = import_path(name)
+    if path is None or not path.is_dir():
+        return [name]
+    if not isinstance(path, Path):
+        raise DataError(f"{name}: is a folder, expected a file or a local folder")
+    files = sorted(str(file) for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+    if not files:
+        raise DataError(f"{name}: is a folder without files")
+    return files
 
 
 @contextmanager
@@ -89,7 +101,7 @@ def imported_table(
     count = 0
     for row in rows:
         if isinstance(row, BadLine):
-            problem = Problem(file=file, row=None, line=row.line, column=row.column, fault=row.fault)
+            problem = Problem(file=row.file or file, row=None, line=row.line, column=row.column, fault=row.fault)
             log.add([BadRow(problem=problem, values={}, raw_line=row.text)])
             continue
         unknown = [name for name in row.values if name not in types]

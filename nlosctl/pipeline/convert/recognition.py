@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import PurePath
 from typing import IO
 
 from nlosctl import registry
@@ -15,7 +16,7 @@ from nlosctl.errors import DataError, NlosctlError
 from nlosctl.io.conversion.import_source import array_names
 from nlosctl.io.paths.locations import location
 
-__all__ = ["AUTO", "Makers", "choose_importer", "import_hint", "makers_of"]
+__all__ = ["AUTO", "Makers", "choose_importer", "import_hint", "makers_of", "makers_of_folder"]
 
 AUTO = "auto"
 """The name that stands for the importer that recognizes the file."""
@@ -29,11 +30,13 @@ _BOUNDS = re.compile(rb"(?<=</DATA>)|(?=<DATA>)|(?<=\})|(?=\{)")
 
 @dataclass(frozen=True, kw_only=True)
 class Makers:
-    """The importers to which lines of a file belong, in the order of their first ``lines`` (from 1, 0 for arrays)."""
+    """The importers to which lines of a file belong, in the order of their first ``lines`` (from 1, 0 for arrays).
+
+    ``first`` is the first line that is not blank.
+    """
 
     lines: dict[str, int]
-    later: frozenset[str] = frozenset()
-    """Importers with a line after the first one of the file, which may be the header of any table."""
+    first: int = 0
 
 
 def makers_of(stream: IO[bytes], wanted: str = AUTO, *, head: bool = False) -> Makers:
@@ -51,17 +54,30 @@ def makers_of(stream: IO[bytes], wanted: str = AUTO, *, head: bool = False) -> M
     specs.sort(key=lambda spec: spec.name != wanted)
     patterns = [(spec.name, re.compile(spec.begins_like)) for spec in specs if spec.begins_like]
     lines: dict[str, int] = {}
-    later: set[str] = set()
     first = 0
     for number, text in _beginnings(stream, _HEAD_LINES if head else None):
         first = first or number
         name = next((name for name, pattern in patterns if pattern.match(text)), None)
         if name is not None:
             lines.setdefault(name, number)
-            if number > first:
-                later.add(name)
     stream.seek(0)
-    return Makers(lines=lines, later=frozenset(later))
+    return Makers(lines=lines, first=first)
+
+
+def makers_of_folder(names: Sequence[str], streams: Sequence[IO[bytes]]) -> Makers:
+    """Return the importers that recognize the files of a folder, or their names as those of arrays."""
+    stems = [PurePath(name).stem for name in names]
+    lines = {
+        spec.name: 0
+        for spec in _specs()
+        if spec.several
+        and any(
+            all(any(f"{stem}_".startswith(f"{name}_") for stem in stems) for name in wanted) for wanted in spec.arrays
+        )
+    }
+    for stream in () if lines else streams:
+        lines.update(makers_of(stream).lines)
+    return Makers(lines=lines, first=-1)
 
 
 def _beginnings(stream: IO[bytes], count: int | None) -> Iterator[tuple[int, str]]:
@@ -94,8 +110,8 @@ def choose_importer(wanted: str, makers: Makers, file: str) -> str:
     """
     found = dict(makers.lines)
     if wanted != AUTO:
-        others = [name for name in found if name != wanted and (wanted in found or name in makers.later)]
-        if others and wanted not in found and len(others) == 1:
+        others = [name for name in found if name != wanted and (wanted in found or found[name] > makers.first)]
+        if len(others) == 1 and wanted not in found:
             raise DataError(f"{file}: is not a file for the importer {wanted!r}{_hint(others[0], found[others[0]])}")
         if not others:
             return wanted
