@@ -43,7 +43,7 @@ CASES = {
     "nlosctl validate --input-format pa": ["parquet"],
     "nlosctl schema trip": ["triplets"],
     "nlosctl config show ident": ["identify-los"],
-    "nlosctl convert --from kr": ["kraken-csv", "kraken-xml"],
+    "nlosctl convert --from kr": ["kraken-csv", "kraken-json", "kraken-xml"],
     "nlosctl convert --to ge": ["geojson", "geoparquet"],
     "nlosctl convert --from uwb -p range": ["range=", "range_std_m=", "range_unit="],
     "nlosctl convert --to kml -p ": ["ellipse=", "line_length_m=", "vertices="],

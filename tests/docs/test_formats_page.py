@@ -29,6 +29,7 @@ MAPS = {
     "tags.geojson": (HALL, 12.0),
     "anchors.geojson": (HALL, 12.0),
     "ranges.geojson": (HALL, 12.0),
+    "mimo.geojson": ((47.3769, 8.5417), 40.0),
     "paths.geojson": ((47.3769, 8.5417), 40.0),
 }
 

@@ -31,10 +31,11 @@ LOGS = {
     "array_a.json": "odas",
     "uwb_ranges.jsonl": "uwb",
     "sionna_paths.npz": "sionna",
+    "deepmimo_paths.npz": "deepmimo",
 }
 PARAMETERS = {"array_a.json": {"sensor": "array_a"}, "azimuth.dat": {"towers": str(FORMATS / "towers.dat")}}
 SCENES = {"array_a.json": "odas"}
-FURTHER = {"array_b.json", "array_c.json", "towers.dat", "telemetry.tsv", "uwb_wide.csv"}
+FURTHER = {"array_b.json", "array_c.json", "towers.dat", "telemetry.tsv", "uwb_wide.csv", "deepmimo_scenario"}
 """Files that belong to another, or whose columns must be named."""
 TEXTS = {name: FORMATS / name for name in LOGS if not name.endswith(".npz")}
 
