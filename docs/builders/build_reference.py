@@ -11,6 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import typer.main
 
+from nlosctl.cli.examples import EXAMPLES
 from nlosctl.cli.main import app
 from nlosctl.cli.options.settings import SettingsCommand, long_name, variable_name
 from nlosctl.version import __version__
@@ -114,6 +115,8 @@ def markdown() -> str:
             usage_text = ", ".join(f"`{word}`" for word in words) + (f" `{value}`" if value else "")
             rows.append(f"| {cell(usage_text)} | {cell(paragraphs(parameter.help)[0])} | {cell(default(parameter))} |")
         blocks.append("| argument or option | what it does | default |\n|---|---|---|\n" + "\n".join(rows) + "\n")
+        if examples := EXAMPLES.get(name.removeprefix("nlosctl ")):
+            blocks.append("Examples:\n\n" + "\n".join(f"    {example}" for example in examples) + "\n")
         if isinstance(command, SettingsCommand):
             example = variable_name(name.split()[-1], long_name(next(filter(is_option, command.params))))
             blocks.append(f"Environment: `{variable_name(name.split()[-1], '')}<OPTION>`, such as `{example}`.\n")
@@ -156,6 +159,8 @@ def manual() -> str:
             value = f" \\fI{troff(value)}\\fR" if value else ""
             ending = f" [default: {default(parameter)}]" if default(parameter) else ""
             lines += [".TP", bold + value, troff(paragraphs(parameter.help)[0] + ending)]
+        if examples := EXAMPLES.get(name.removeprefix("nlosctl ")):
+            lines += [".PP", "Examples:", ".PP", ".nf", *map(troff, examples), ".fi"]
     lines += [".SH EXIT STATUS", troff(paragraphs(whole.epilog)[0]), ".SH ENVIRONMENT"]
     for variable, meaning in (
         (

@@ -20,12 +20,13 @@ from nlosctl.cli.commands.config import config_app
 from nlosctl.cli.commands.convert import convert
 from nlosctl.cli.commands.evaluate import evaluate
 from nlosctl.cli.commands.methods import methods_app
-from nlosctl.cli.commands.plot import PLOT_EPILOG, plot
+from nlosctl.cli.commands.plot import VIEWS_TEXT, plot
 from nlosctl.cli.commands.reproduce import reproduce
 from nlosctl.cli.commands.schema import schema
 from nlosctl.cli.commands.simulate import simulate
 from nlosctl.cli.commands.solve import detect_ip, identify_los, localize
 from nlosctl.cli.commands.validate import validate
+from nlosctl.cli.examples import epilog_of
 from nlosctl.cli.options.settings import SettingsCommand
 from nlosctl.cli.terminal import ClosedOutput, discard, print_message
 from nlosctl.contract.limits import limit, limit_variable
@@ -34,11 +35,11 @@ from nlosctl.version import __version__
 
 __all__ = ["app", "run"]
 
-_EXIT_CODES = """\
-Exit codes: 0 done (a summary counts the statuses); 1 bad data, or a file that is missing, exists already or cannot be
-written; 2 usage error; 3 with --strict, if a snapshot has no estimate; 4 a condition of --fail-if is met; 130
-interrupted.
-"""
+_EXIT_CODES = (
+    "Exit codes: 0 done (a summary counts the statuses); 1 bad data, or a file that is missing, exists already or "
+    "cannot be written; 2 usage error; 3 with --strict, if a snapshot has no estimate; 4 a condition of --fail-if is "
+    "met; 130 interrupted."
+)
 
 _PARSER: Any = sys.modules[typer.BadParameter.__module__]
 """The module of the parser's exceptions: click, or the copy of it that typer contains."""
@@ -125,7 +126,7 @@ _COMMANDS = (
     ("schema", schema),
 )
 for _name, _command in _COMMANDS:
-    _epilog = PLOT_EPILOG if _command is plot else None
+    _epilog = epilog_of(_name, *([VIEWS_TEXT] if _command is plot else []))
     _help = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(_command.__doc__ or ""))  # paragraphs fill the terminal
     app.command(_name, cls=_Command, epilog=_epilog, help=_help)(_guarded(_command))
 app.add_typer(methods_app, name="methods")

@@ -95,7 +95,8 @@ class InputOptions:
     """How measurements are read.
 
     ``columns`` maps a standard column name to the file's own, ``constants`` a missing column to its value (radians,
-    metres). ``scene`` is a scene or the name of a file; without one it is searched for as
+    metres); ``default_constants`` give way to a column of the file. ``scene`` is a scene or the name of a file; without
+    one it is searched for as
     `nlosctl.io.scenes.scene_file.find_scene` describes. ``extra_columns`` are the columns to keep beside those of the
     measurement, by name or prefix (``sweep_*``); None keeps all. Columns that are not kept are not read. ``wide``,
     ``missing``, ``where`` and ``declination_deg`` change the rows before all else: `nlosctl.io.row_steps`.
@@ -112,11 +113,11 @@ class InputOptions:
         f"{_READ} plot", metavar="NAME=HEADER", complete="column")
     constants: Mapping[str, float] = _with_flags(
         {},
-        _std("--bearing-std-deg", "bearing_std_rad", "bearing", "localize bound validate plot"),
-        _std("--range-std-m", "range_std_m", "range", "localize identify-los bound validate plot"),
-        _std("--dod-std-deg", "dod_std_rad", "departure direction", "localize detect-ip validate plot"),
-        _std("--doa-std-deg", "doa_std_rad", "arrival direction", "localize detect-ip validate plot"),
-        _std("--path-length-std-m", "path_length_std_m", "path length", "localize detect-ip validate plot"))
+        _std("--bearing-std-deg", "bearing_std_rad", "bearing", "localize bound validate plot convert"),
+        _std("--range-std-m", "range_std_m", "range", "localize identify-los bound validate plot convert"),
+        _std("--dod-std-deg", "dod_std_rad", "departure direction", "localize detect-ip validate plot convert"),
+        _std("--doa-std-deg", "doa_std_rad", "arrival direction", "localize detect-ip validate plot convert"),
+        _std("--path-length-std-m", "path_length_std_m", "path length", "localize detect-ip validate plot convert"))
     all_rows: bool = _option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
         f"{_SOLVE} bound")
@@ -146,6 +147,7 @@ class InputOptions:
     origin: str | tuple[float, float] | None = _option(
         None, "--origin", "Geometry", "Latitude and longitude of x = y = 0, in degrees (WGS 84).",
         f"{_READ} convert", metavar="LAT,LON")
+    default_constants: Mapping[str, float] = field(default_factory=dict)
     extra_columns: Sequence[str] | None = None
     chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
@@ -194,7 +196,7 @@ class SolveOptions:
         "localize identify-los", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
     target_z_m: float | None = _option(
         None, "--target-z-m", "Geometry", "Height of the targets in metres, for slant ranges.",
-        "localize identify-los", metavar="M")
+        "localize identify-los bound", metavar="M")
     alternatives: int = _option(
         1, "--alternatives", "Method", "Largest number of estimates per snapshot and target.",
         "localize identify-los", minimum=1, metavar="N")

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import pyarrow as pa
+
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError, hide_secrets
 from nlosctl.io.conversion.table_copy import TableCopy
@@ -91,6 +93,8 @@ def convert(
         else:
             opened = _table(inputs, read, write, outputs, paths)
         with opened as source:
+            if read.constants or read.default_constants:
+                source = _with_constants(source, read, exporter, str(inputs[0]))
             if write.scene_out is not None:
                 outputs.write_text(write.scene_out, source.scene or "", overwrite=write.overwrite)
             common: dict[str, Any] = {"overwrite": write.overwrite, "inputs": paths, "metadata": source.metadata}
@@ -120,6 +124,21 @@ def convert(
         importer=source.importer,
         notes=(*source.notes, *unused),
     )
+
+
+def _with_constants(source: _Source, read: InputOptions, exporter: str | None, name: str) -> _Source:
+    """Return the source with columns of constants; raise UsageError for a map, which has no measurements."""
+    from nlosctl.io.conversion.constant_columns import new_constants, with_constants
+
+    if exporter is not None:
+        if read.constants:
+            raise UsageError(f"`constants[{next(iter(read.constants))!r}]` is for tables of measurements, not for maps")
+        return source
+    constants = new_constants(read, source.schema, name)
+    schema = source.schema
+    for column in constants:
+        schema = schema.append(pa.field(column, pa.float64()))
+    return dataclasses.replace(source, tables=with_constants(source.tables, constants), schema=schema)
 
 
 @contextmanager

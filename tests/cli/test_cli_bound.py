@@ -130,3 +130,27 @@ def test_it_reads_standard_input() -> None:
     """`-` reads measurements from a pipe."""
     found = rows(run("-", "--scene", SCENE, standard_input=Path(MEASUREMENTS).read_bytes()))
     assert len(found) == 25
+
+
+@pytest.mark.parametrize("words", [(), ("--map", "30,30,40,40,5")])
+def test_slant_ranges_have_less_information(tmp_path: Path, words: tuple[str, ...]) -> None:
+    """With `--target-z-m` a row's information is that of the horizontal part of its direction; without, a note."""
+    sensors = np.array([[0.0, 0.0, 40.0], [100.0, 0.0, 10.0], [0.0, 90.0, 25.0]])
+    lines = ["snapshot,sensor,sensor_x_m,sensor_y_m,sensor_z_m,range_m,range_std_m,truth_x_m,truth_y_m"]
+    source = np.array([30.0, 40.0, 2.0])
+    for name, sensor in zip("abc", sensors, strict=True):
+        place = ",".join(map(str, sensor.tolist()))
+        lines.append(f"0,{name},{place},{np.linalg.norm(source - sensor)},0.5,30,40")
+    (tmp_path / "in.csv").write_text("\n".join([*lines, ""]))
+    unit = (source - sensors) / np.linalg.norm(source - sensors, axis=1)[:, None]
+    expected = np.linalg.inv(unit[:, :2].T @ unit[:, :2] / 0.25)
+    done = run_here("bound", "in.csv", "--target-z-m", "2", *words, folder=tmp_path)
+    (row,) = rows(done)
+    found = [float(row[f"bound_{name}_m2"]) for name in ("xx", "xy", "yy")]
+    np.testing.assert_allclose(found, [expected[0, 0], expected[0, 1], expected[1, 1]], rtol=1e-9)
+    assert b"note" not in done.stderr
+    flat = run_here("bound", "in.csv", *words, folder=tmp_path)
+    assert b"'sensor_z_m' is not used without --target-z-m" in flat.stderr
+    assert float(rows(flat)[0]["bound_xx_m2"]) < 0.9 * expected[0, 0]
+    table = nlosctl.bound(tmp_path / "in.csv", target_z_m=2.0)
+    assert table.column("bound_xx_m2")[0].as_py() == pytest.approx(expected[0, 0])

@@ -104,8 +104,8 @@ def test_a_field_without_crossings_gives_no_candidate(ring: Path) -> None:
     found = [row["status"] for row in rows(done.stdout)]
     assert set(found) == {"no_candidate"}
     assert (
-        f"note: mixture-ml: in {len(found)} of {len(found)} snapshots no candidate is in the search region; if sources "
-        "may be outside, enlarge it by --field\n" in done.stderr
+        f"note: no snapshot has a fix ({len(found)} of {len(found)} are no_candidate): no two rows agree within the "
+        "search region; enlarge it by --field\n" in done.stderr
     )
     done = run(ring, "localize", "-m", "mixture-ml", "ring.csv", *words)
     found = [row["status"] for row in rows(done.stdout)]

@@ -92,3 +92,51 @@ def test_epsg_codes_and_origins(cli: Cli, tmp_path: Path) -> None:
     assert "--crs takes a CRS, such as EPSG:32632 (LAT,LON belongs to --origin). Got '47.3'" in outcome.err
     outcome = cli("localize", "g.csv", "--origin", "32632")
     assert "--origin takes LAT,LON in degrees (LAT from -90 to 90). Got '32632'" in outcome.err
+
+
+@pytest.mark.parametrize("command", READERS)
+@pytest.mark.parametrize("table", ["all", "command"])
+def test_a_config_value_gives_way_to_the_column(cli: Cli, tmp_path: Path, command: str, table: str) -> None:
+    """A constant of the config file is for files without the column; as a flag it is an error there."""
+    text = (tmp_path / "m.csv").read_text().replace("bearing_deg", "bearing_deg,bearing_std_deg", 1)
+    (tmp_path / "m.csv").write_text(
+        text.replace(",45,", ",45,1,").replace(",135,", ",135,1,").replace(",-45,", ",-45,1,")
+    )
+    name = command if table == "command" else table
+    (tmp_path / "c.toml").write_text(f"[{name}]\nbearing_std_deg = 5\nrange_std_m = 2\ndod_std_deg = 1\n")
+    if table == "command":
+        (tmp_path / "c.toml").write_text(f"[{name}]\nbearing_std_deg = 5\n")
+    words = READERS[command]
+    assert cli(*words, "--config", "c.toml").code == 0
+    outcome = cli(*words, "--bearing-std-deg", 5, *(["--overwrite"] if "-o" in words else []))
+    if command == "plot":  # its files share the options: each takes what it lacks
+        assert outcome.code == 0
+        return
+    assert outcome.code == 2
+    assert "--bearing-std-deg is given, but m.csv has a column 'bearing_std_deg'" in outcome.err
+    if command == "localize":
+        stds = (tmp_path / "e.csv").read_text()
+        assert cli(*words, "--overwrite").code == 0
+        assert (tmp_path / "e.csv").read_text() == stds
+
+
+def test_convert_adds_the_column(cli: Cli, tmp_path: Path) -> None:
+    """`convert --bearing-std-deg 3` writes the column that the file lacks; the fixes are those with the flag later."""
+    assert cli("convert", "m.csv", "--bearing-std-deg", 3, "-o", "c.parquet").code == 0
+    assert cli("localize", "c.parquet", "-o", "c.csv").code == 0
+    assert cli("localize", "m.csv", "--bearing-std-deg", 3, "-o", "d.csv").code == 0
+    assert (tmp_path / "c.csv").read_text() == (tmp_path / "d.csv").read_text()
+    for words, message in (
+        (("c.parquet", "--bearing-std-deg", 3), "has a column 'bearing_std_rad'"),
+        (("m.csv", "--range-std-m", 3), "no column 'range_m'"),
+        (("m.csv", "--dod-std-deg", 3), "take no constant"),
+        (("c.csv", "--bearing-std-deg", 3), "the table has none"),
+    ):
+        outcome = cli("convert", *words, "-o", "n.csv")
+        assert outcome.code in (1, 2)
+        assert message in outcome.err
+    (tmp_path / "c.toml").write_text("[all]\nbearing_std_deg = 3\nrange_std_m = 3\n")
+    for given, names in (("c.parquet", 1), ("m.csv", 1), ("c.csv", 0)):
+        assert cli("convert", given, "--config", "c.toml", "-o", "n.csv", "--overwrite").code == 0
+        header = (tmp_path / "n.csv").read_text().splitlines()[0]
+        assert (header.count("bearing_std_rad"), header.count("range_std_m")) == (names, 0)

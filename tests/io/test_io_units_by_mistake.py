@@ -20,7 +20,7 @@ def _remarks(folder: Path, table: pa.Table, *options: str) -> list[str]:
     pa.csv.write_csv(table, folder / "in.csv")
     done = run_here("validate", "in.csv", "--json", *options, folder=folder)
     assert done.returncode == 0, done.stderr
-    return [text for text in json.loads(done.stdout)["remarks"] if "look like" in text or "radians" in text]
+    return [text for text in json.loads(done.stdout)["remarks"] if "look like" in text or "expected" in text]
 
 
 def _bearings(x: list[float], y: list[float], names: tuple[str, str] = ("sensor_x_m", "sensor_y_m")) -> pa.Table:
@@ -82,6 +82,52 @@ def test_small_degrees_are_not_remarked_on(tmp_path: Path, angles: list[float]) 
     """Whole degrees, and angles beyond 2 pi, are degrees."""
     table = _bearings([0.0, 100.0, 200.0], [0.0] * 3).drop_columns(["azimuth_deg"])
     assert _remarks(tmp_path, table.append_column("azimuth_deg", pa.array(angles))) == []
+
+
+@pytest.mark.parametrize("std", [[0.0175] * 3, [0.0349, 0.0524, 0.0873], [0.017453292519943295] * 3, [0.00873] * 3])
+def test_stds_in_radians_are_remarked_on(tmp_path: Path, std: list[float]) -> None:
+    """A standard deviation in degrees that is a whole or half number of degrees as radians is remarked on."""
+    table = _bearings([0.0, 100.0, 200.0], [0.0] * 3).drop_columns(["bearing_std_deg"])
+    (remark,) = _remarks(tmp_path, table.append_column("bearing_std_deg", pa.array(std)))
+    assert "--column bearing_std_rad=bearing_std_deg" in remark
+    assert "column 'bearing_std_deg'" in remark
+
+
+@pytest.mark.parametrize("std", [[0.02] * 3, [0.1, 0.05, 0.07], [0.5] * 3, [0.013] * 3, [1.0] * 3])
+def test_small_stds_are_not_remarked_on(tmp_path: Path, std: list[float]) -> None:
+    """Round and larger standard deviations are degrees."""
+    table = _bearings([0.0, 100.0, 200.0], [0.0] * 3).drop_columns(["bearing_std_deg"])
+    assert _remarks(tmp_path, table.append_column("bearing_std_deg", pa.array(std))) == []
+
+
+@pytest.mark.parametrize(("std", "remarked"), [([1.0, 2.0, 3.0], True), ([0.5, 2.0, 3.0], False), ([0.02] * 3, False)])
+def test_stds_in_degrees_read_as_radians(tmp_path: Path, std: list[float], remarked: bool) -> None:
+    """Standard deviations that would all be 46 degrees and more are remarked on."""
+    table = _bearings([0.0, 100.0, 200.0], [0.0] * 3).drop_columns(["bearing_std_deg"])
+    remarks = _remarks(tmp_path, table.append_column("bearing_std_rad", pa.array(std)))
+    assert [("--column bearing_std_deg=bearing_std_rad" in remark) for remark in remarks] == [True] * remarked
+
+
+def test_latitudes_in_radians_are_remarked_on(tmp_path: Path) -> None:
+    """Latitudes within pi / 2 with longitudes within pi are remarked on; those of a real place are not."""
+    names = ("sensor_lon_deg", "sensor_lat_deg")
+    radians = [[math.radians(value) for value in axis] for axis in _LON_LAT]
+    (remark,) = _remarks(tmp_path, _bearings(*radians, names))
+    assert "may be radians" in remark
+    assert _remarks(tmp_path, _bearings(*_LON_LAT, names)) == []
+
+
+@pytest.mark.parametrize("shift", [0.0, 500000.0])
+def test_degrees_in_the_scene_are_remarked_on(tmp_path: Path, shift: float) -> None:
+    """Positions of the scene that look like longitudes and latitudes are remarked on; metres are not."""
+    sensors = "".join(
+        f'[[sensor]]\nname = "s{row}"\nposition = [{x + shift}, {y + shift}]\n'
+        for row, (x, y) in enumerate(zip(*_LON_LAT, strict=True))
+    )
+    (tmp_path / "scene.toml").write_text(sensors)
+    remarks = _remarks(tmp_path, _bearings(*_LON_LAT).drop_columns(["sensor_x_m", "sensor_y_m"]))
+    assert len(remarks) == (shift == 0.0)
+    assert all("the positions of the scene's sensors are read as metres" in remark for remark in remarks)
 
 
 @pytest.mark.parametrize(

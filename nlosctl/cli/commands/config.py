@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.examples import CommandWithUsage, epilog_of
 from nlosctl.cli.options.completion import complete_command
 from nlosctl.cli.options.config_file import unknown_variables
 from nlosctl.cli.options.declarations import CONFIG_HELP, Debug, Json
@@ -28,15 +29,17 @@ __all__ = ["config_app"]
 config_app = typer.Typer(help="Show the effective settings and their sources.", no_args_is_help=True)
 
 
-@config_app.command("show", context_settings={"ignore_unknown_options": True})
+@config_app.command(
+    "show", cls=CommandWithUsage, epilog=epilog_of("config show"), context_settings={"ignore_unknown_options": True}
+)
 def show(
     context: typer.Context,
     command: Annotated[
         str | None,
-        typer.Argument(metavar="[COMMAND]", autocompletion=complete_command, help="A command; default: all of them."),
+        typer.Argument(metavar="COMMAND", autocompletion=complete_command, help="A command; default: all of them."),
     ] = None,
     flags: Annotated[
-        list[str] | None, typer.Argument(metavar="[FLAGS]...", help="Flags of the command, as they would be passed.")
+        list[str] | None, typer.Argument(metavar="FLAG", help="Flags of the command, as they would be passed.")
     ] = None,
     config: Annotated[
         str | None,

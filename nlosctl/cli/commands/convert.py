@@ -20,7 +20,7 @@ __all__ = ["convert"]
 def convert(
     inputs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="INPUT...", help="File (or - for standard input); without it, list the formats."),
+        typer.Argument(metavar="INPUT", help="File (or - for standard input); without it, list the formats."),
     ] = None,
     *,
     read: InputOptions,

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from nlosctl.cli.examples import CommandWithUsage, epilog_of
 from nlosctl.cli.options.completion import complete_method_name
 from nlosctl.cli.options.declarations import Debug, Json
 from nlosctl.cli.terminal import print_json, print_table
@@ -30,7 +31,9 @@ _PAPERS = {
 }
 """The papers that the references of the built-in methods name (docs/references.bib has them for BibTeX)."""
 
-methods_app = typer.Typer(help="List the methods, show one, or check that all of them load.")
+methods_app = typer.Typer(
+    help="List the methods, show one, or check that all of them load.", epilog=epilog_of("methods")
+)
 
 
 @methods_app.callback(invoke_without_command=True)
@@ -62,7 +65,7 @@ def list_methods(
         raise MethodError(f"{failed} of {len(entries)} methods cannot be used")
 
 
-@methods_app.command("show")
+@methods_app.command("show", cls=CommandWithUsage, epilog=epilog_of("methods show"))
 def show_method(
     name: Annotated[
         str, typer.Argument(metavar="NAME", autocompletion=complete_method_name, help="Method, as NAME or KIND.NAME.")

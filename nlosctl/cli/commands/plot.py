@@ -20,17 +20,10 @@ from nlosctl.plotting.catalogue import VIEWS
 if TYPE_CHECKING:
     from nlosctl.io.results.plot_inputs import PlotInput
 
-__all__ = ["PLOT_EPILOG", "plot"]
+__all__ = ["VIEWS_TEXT", "plot"]
 
-PLOT_EPILOG = "\n\n".join(
-    [
-        "Views: " + "; ".join(f"{view.name} ({view.shows})" for view in VIEWS.values()) + ".",
-        "Examples: nlosctl plot bearings.parquet fixes.parquet --snapshot 7 -o snapshot.svg",
-        "nlosctl plot fixes.parquet --view cdf -o errors.pdf",
-        "nlosctl simulate ring --sweep bearing_std_deg=0.1,1,5 | nlosctl localize -m ls -m ml - | nlosctl evaluate - | "
-        "nlosctl plot - -o rmse.svg",
-    ]
-)
+VIEWS_TEXT = "Views: " + "; ".join(f"{view.name} ({view.shows})" for view in VIEWS.values()) + "."
+"""The views for the help of the command."""
 
 
 @takes_options()
@@ -38,7 +31,7 @@ def plot(
     inputs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="FILE...",
+            metavar="FILE",
             help="Measurements, estimates, flags, bounds or scores in any format, or - for standard input.",
             show_default=False,
         ),

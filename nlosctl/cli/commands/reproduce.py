@@ -27,7 +27,7 @@ def reproduce(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="NAME...",
+            metavar="NAME",
             help="Figures or tables, such as song-fig8; a paper; or all. Without it, list them.",
             show_default=False,
         ),

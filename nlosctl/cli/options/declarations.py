@@ -15,7 +15,7 @@ CONFIG_HELP = "Config file (TOML); flags and NLOSCTL_<COMMAND>_<OPTION> take pre
 Inputs = Annotated[
     list[str],
     typer.Argument(
-        metavar="INPUT...",
+        metavar="INPUT",
         help="Files (Parquet, CSV, Arrow, JSON Lines), folders, globs, URLs, or - (standard input).",
         show_default=False,
     ),

@@ -8,13 +8,13 @@ import inspect
 import os
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
-from typer.core import TyperCommand
 
+from nlosctl.cli.examples import CommandWithUsage
 from nlosctl.cli.options import completion
 from nlosctl.contract.run_options import PANELS, Flag, InputOptions, OutputOptions, SolveOptions, flags_of
 from nlosctl.errors import UsageError
@@ -48,7 +48,7 @@ class Setting:
     source: str
 
 
-class SettingsCommand(TyperCommand):
+class SettingsCommand(CommandWithUsage):
     """A command whose options default to ``NLOSCTL_<COMMAND>_<OPTION>``, then to the config file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -149,8 +149,9 @@ def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..
         }
 
         @functools.wraps(command)
-        def call(**parsed: Any) -> Any:
-            made = {key: options(**_values(flags[key], parsed)) for key, options in classes.items()}
+        def call(context: typer.Context, **parsed: Any) -> Any:
+            by_flag = {key for key in parsed if getattr(context.get_parameter_source(key), "name", "") == "COMMANDLINE"}
+            made = {key: options(**_values(flags[key], parsed, by_flag)) for key, options in classes.items()}
             return command(**parsed, **made)
 
         own = inspect.signature(command).parameters.values()
@@ -163,6 +164,8 @@ def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..
             types = get_type_hints(options)
             parameters += [_parameter(option, flag, types[option.name], defaults) for option, flag in flags[key]]
         parameters.sort(key=_panel_index)
+        given = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+        parameters.append(given)
         call.__signature__ = inspect.Signature(parameters, return_annotation=hints["return"])  # type: ignore[attr-defined]
         call.__annotations__ = {option.name: option.annotation for option in parameters} | {"return": hints["return"]}
         return call
@@ -170,14 +173,20 @@ def takes_options(**defaults: Any) -> Callable[[Callable[..., Any]], Callable[..
     return decorate
 
 
-def _values(flags: Sequence[tuple[dataclasses.Field[Any], Flag]], parsed: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that ``parsed`` values set, and remove those values from ``parsed``."""
+def _values(
+    flags: Sequence[tuple[dataclasses.Field[Any], Flag]], parsed: dict[str, Any], by_flag: Collection[str]
+) -> dict[str, Any]:
+    """Return the options that ``parsed`` values set, and remove those values from ``parsed``.
+
+    A key of a mapping that is not ``by_flag``, but of the environment or a config file, is a default.
+    """
     values: dict[str, Any] = {}
     for option, flag in flags:
         value = parsed.pop(_parameter_name(option, flag))
         if flag.key:
             given = {} if value is None or flag.parse is None else {flag.key: flag.parse(value)}
-            values[option.name] = {**values.get(option.name, {}), **given}
+            name = option.name if _parameter_name(option, flag) in by_flag else f"default_{option.name}"
+            values[name] = {**values.get(name, {}), **given}
         elif flag.parse is not None:
             values[option.name] = flag.parse(value)
         elif isinstance(value, list):

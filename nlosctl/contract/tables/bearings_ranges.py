@@ -53,7 +53,12 @@ _TRUTH = (
 )
 
 _SENSOR = (
-    Column(name="sensor", type="identifier", required=True, meaning="name of the sensor"),
+    Column(
+        name="sensor",
+        type="identifier",
+        required=True,
+        meaning="name of the sensor; without the column a file is of one station, and repeated readings are numbered",
+    ),
     Column(
         name="sensor_x_m",
         type="number",

@@ -25,6 +25,7 @@ __all__ = [
     "MappedColumn",
     "NameCodes",
     "are_flags_by_method",
+    "check_constants",
     "columns_to_read",
     "coordinate_columns",
     "kind_of_columns",
@@ -179,7 +180,7 @@ def plan_columns(
         raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {names[0].lstrip('# ')!r}")
     matches = {column.name: _find(column, names, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
-    _check_constants(table, constants, mapped, file)
+    check_constants(table, constants, mapped, file)
     absent = [column for column in table.columns if column.required and column.name not in {*mapped, *constants}]
     missing = [column for column in absent if column.scene_axis is None or not scene.sensors]
     if missing:
@@ -217,7 +218,8 @@ def _check_group(alternatives: Sequence[Sequence[str]], mapped: Mapping[str, Map
         )
 
 
-def _check_constants(table: Table, constants: Mapping[str, float], mapped: Mapping[str, Any], file: str) -> None:
+def check_constants(table: Table, constants: Mapping[str, float], mapped: Mapping[str, Any], file: str) -> None:
+    """Raise UsageError for a constant that the table does not take, that is ``mapped`` to a column, or not positive."""
     allowed = {column.name: column for column in table.columns if column.constant_allowed}
     for name, value in constants.items():
         if name not in allowed:

@@ -3,16 +3,38 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from nlosctl.contract.tables import Column, Table, contract_names
+from nlosctl.contract.scene import Scene
+from nlosctl.contract.tables import KINDS, Column, Table, contract_names
 from nlosctl.errors import did_you_mean
 
-__all__ = ["missing_message", "named_like_degrees"]
+__all__ = ["is_of_one_station", "missing_message", "named_like_degrees"]
 
 _SPREAD = re.compile(r"std|sigma|sd|err|unc|acc|var", re.IGNORECASE)
 _LAT = re.compile(r"(?:.*[_. ])?(?:lat|latitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
 _LON = re.compile(r"(?:.*[_. ])?(?:lon|lng|long|longitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
+_SENSOR = re.compile(
+    r"(?:sensor|station|anchor|receiver|node|beacon|observer|site|array)s?(?:[_. ]?(?:id|name|no|nr|num|number))?",
+    re.IGNORECASE,
+)
+
+
+_MEASURED = frozenset(KINDS["bearings"].column("bearing_rad").accepted_names) | frozenset(
+    KINDS["ranges"].column("range_m").accepted_names
+)
+"""The names of columns of bearings and ranges."""
+
+
+def is_of_one_station(names: Collection[str], scene: Scene) -> bool:
+    """Return whether a file with these columns has bearings or ranges of one station, whose position is known."""
+    if "sensor" in names or _MEASURED.isdisjoint(names) or any(map(_named_like_sensor, names)):
+        return False
+    return "sensor_x_m" in names or len(scene.sensors) == 1
+
+
+def _named_like_sensor(name: str) -> bool:
+    return _SENSOR.fullmatch(name) is not None
 
 
 def named_like_degrees(names: Sequence[str]) -> tuple[str, str] | None:
@@ -45,6 +67,8 @@ def missing_message(missing: Sequence[Column], header: Sequence[str], table: Tab
 
 def _near(column: Column, free: Sequence[str]) -> str:
     """Return the name in ``free`` that the column may have, for a message: a spread only for a standard deviation."""
+    if column.name == "sensor" and (like := next(filter(_named_like_sensor, free), None)):
+        return f" (did you mean {like!r}?)"
     is_spread = "_std_" in column.name
     own = {name.lower(): name for name in free if bool(_SPREAD.search(name)) == is_spread}
     for accepted in column.accepted_names:

@@ -92,6 +92,11 @@ class MeasurementReader:
         return self._names["sensor"].names if "sensor" in self._names else ()
 
     @property
+    def constants(self) -> Mapping[str, float]:
+        """The constants in use, by the column that a file lacks."""
+        return self._survey.constants
+
+    @property
     def column_names(self) -> tuple[str, ...]:
         """All columns of the inputs, after renaming, whether they are read or not."""
         return self._survey.column_names
@@ -128,7 +133,7 @@ class MeasurementReader:
         """Yield the chunks of all inputs (or of one part), in order; call it once."""
         for given in self._inputs if self._only is None else (self._inputs[self._only[0]],):
             rows_before = self.report.rows_in_all
-            snapshots = _Snapshots(given, self._survey, self.options, self._tally)
+            snapshots = _Snapshots(given, self._survey, self.options, self._tally, self._names)
             # no variable refers to a chunk or its rows while it is solved, so that one of them is in memory at a time
             yield from filter(self._is_wanted, map(snapshots.add, self._row_batches(given)))
             yield from filter(self._is_wanted, (snapshots.rest(),))
@@ -200,8 +205,10 @@ def refuse_no_rows(inputs: Sequence[Input], rows: int, report: ReadReport) -> No
 class _Snapshots:
     """Joins the row batches of one input to chunks of whole snapshots."""
 
-    def __init__(self, given: Input, survey: InputSurvey, options: InputOptions, tally: RowTally) -> None:
-        self._input, self._survey, self._tally = given, survey, tally
+    def __init__(
+        self, given: Input, survey: InputSurvey, options: InputOptions, tally: RowTally, names: Mapping[str, NameCodes]
+    ) -> None:
+        self._input, self._survey, self._tally, self._names = given, survey, tally, names
         self._column = options.columns.get(SNAPSHOT, SNAPSHOT)
         self._most_rows = options.max_snapshot_rows
         self._index = SnapshotIndex()
@@ -238,7 +245,11 @@ class _Snapshots:
         if batches[0].file != batches[-1].file:
             self._tally.report.rejoined += rejoined(batches, whole, table.measurement_name or "sensor")
         key = table.row_key
-        if key and not whole.rises(key[0]):
+        if key and self._survey.one_station:
+            from nlosctl.io.measurements.one_station import number_repeats
+
+            whole = number_repeats(whole, key, self._names["sensor"])
+        elif key and not whole.rises(key[0]):
             whole = drop_duplicates(batches, whole, key, self._tally)
         self._refuse_huge(int(np.diff(whole.starts, append=len(whole)).max()))
         return Chunk(

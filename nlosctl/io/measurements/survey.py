@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
-from nlosctl.arrays import FloatArray
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import EARTH_PLACES, Table
+from nlosctl.contract.tables import Table
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import (
     SNAPSHOT,
     ColumnPlan,
-    MappedColumn,
     columns_to_read,
     coordinate_columns,
     kind_of_columns,
@@ -29,20 +26,14 @@ from nlosctl.io.measurements.column_mapping import (
     rename,
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
-from nlosctl.io.measurements.missing_columns import named_like_degrees
-from nlosctl.io.measurements.row_checks import as_float64
+from nlosctl.io.measurements.missing_columns import is_of_one_station
 from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
-from nlosctl.io.readers.base import RecordBatch, closed_on_failure
+from nlosctl.io.readers.base import closed_on_failure
 from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.scene_file import find_scene, plane_of
 
-__all__ = ["InputSurvey", "OpenTable", "open_table", "survey_inputs"]
-
-_TURN = 2.0 * math.pi * (1.0 + 1e-6)
-_MANY_ROWS = 20
-_WIDEST_DEG = 1.0
-_FAR = 20.0
+__all__ = ["InputSurvey", "OpenTable", "measured_names", "open_table", "survey_inputs", "usable_defaults"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +42,8 @@ class OpenTable:
 
     ``file_names`` are the columns to be read, ``names`` the same after renaming. ``all_names`` are all columns of the
     file, after renaming, with the positions that its latitudes and longitudes give. Results have only true ones of
-    these: ``own_names``, and of those to be read the Arrow schema ``schema``, are without the others.
+    these: ``own_names``, and of those to be read the Arrow schema ``schema``, are without the others. ``one_station``
+    marks a file without a column ``sensor``.
     """
 
     part: Part
@@ -62,6 +54,7 @@ class OpenTable:
     all_names: tuple[str, ...]
     own_names: tuple[str, ...]
     schema: Any
+    one_station: bool = False
 
     @property
     def file_name_of(self) -> dict[str, str]:
@@ -74,7 +67,8 @@ class InputSurvey:
     """What is known before the first row.
 
     ``metadata`` are those of the first file; ``column_names`` are the columns of all files, after renaming.
-    ``open_tables`` are files that stay open, by name: streams, and a single file.
+    ``open_tables`` are files that stay open, by name: streams, and a single file. ``one_station``: the files lack a
+    column ``sensor``. ``constants`` are those that some file needs, by column.
     """
 
     table: Table
@@ -84,6 +78,8 @@ class InputSurvey:
     column_names: tuple[str, ...] = ()
     open_tables: dict[str, OpenTable] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+    one_station: bool = False
+    constants: dict[str, float] = field(default_factory=dict)
 
     def keep_or_close(self, opened: OpenTable, *, only: bool) -> None:
         """Keep a stream open, and an ``only`` file; close any other file."""
@@ -106,20 +102,41 @@ def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey
     survey, opened, coordinates = _survey_first(*parts[0], options)
     with closed_on_failure(survey):
         survey.remarks += [remark for given in inputs for remark in given.remarks]
-        names, schemas = [opened.own_names], [opened.schema]
+        names, schemas, stations = [opened.own_names], [opened.schema], [opened.one_station]
         survey.remarks += opened.file.remarks
         for batch in islice(opened.file.peek(without=coordinates), 1):
-            survey.remarks += _unit_remarks(batch, opened.plan.mapped, opened.file_name_of, first.name)
+            if _could_be_in_other_units(batch.table, opened.plan, opened.file_name_of):
+                from nlosctl.io.measurements.row_consistency import unit_remarks
+
+                survey.remarks += unit_remarks(batch, opened.plan, opened.file_name_of, survey.scene, first.name)
         survey.keep_or_close(opened, only=len(parts) == 1)
         for given, part in parts[1:]:
             opened = _open_next(given, part, options, survey, first)
             names.append(opened.own_names)
             schemas.append(opened.schema)
+            stations.append(opened.one_station)
             survey.keep_or_close(opened, only=False)
         _check_snapshots(survey, first.name, schemas)
+        _check_stations(survey, first.name, stations)
+        survey.remarks += _without_effect(survey, options, {name for own in names for name in own})
         survey.schema = schemas[0] if len(schemas) == 1 else unified_schema(schemas)
         survey.column_names = tuple(dict.fromkeys(name for own in names for name in own))
     return survey
+
+
+def _could_be_in_other_units(table: Any, plan: ColumnPlan, file_name_of: Mapping[str, str]) -> bool:
+    """Return whether a column is of degrees, or could be: coordinates within 180, standard deviations above a half."""
+    mapped = plan.mapped.values()
+    if "sensor_x_m" not in plan.mapped or any(given.converted or given.column.unit == "deg" for given in mapped):
+        return True
+    for name in (name for name in plan.mapped if name.endswith(("_x_m", "_std_rad"))):
+        own = file_name_of.get(plan.mapped[name].name)
+        if own in table.schema.names and table.num_rows > table.column(own).null_count:
+            extremes = pc.min_max(table.column(own))
+            least, most = extremes["min"].as_py(), extremes["max"].as_py()
+            if least > 0.5 if name.endswith("_std_rad") else max(-least, most) <= 180.0:
+                return True
+    return False
 
 
 def _survey_first(
@@ -136,7 +153,9 @@ def _survey_first(
                 coordinates.set_first_frame(file, part.name)
             plane_of(coordinates.frame)  # raises an error if there is no such plane
             scene = replace(scene, frame=coordinates.frame)
-        return InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata), opened, coordinates
+        constants = dict(opened.plan.constants)
+        survey = InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata, constants=constants)
+        return survey, opened, coordinates
 
 
 def _open_next(given: Input, part: Part, options: InputOptions, survey: InputSurvey, first: Part) -> OpenTable:
@@ -145,6 +164,7 @@ def _open_next(given: Input, part: Part, options: InputOptions, survey: InputSur
         if not isinstance(options.scene, str):
             _check_scene(survey.scene, _scene_of(given, part, file, options), first, part)
         opened, _ = _planned(part, file, survey.table, options, survey.scene)
+        survey.constants |= opened.plan.constants
         kind = kind_of_columns(opened.all_names)
         if options.kind is None and kind != survey.table.name:
             raise DataError(
@@ -175,12 +195,32 @@ def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part) -> No
         )
 
 
+def _without_effect(survey: InputSurvey, options: InputOptions, names: Collection[str]) -> list[str]:
+    """Return remarks on options that change nothing about files with the columns ``names``."""
+    remarks = []
+    if options.all_rows and not {"los", "ip"} & set(names):
+        remarks.append("`all_rows` has no effect: the input has no column los or ip of an earlier step")
+    return remarks + [
+        f"`constants[{std!r}]` has no effect: the {survey.table.name} have no column {measured[0]!r}"
+        for std in options.constants
+        if set(measured := measured_names(std, survey.table)).isdisjoint(names)
+    ]
+
+
 def _check_snapshots(survey: InputSurvey, name: str, schemas: Sequence[Any]) -> None:
     with_ids = [SNAPSHOT in schema.names for schema in schemas]
     if not all(with_ids):
         survey.remarks.append("without a 'snapshot' column each input is taken as one snapshot")
     if any(with_ids) and not all(with_ids):
         raise DataError(f"{name}: some of the files have a 'snapshot' column and some don't; add it to the others")
+
+
+def _check_stations(survey: InputSurvey, name: str, stations: Sequence[bool]) -> None:
+    survey.one_station = all(stations)
+    if survey.one_station:
+        survey.remarks.append("without a 'sensor' column all rows are of one station; repeated readings are numbered")
+    elif any(stations):
+        raise DataError(f"{name}: some of the files have a 'sensor' column and some don't; add it to the others")
 
 
 def open_table(part: Part, table: Table, options: InputOptions, scene: Scene) -> OpenTable:
@@ -200,6 +240,13 @@ def _planned(
         add_row_steps(file, options, part.name)
     pairs = coordinate_columns(file.names, options.columns, part.name)
     coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
+    derived = {name for pair in pairs for name in (pair.x, pair.y)}
+    header_names = {*file.names, *derived, *options.columns}
+    one_station = "sensor" not in header_names and is_of_one_station(header_names, scene)
+    if one_station:
+        from nlosctl.io.measurements.one_station import OneStation
+
+        file.add_step(OneStation(scene))
     if coordinates is not None:
         file.add_step(coordinates)
     if not file.names:
@@ -207,11 +254,13 @@ def _planned(
     twice = sorted(name for name, count in Counter(file.names).items() if count > 1)
     if twice:
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
-    table = table or kind_table(kind_of_columns([*file.names, *options.columns], options.constants))
+    table = table or kind_table(
+        kind_of_columns([*file.names, *options.columns], {*options.constants, *options.default_constants})
+    )
     names = rename(file.names, options.columns, table, part.name)
-    derived = {name for pair in pairs for name in (pair.x, pair.y)}
-    header = [name for name in file.names if name not in derived]
-    plan = plan_columns(names, table, options.constants, scene, part.name, header)
+    header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
+    constants = {**usable_defaults(options.default_constants, names, table), **options.constants}
+    plan = plan_columns(names, table, constants, scene, part.name, header)
     to_read = columns_to_read(names, plan, options.extra_columns)
     original = dict(zip(names, file.names, strict=True))
     schema = file.start(
@@ -229,64 +278,23 @@ def _planned(
         all_names=names,
         own_names=tuple(name for name in names if name not in derived),
         schema=pa.schema(fields),
+        one_station=one_station,
     )
     return opened, coordinates
 
 
-def _unit_remarks(
-    batch: RecordBatch, mapped: Mapping[str, MappedColumn], file_name_of: Mapping[str, str], file: str
-) -> list[str]:
-    """Return remarks on the rows of a ``batch``: degrees read as metres, and radians read as degrees.
-
-    ``mapped`` are the columns of the contract by name, ``file_name_of`` the file's own names of columns.
-    """
-    names = batch.table.schema.names
-    columns = {
-        name: file_name_of[column.name]
-        for name, column in mapped.items()
-        if file_name_of.get(column.name) in names and column.column.type == "number"
+def usable_defaults(defaults: Mapping[str, float], names: Sequence[str], table: Table) -> dict[str, float]:
+    """Return the constants among ``defaults`` that the table takes and a file with columns ``names`` lacks."""
+    wanted = {column.name: column for column in table.columns if column.constant_allowed}
+    return {
+        name: value
+        for name, value in defaults.items()
+        if name in wanted
+        and not set(wanted[name].accepted_names) & set(names)
+        and set(measured_names(name, table)) & set(names)
     }
-    remarks = []
-    for owner in EARTH_PLACES:
-        x, y = columns.get(f"{owner}_x_m"), columns.get(f"{owner}_y_m")
-        if x is not None and y is not None and _are_degrees(x, y, _values(batch, x), _values(batch, y)):
-            remarks.append(
-                f"{file}: columns {x!r} and {y!r} are read as metres, but look like longitudes and latitudes; "
-                f"if they are, read them by `columns` {owner}_lon_deg={x} and `columns` {owner}_lat_deg={y}"
-            )
-    for name, own in columns.items():
-        column = mapped[name]
-        in_degrees = column.converted and column.column.unit == "rad" and "_std_" not in name
-        if in_degrees and _are_radians(values := _values(batch, own)):
-            certain = "are probably radians" if values.size >= _MANY_ROWS else "may be radians"
-            remarks.append(
-                f"{file}, column {own!r}: all {values.size} values are within 2 pi and {certain}, expected degrees; "
-                f"if they are radians, read them by `columns` {name}={own}"
-            )
-    return remarks
 
 
-def _values(batch: RecordBatch, name: str) -> FloatArray:
-    column: Any = batch.table.column(name)
-    return as_float64(column)
-
-
-def _are_degrees(x_name: str, y_name: str, x: FloatArray, y: FloatArray) -> bool:
-    """Return whether coordinates are degrees by their names, or since they are close together and far from (0, 0)."""
-    finite = np.isfinite(x) & np.isfinite(y)
-    x, y = x[finite], y[finite]
-    if not x.size or np.abs(x).max() > 180.0 or np.abs(y).max() > 90.0:
-        return False
-    if named_like_degrees([x_name, y_name]) is not None:
-        return True
-    span = max(float(np.ptp(x)), float(np.ptp(y)))
-    fine = np.abs(x * 10.0 - np.round(x * 10.0)) > 1e-6
-    fine |= np.abs(y * 10.0 - np.round(y * 10.0)) > 1e-6
-    far = math.hypot(float(x.mean()), float(y.mean()))
-    return 0.0 < span <= _WIDEST_DEG and far >= _FAR * span and far > 5.0 and bool(fine.mean() > 0.5)
-
-
-def _are_radians(values: FloatArray) -> bool:
-    """Return whether angles are all within a turn in radians, and not whole numbers of degrees."""
-    values = values[np.isfinite(values)]
-    return values.size >= 2 and np.abs(values).max() <= _TURN and bool((values != np.round(values)).any())
+def measured_names(std: str, table: Table) -> tuple[str, ...]:
+    """Return the names of the measured column whose standard deviation the column ``std`` is."""
+    return table.column(std.replace("_std_", "_")).accepted_names

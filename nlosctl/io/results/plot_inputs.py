@@ -21,7 +21,7 @@ from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, KINDS, SCORES, TRACE, result_table
+from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES, TRACE, result_table
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.measurements.reader import MeasurementReader
@@ -166,7 +166,7 @@ def read_sampled(file: PlotInput, wanted: Sequence[str], limit: int | None) -> S
 
 def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) -> PlotSnapshot:
     """Return the measurements of one snapshot (default: the first); raises DataError if it does not exist."""
-    reader = MeasurementReader([file.input()], _with_missing_constants(file, options))
+    reader = MeasurementReader([file.input()], _with_missing_constants(options))
     try:
         for chunk in reader.chunks():
             ids = [str(word) for word in chunk.snapshot.to_pylist()]
@@ -190,16 +190,11 @@ def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) 
     raise DataError(f"{file.name}: no snapshot {snapshot!r}")
 
 
-def _with_missing_constants(file: PlotInput, options: InputOptions) -> InputOptions:
-    """Return the options without constants that the file has as columns: all files of a figure share the options."""
-    columns = {column.name: column for column in KINDS[file.kind].columns if column.constant_allowed}
-    known = {*file.names, *options.columns}
-    constants = {
-        name: value
-        for name, value in options.constants.items()
-        if name in columns and known.isdisjoint(columns[name].accepted_names)
-    }
-    return dataclasses.replace(options, constants=constants)
+def _with_missing_constants(options: InputOptions) -> InputOptions:
+    """Return the options with constants that give way to columns: all files of a figure share the options."""
+    return dataclasses.replace(
+        options, constants={}, default_constants={**options.default_constants, **options.constants}
+    )
 
 
 def read_rows_of_snapshot(file: PlotInput, snapshot: str | None) -> tuple[str, Columns]:

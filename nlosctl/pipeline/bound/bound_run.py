@@ -11,6 +11,7 @@ from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.pipeline.bound.bounds import MapGrid, bounds_at_truth, bounds_on_map, result_schema
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
+from nlosctl.pipeline.solve.method_runs import heights_remark
 
 __all__ = ["BoundReport", "BoundRun"]
 
@@ -71,7 +72,8 @@ class BoundRun:
     def provenance(self) -> dict[str, Any]:
         """Return the options that determine the results, as plain values."""
         content = {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
-        return content | read_settings(self.reader.options)
+        heights = {} if self._options.target_z_m is None else {"target_z_m": self._options.target_z_m}
+        return content | heights | read_settings(self.reader)
 
     def choices(self) -> dict[str, Any]:
         """Return the other options that two runs must share to write equal tables: none."""
@@ -99,7 +101,10 @@ class BoundRun:
         """Add the remarks of the reader, and those on columns that the bound does not use, to the report."""
         self.report.notes += remarks
         names = self.reader.column_names
-        if self.reader.kind == "ranges" and "sensor_z_m" in names:
-            self.report.notes.append("the column 'sensor_z_m' is not used: the bound is that of ranges in one plane")
+        self.report.notes += heights_remark(names, self._options.target_z_m)
+        if not self._options.use_ranges and (
+            self.reader.kind != "bearings" or "range_m" not in self.reader.schema.names
+        ):
+            self.report.notes.append(f"ranges are not left out: these {self.reader.kind} have none beside bearings")
         if self.reader.kind == "bearings" and "prior_x_m" in names:
             self.report.notes.append("the column 'prior_x_m' is not used: the bound is that of the bearings alone")

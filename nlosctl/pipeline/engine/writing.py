@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
@@ -125,9 +124,11 @@ class ChunkTables:
     rows: int
 
 
-def read_settings(options: InputOptions) -> dict[str, Any]:
+def read_settings(reader: MeasurementReader) -> dict[str, Any]:
     """Return the settings of reading that determine the results, without those that have their defaults."""
-    settings = {"columns": options.columns, "constants": options.constants, "all_rows": options.all_rows}
+    options = reader.options
+    settings: dict[str, Any] = {"columns": options.columns, "constants": reader.constants}
+    settings["all_rows"] = options.all_rows
     settings |= {name: list(getattr(options, name)) for name in ("wide", "missing", "where")}
     if options.declination_deg is not None:
         settings["declination_deg"] = options.declination_deg

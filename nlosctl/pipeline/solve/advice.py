@@ -50,7 +50,7 @@ class Measured:
             scene=reader.scene,
             names=reader.column_names,
             headers=reader.options.columns,
-            constants=reader.options.constants,
+            constants=reader.constants,
         )
 
     def option(self, name: str, other: str) -> str:

@@ -84,7 +84,8 @@ class MethodTally:
     ``located`` snapshots have a fix; they have ``rows_of_fixes`` rows, of them ``rows_used``. Those of them with one
     path per sensor have ``lone_rows`` that take part, of them ``lone_rows_used``, where the method has `alpha`.
     ``tested`` fits have a p-value. ``judged`` rows have a flag with a p-value. In ``missed`` snapshots a random search
-    may have had no right initial estimate, with probabilities whose sum is ``miss_probability``.
+    may have had no right initial estimate, with probabilities whose sum is ``miss_probability``. ``further`` estimates
+    are alternatives to a better one.
     """
 
     statuses: Counter[str] = field(default_factory=Counter)
@@ -99,11 +100,12 @@ class MethodTally:
     judged: int = 0
     missed: int = 0
     miss_probability: float = 0.0
+    further: int = 0
     verdicts: Counter[str] = field(default_factory=Counter)
 
     _COUNTED: ClassVar[tuple[str, ...]] = (
         *("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge", "located", "judged"),
-        *("missed", "miss_probability", "lone_rows", "lone_rows_used"),
+        *("missed", "miss_probability", "lone_rows", "lone_rows_used", "further"),
     )
 
     def add_verdicts(self, columns: Mapping[str, Any]) -> None:
@@ -120,6 +122,7 @@ class MethodTally:
         """Count the best alternatives of the method with this index."""
         mine = (estimates.alternative == 0) & (estimates.method == method)
         self.add(estimates.status[mine], estimates.fit_p_value[mine])
+        self.further += int(np.count_nonzero((estimates.alternative > 0) & (estimates.method == method)))
         fixed = mine & is_fix(estimates.status)
         self.rows_used += int(estimates.n_used[fixed].sum())
         first = np.diff(estimates.snapshot[fixed], prepend=-1) > 0

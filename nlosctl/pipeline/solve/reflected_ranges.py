@@ -30,7 +30,7 @@ def refuse_reflected_ranges(chunk: Chunk, scene: Scene, runs: Sequence[MethodRun
             f"direct; localize by {able}, or leave such rows out (los false)"
         )
     if "sensor_height_m" in chunk.columns:
-        by_circle = np.array([isinstance(part, CircleReflector) for part in scene.reflectors])
+        by_circle = np.array([isinstance(part, CircleReflector) for part in scene.reflectors], dtype=bool)
         bent = reflected[by_circle[reflector[reflected]] & (chunk.columns["sensor_height_m"][reflected] != 0.0)]
         if bent.size:
             raise UsageError(

@@ -13,8 +13,9 @@ from scipy.special import erfc, gammaincc
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.fields import Field, PolygonField
+from nlosctl.contract.fields import Field, PolygonField, SensorsField
 from nlosctl.contract.results import Estimates, has_covariance
+from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.statuses import Status
 from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally, unused_columns
 from nlosctl.version import __version__
@@ -169,21 +170,37 @@ def _closed_form(degrees: int, half: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(tail + np.exp(-half) * total, 1.0))
 
 
-def method_remarks(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str], field: Field) -> list[str]:
-    """Return the notes on the methods after a run, a line each; ``columns`` are those of the input."""
+def method_remarks(
+    runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str], options: SolveOptions, *, advised: bool
+) -> list[str]:
+    """Return the notes on the methods after a run, a line each; ``columns`` are those of the input.
+
+    ``advised``: a line of advice states already why there is no fix.
+    """
     return [
         *unused_columns(runs, report.kind, columns),
-        *_edge_remarks(runs, report, field),
+        *_edge_remarks(runs, report, options.field, advised=advised),
         *_misses(report),
         *_own_remarks(runs),
         *_estimated_options(report),
         *_half_ranges(runs),
         *_outlier_shares(runs, report),
         *_bad_fits(runs, report),
+        *_without_effect(runs, report, options),
     ]
 
 
-def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) -> list[str]:
+def _without_effect(runs: Sequence[MethodRun], report: RunReport, options: SolveOptions) -> list[str]:
+    if options == dataclasses.replace(
+        options, seed=0, alternatives=1, field=SensorsField(), worker_timeout=SolveOptions().worker_timeout
+    ):
+        return []
+    from nlosctl.pipeline.solve.ineffective_options import ineffective_options
+
+    return ineffective_options(runs, report, options)
+
+
+def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field, *, advised: bool) -> list[str]:
     region = f"polygon of {len(field.vertices_m)} vertices" if isinstance(field, PolygonField) else field
     notes = []
     for name, tally in ((run.label, report.methods[run.label]) for run in runs if run.spec.searches):
@@ -197,7 +214,7 @@ def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field) ->
                 "than any inside; enlarge it by `field`"
             )
         nowhere = tally.statuses[Status.NO_CANDIDATE.word]
-        if nowhere:
+        if nowhere and not advised:
             notes.append(
                 f"{name}: in {nowhere} of {tally.total} snapshots no candidate is in the search region; if sources may "
                 "be outside, enlarge it by `field`"

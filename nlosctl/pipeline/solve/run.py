@@ -96,7 +96,7 @@ class MeasurementRun:
             for run in self._runs
         ]
         content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
-        content |= read_settings(self.reader.options)
+        content |= read_settings(self.reader)
         if options.target_z_m is not None:
             content["target_z_m"] = options.target_z_m
         return content
@@ -129,13 +129,14 @@ class MeasurementRun:
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
+        advice = self._advice()
         self.report.notes += [
             *remarks,
             *(rejoined_remark(self.report.rejoined) if self.report.rejoined else ()),
             *heights_remark(self.reader.column_names, self._options.target_z_m),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
-            *method_remarks(self._runs, self.report, self._known_columns(), self._options.field),
-            *self._advice(),
+            *method_remarks(self._runs, self.report, self._known_columns(), self._options, advised=bool(advice)),
+            *advice,
         ]
 
     def _advice(self) -> list[str]:
@@ -147,7 +148,7 @@ class MeasurementRun:
 
     def _known_columns(self) -> list[str]:
         """Return the columns of the input, and those that a constant replaces."""
-        return [*self.reader.schema.names, *self.reader.options.constants]
+        return [*self.reader.schema.names, *self.reader.constants]
 
     def _optional_columns(self) -> frozenset[str]:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
@@ -187,7 +188,7 @@ class MeasurementRun:
                 frame="" if reader.scene.frame is None else reader.scene.frame.words,
             )
         if "flags" in self._wanted:
-            layouts["flags"] = FlagsLayout(**shared, names=self._flag_names(), constants=reader.options.constants)
+            layouts["flags"] = FlagsLayout(**shared, names=self._flag_names(), constants=reader.constants)
         if "trace" in self._wanted:
             layouts["trace"] = TraceLayout(**shared)
             if not any(run.spec.traces for run in self._runs):
