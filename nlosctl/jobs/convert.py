@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-import pyarrow as pa
-
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError, hide_secrets
 from nlosctl.io.conversion.table_copy import TableCopy
@@ -135,9 +133,7 @@ def _with_constants(source: _Source, read: InputOptions, exporter: str | None, n
             raise UsageError(f"`constants[{next(iter(read.constants))!r}]` is for tables of measurements, not for maps")
         return source
     constants = new_constants(read, source.schema, name)
-    schema = source.schema
-    for column in constants:
-        schema = schema.append(pa.field(column, pa.float64()))
+    schema = next(with_constants(iter([source.schema.empty_table()]), constants)).schema
     return dataclasses.replace(source, tables=with_constants(source.tables, constants), schema=schema)
 
 

@@ -14,6 +14,7 @@ from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
+from tests.support.program import run_here
 
 
 def row(place: int = 1, **more: Any) -> str:
@@ -34,7 +35,6 @@ def save_lines(path: Path, *lines: str) -> Path:
         (row()[:-1] + ', "sensor": "b"}', None, "duplicate name 'sensor'"),
         ("[" * 100_000, None, "nested too deeply"),
         (row(bearing_rad=10**400), "bearing_rad", "expected a number within 1e308"),
-        (row(snapshot=2**70), "snapshot", "an integer within 64 bits; store it as text"),
         (row(path=2**70), "path", "an integer within 64 bits"),
         (row(sensor="\ud800"), "sensor", "half a surrogate pair"),
         (row(**{"\udfff": 1}), None, "a name contains half of a surrogate pair"),
@@ -127,3 +127,30 @@ def test_text_that_is_no_json_is_told(tmp_path: Path) -> None:
     """CSV under the name of JSON Lines gets a hint."""
     with pytest.raises(DataError, match=r"line 1: not JSON.*`input_format` csv"):
         read([save_lines(tmp_path / "a.jsonl", "snapshot,sensor", "1,a")])
+
+
+def test_integers_beyond_64_bits_are_names(tmp_path: Path) -> None:
+    """Ids and names beyond 64 bits are kept, digit by digit, as text; so are those of a column that is carried."""
+    ids = [2**70, 2**70, 2**63, -(2**80)]
+    lines = [row(place, snapshot=number, sensor=10**30 + place, note=10**25) for place, number in enumerate(ids)]
+    rows = whole(read([save_lines(tmp_path / "in.jsonl", *lines)]))
+    assert (rows.ids, rows.counts) == ([str(2**70), str(2**63), str(-(2**80))], [2, 1, 1])
+    assert rows.table.column("sensor").to_pylist() == [str(10**30 + place) for place in range(4)]
+    assert rows.table.column("note").to_pylist() == [str(10**25)] * 4
+
+
+@pytest.mark.parametrize("rows", [3, 20000])
+@pytest.mark.parametrize("compression", ["bz2", "zst"])
+@pytest.mark.parametrize("extension", ["jsonl", "csv"])
+def test_compressed_lines_on_standard_input(tmp_path: Path, extension: str, compression: str, rows: int) -> None:
+    """JSON Lines and CSV are told apart by their content, however much of it is in a block of the compression."""
+    lines = [row(place, note=f"{place * 7919 % 10007}") for place in range(rows)]
+    save_lines(tmp_path / "in.jsonl", *lines)
+    name = f"in.{extension}.{compression}"
+    assert run_here("convert", "in.jsonl", "-o", name, "-q", folder=tmp_path).returncode == 0
+    done = run_here("convert", "-", "-o", "-", stdin=(tmp_path / name).read_bytes(), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == run_here("convert", "in.jsonl", "-o", "-", folder=tmp_path).stdout
+    cut = run_here("validate", "-", stdin=(tmp_path / name).read_bytes()[:-20], folder=tmp_path)
+    assert cut.returncode == 1
+    assert b"cut short" in cut.stderr

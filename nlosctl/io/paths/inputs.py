@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import bz2
 import io
 import shutil
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from glob import glob, has_magic
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 from urllib.parse import unquote
+
+import pyarrow as pa
 
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.paths.locations import (
@@ -35,6 +39,9 @@ __all__ = ["Input", "Part", "expand_inputs"]
 
 _SPOOL_IN_MEMORY_BYTES = 64 << 20
 _HEAD_BYTES = 4096
+_BLOCK_BYTES = 1 << 16
+_LONGEST_BLOCK = 2 << 20
+"""A block of bzip2 has at most 900 kB of content, one of zstd 128 kB."""
 _HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 
 
@@ -225,12 +232,35 @@ def _standard_input(input_format: FileFormat | None, stdin: IO[bytes] | None) ->
 def _stream(input_name: str, name: str, source: IO[bytes], input_format: FileFormat | None) -> Input:
     head = source.read(_HEAD_BYTES)  # waits for a slow writer
     detected = format_of_bytes(head)
+    if input_format is None and detected.compression in ("zst", "bz2"):
+        head, content = _first_content(head, source, detected.compression)
+        is_json = format_of_bytes(content) is FileFormat.JSON_LINES
+        detected = FileFormat(f"jsonl.{detected.compression}") if is_json else detected
     format = input_format or detected
     if format is FileFormat.ARROW and detected is FileFormat.ARROW_STREAM:
         format = detected
     buffered: Any = io.BufferedReader(_Replayed(head, source, owned=input_name != "-"))
     stream = _spool(buffered) if format.needs_seeking else buffered
     return Input(name=input_name, parts=(Part(name=name, format=format, stream=stream),))
+
+
+def _first_content(head: bytes, source: IO[bytes], compression: str) -> tuple[bytes, bytes]:
+    """Return the beginning of a compressed stream, read on to the end of its first block, and that of its content.
+
+    The content is empty if the stream is corrupted, which its reader will report.
+    """
+    while True:
+        with suppress(OSError, EOFError):
+            if compression == "bz2":
+                content = bz2.BZ2Decompressor().decompress(head, _HEAD_BYTES)
+            else:
+                content = pa.CompressedInputStream(pa.BufferReader(head), "zstd").read(_HEAD_BYTES)
+            if content.strip():
+                return head, content
+        more = source.read(_BLOCK_BYTES) if len(head) < _LONGEST_BLOCK else b""
+        if not more:
+            return head, b""
+        head += more
 
 
 class _Replayed(io.RawIOBase):

@@ -246,7 +246,7 @@ def format_named(name: str) -> FileFormat:
 def format_of_bytes(head: bytes) -> FileFormat:
     """Return the format by the first bytes of a file (some hundred, for gzip); text that is not JSON is CSV.
 
-    The content of the other compressions can't be read from their first bytes: they are CSV too.
+    The content of the other compressions can't be read from their first bytes alone: they are CSV too.
     """
     if head.startswith(b"PAR1"):
         return FileFormat.PARQUET

@@ -40,8 +40,10 @@ class NameSurvey:
         self._kinds |= kinds
 
     def identifier_type(self) -> ColumnType:
-        """Return integer if the first text or number is a number, else identifier."""
-        return "integer" if self._first is int else "identifier"
+        """Return integer if the first text or number is a number, text if one is beyond 64 bits, else identifier."""
+        if self._first is not int:
+            return "identifier"
+        return "integer" if self._in_int64 else "text"
 
     def own_type(self, name: str) -> ColumnType:
         """Return the narrowest type for all values without loss, for a column ``name`` that is not in the table.
@@ -119,7 +121,7 @@ def _read_name(value: Any) -> str | None:
 
 
 def _read_text(value: Any) -> str | None:
-    return str(_read_integer(value)) if type(value) is int else _read_name(value)
+    return str(value) if type(value) is int else _read_name(value)
 
 
 def _read_any(value: Any) -> str | None:
