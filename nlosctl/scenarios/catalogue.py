@@ -32,6 +32,7 @@ _MODULES = {
     "shen": "nlosctl.scenarios.shen",
     "song-circle": "nlosctl.scenarios.song_circle",
     "song-flat": "nlosctl.scenarios.song_flat",
+    "triplets": "nlosctl.scenarios.scene_triplets",
 }
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,8 +10,8 @@ from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.scenarios.bearing_rows import ErrorModel, bearing_errors
-from nlosctl.scenarios.scene_paths import SQUARE, SceneOptions, row_columns, scene_paths
-from nlosctl.scenarios.spec import Columns, ScenarioSpec
+from nlosctl.scenarios.scene_paths import SceneOptions, row_columns, scenario_in_scene, scene_paths
+from nlosctl.scenarios.spec import Columns
 
 __all__ = ["SCENARIO", "SceneBearingsOptions", "generate"]
 
@@ -43,17 +42,4 @@ def generate(options: SceneBearingsOptions, generator: np.random.Generator, snap
     return row_columns(paths, values)
 
 
-def _of_scene(scene: Scene) -> ScenarioSpec:
-    return replace(SCENARIO, scene=lambda options: scene, generate=partial(generate, scene=scene))
-
-
-SCENARIO = ScenarioSpec(
-    name="bearings",
-    kind="bearings",
-    summary="bearings in a scene of your own (--scene FILE), else in a square of four sensors: all paths that exist",
-    reference="generic",
-    options=SceneBearingsOptions,
-    scene=lambda options: SQUARE,
-    generate=partial(generate, scene=SQUARE),
-    of_scene=_of_scene,
-)
+SCENARIO = scenario_in_scene(name="bearings", options=SceneBearingsOptions, generate=generate)

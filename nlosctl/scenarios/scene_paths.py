@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,9 +17,9 @@ from nlosctl.errors import UsageError
 from nlosctl.geometry.lines import crosses_segment, reflect_points, side_of_line
 from nlosctl.models.bearings import predict_bearings, sight_lines
 from nlosctl.models.search_regions import search_region
-from nlosctl.scenarios.spec import Columns
+from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
-__all__ = ["SQUARE", "SceneOptions", "ScenePaths", "row_columns", "scene_paths"]
+__all__ = ["SQUARE", "SceneOptions", "ScenePaths", "row_columns", "scenario_in_scene", "scene_paths"]
 
 SQUARE = Scene(
     sensors=tuple(
@@ -48,6 +50,25 @@ class SceneOptions:
 
     def __post_init__(self) -> None:
         parse_field(self.region)
+
+
+def scenario_in_scene(*, name: str, options: type[SceneOptions], generate: Callable[..., Columns]) -> ScenarioSpec:
+    """Return the scenario of the kind ``name`` in `SQUARE`, or in a scene of the user's own: ``generate(scene=)``."""
+
+    def of_scene(own: Scene) -> ScenarioSpec:
+        return replace(spec, scene=lambda options: own, generate=partial(generate, scene=own))
+
+    spec = ScenarioSpec(
+        name=name,
+        kind=name,
+        summary=f"{name} in a scene of your own (--scene FILE), else in a square of four sensors: all paths that exist",
+        reference="generic",
+        options=options,
+        scene=lambda options: SQUARE,
+        generate=partial(generate, scene=SQUARE),
+        of_scene=of_scene,
+    )
+    return spec
 
 
 @dataclass(frozen=True)

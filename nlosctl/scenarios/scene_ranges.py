@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
 from nlosctl.models.ranges import predict_ranges
-from nlosctl.scenarios.scene_paths import SQUARE, SceneOptions, row_columns, scene_paths
-from nlosctl.scenarios.spec import Columns, ScenarioSpec
+from nlosctl.scenarios.scene_paths import SceneOptions, row_columns, scenario_in_scene, scene_paths
+from nlosctl.scenarios.spec import Columns
 
 __all__ = ["SCENARIO", "SceneRangesOptions", "generate"]
 
@@ -50,17 +49,4 @@ def generate(options: SceneRangesOptions, generator: np.random.Generator, snapsh
     return row_columns(paths, values)
 
 
-def _of_scene(scene: Scene) -> ScenarioSpec:
-    return replace(SCENARIO, scene=lambda options: scene, generate=partial(generate, scene=scene))
-
-
-SCENARIO = ScenarioSpec(
-    name="ranges",
-    kind="ranges",
-    summary="ranges in a scene of your own (--scene FILE), else in a square of four sensors: all paths that exist",
-    reference="generic",
-    options=SceneRangesOptions,
-    scene=lambda options: SQUARE,
-    generate=partial(generate, scene=SQUARE),
-    of_scene=_of_scene,
-)
+SCENARIO = scenario_in_scene(name="ranges", options=SceneRangesOptions, generate=generate)

@@ -143,7 +143,7 @@ def test_integers_beyond_64_bits_are_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", ["bz2", "zst"])
 @pytest.mark.parametrize("extension", ["jsonl", "csv"])
 def test_compressed_lines_on_standard_input(tmp_path: Path, extension: str, compression: str, rows: int) -> None:
-    """JSON Lines and CSV are told apart by their content, however much of it is in a block of the compression."""
+    """The content decides between JSON Lines and CSV, however much of it is in a block of the compression."""
     lines = [row(place, note=f"{place * 7919 % 10007}") for place in range(rows)]
     save_lines(tmp_path / "in.jsonl", *lines)
     name = f"in.{extension}.{compression}"

@@ -132,3 +132,66 @@ def test_the_command_takes_a_file(tmp_path: Path) -> None:
         assert (refused.returncode, message in refused.stderr.decode()) == (2, True), refused.stderr
     with pytest.raises(UsageError, match="has no sensors"):
         nlosctl.simulate("bearings", scene=Scene(reflectors=(MIRROR,)))
+
+
+def _images(point: tuple[float, float]) -> dict[str | None, np.ndarray]:
+    """A point, and its images in the floor y = 0 and in the wall x = 0."""
+    x, y = point
+    return {None: np.array([x, y]), "floor": np.array([x, -y]), "wall": np.array([-x, y])}
+
+
+def test_triplets_are_those_of_the_image_method(tmp_path: Path) -> None:
+    """Between two mirrors each pair of legs has a row, with the angles and the length of the images of the target."""
+    mirrors = (
+        LineReflector(name="floor", point=(0.0, 0.0), direction=(1.0, 0.0)),
+        LineReflector(name="wall", point=(0.0, 0.0), direction=(0.0, 1.0)),
+    )
+    nodes = {"t": (2.0, 3.0), "r1": (9.0, 2.0), "r2": (4.0, 7.0)}
+    scene = Scene(sensors=tuple(Sensor(name=n, position=p) for n, p in nodes.items()), reflectors=mirrors)
+    precise = {"angle_std_deg": 1e-9, "path_length_std_m": 1e-9}
+    keywords = {"scene": scene, "trials": 20, "region": "1,10,1,8", **precise}
+    rows = rows_of(nlosctl.simulate("triplets", **keywords))
+    assert len(rows) == 20 * 2 * 9
+    for snapshot in range(20):
+        mine = [row for row in rows if row["snapshot"] == snapshot]
+        assert [row["path"] for row in mine] == list(range(18))
+        target = (mine[0]["truth_x_m"], mine[0]["truth_y_m"])
+        expected = []
+        for name in ("r1", "r2"):
+            for first, out in _images(target).items():
+                for second, back in _images(target).items():
+                    to, fro = out - nodes["t"], back - nodes[name]
+                    angles = (np.arctan2(to[1], to[0]), np.arctan2(fro[1], fro[0]))
+                    indirect = first is not None or second is not None
+                    expected.append([*nodes[name], *angles, np.hypot(*to) + np.hypot(*fro), indirect])
+        names = ("rx_x_m", "rx_y_m", "dod_rad", "doa_rad", "path_length_m", "truth_ip")
+        found = [[float(row[name]) for name in names] for row in mine]
+        np.testing.assert_allclose(sorted(found), sorted(expected), atol=1e-6)
+    only = rows_of(nlosctl.simulate("triplets", direct=False, transmitters=["r1"], receivers=["t"], **keywords))
+    assert {(row["tx_x_m"], row["rx_x_m"], row["truth_ip"]) for row in only} == {(9.0, 2.0, True)}
+    assert len(only) == 20 * 8
+
+
+def test_walls_block_legs_of_triplets() -> None:
+    """A wall between the transmitter and the target leaves no path whose first leg is straight."""
+    wall = SegmentReflector(name="wall", start=(5.0, -10.0), end=(5.0, 10.0))
+    scene = Scene(
+        sensors=(Sensor(name="t", position=(0.0, 0.0)), Sensor(name="r", position=(9.0, 4.0))), reflectors=(wall,)
+    )
+    rows = rows_of(nlosctl.simulate("triplets", scene=scene, target=[8.0, 1.0], trials=3))
+    assert rows == []
+    rows = rows_of(nlosctl.simulate("triplets", scene=scene, target=[4.0, 1.0], trials=3))
+    assert {row["truth_ip"] for row in rows} <= {True}
+
+
+def test_triplets_of_an_unsuitable_scene() -> None:
+    """Unknown names, a lone sensor and heights are refused in words."""
+    two = (Sensor(name="t", position=(0.0, 0.0)), Sensor(name="r", position=(9.0, 4.0)))
+    high = tuple(Sensor(name=s.name, position=s.position, z_m=3.0) for s in two)
+    for sensors, words, message in (
+        (two, {"transmitters": ["x"]}, "the scene has no sensor 'x'"),
+        (two[:1], {}, "no sensor that receives"),
+        (high, {}, "triplets are in one plane"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            nlosctl.simulate("triplets", scene=Scene(sensors=sensors), trials=1, **words)

@@ -41,7 +41,8 @@ def simulate(
 ) -> None:
     """Simulate measurements of a scenario, with ground truth. The same seed gives the same file.
 
-    With --scene FILE the sensors and reflectors are your own: the scenario is 'bearings' (default) or 'ranges'.
+    With --scene FILE the sensors and reflectors are your own: the scenario is 'bearings' (default), 'ranges'
+    or 'triplets'.
     """
     if scenario is None and read.scene is not None:
         scenario = "bearings"
