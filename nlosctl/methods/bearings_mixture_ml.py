@@ -134,6 +134,6 @@ METHOD = MethodSpec(
     searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
-    reads=frozenset({"range_m", "range_std_m"}),
+    reads=frozenset({"range_m", "range_std_m", "path"}),
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

@@ -144,5 +144,5 @@ METHOD = MethodSpec(
     covariance_kinds=("inliers",),
     randomized=True,
     exempt_from=frozenset({"order"}),
-    reads=frozenset({"range_m", "range_std_m"}),
+    reads=frozenset({"range_m", "range_std_m", "path"}),
 )

@@ -180,7 +180,7 @@ METHOD = MethodSpec(
     searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
-    reads=frozenset({"reflector"}),
+    reads=frozenset({"reflector", "path"}),
     learning=Learning(
         options=("alpha", "bias_mean_m"), statistics=_count_outliers, update=_next_options, refusal=_refusal
     ),

@@ -83,6 +83,25 @@ def test_the_bound_without_ranges_of_a_file_without(folder: Path) -> None:
         assert done.stderr.count(b"ranges are not left out") == count
 
 
+def test_competing_paths_are_noted(folder: Path) -> None:
+    """Methods that trust every row have a note on several paths of a sensor; others, and single paths, have none."""
+    words = ("-n", "3", "-p", "paths=3", "-q", "-o", "k.csv")
+    assert run_here("simulate", "madhow-ring", *words, folder=folder).returncode == 0
+    done = run_here("localize", "k.csv", "-m", "ml", "-m", "mixture-ml", "-m", "sequential", "-o", "-", folder=folder)
+    (line,) = [line for line in done.stderr.decode().splitlines() if "'path'" in line]
+    assert "the column 'path' is not used by ml, sequential: 72 rows are several paths of one sensor" in line
+    header, *rows = (folder / "b.csv").read_text().splitlines()
+    (folder / "one.csv").write_text("\n".join([f"{header},path", *(f"{row},0" for row in rows), ""]))
+    for words in (("k.csv", "-m", "suppress"), ("one.csv", "-m", "ml")):
+        assert b"'path'" not in run_here("localize", *words, "-o", "-", folder=folder).stderr
+    header, *rows = (folder / "r.csv").read_text().splitlines()
+    for numbers, count in (("01", 1), ("", 0)):
+        repeated = [f"{row},{numbers[at:][:1]}" for row in rows for at in (0, 1)]
+        (folder / "two.csv").write_text("\n".join([f"{header},path", *repeated, ""]))
+        done = run_here("localize", "two.csv", "-o", "-", folder=folder)
+        assert done.stderr.count(b"the column 'path' is not used by ml") == count, done.stderr
+
+
 def test_no_candidate_is_explained_once(folder: Path) -> None:
     """Where no snapshot has a fix, one line names `--field`: the advice; where some have, the note alone."""
     words = ("--field", "10,11,10,11", "-p", "use_ranges=false", "-p", "search_outside=false", "-o", "-")

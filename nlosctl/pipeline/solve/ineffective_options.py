@@ -1,4 +1,4 @@
-"""Options of a run that had no effect, since no method of it uses them: notes for the summary."""
+"""Options of a run and path numbers that had no effect, since no method uses them: notes for the summary."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nlosctl.contract.run_options import SolveOptions
 from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.report import RunReport
 
-__all__ = ["ineffective_options"]
+__all__ = ["competing_paths", "ineffective_options"]
 
 
 def ineffective_options(runs: Sequence[MethodRun], report: RunReport, options: SolveOptions) -> list[str]:
@@ -25,3 +25,14 @@ def ineffective_options(runs: Sequence[MethodRun], report: RunReport, options: S
     if options.worker_timeout != SolveOptions().worker_timeout and options.engine != "dask":
         notes.append("`worker_timeout` has no effect: it is for the engine dask")
     return notes
+
+
+def competing_paths(runs: Sequence[MethodRun], rows: int) -> list[str]:
+    """Return a line if methods take all of ``rows`` competing paths as they are stated."""
+    names = dict.fromkeys(run.spec.name for run in runs if run.spec.job == "localize" and "path" not in run.spec.reads)
+    if not rows or not names:
+        return []
+    return [
+        f"the column 'path' is not used by {', '.join(names)}: {rows} rows are several paths of one sensor, and all of "
+        "them are taken as the stated path; mixture-ml takes at most one of them"
+    ]

@@ -1,4 +1,4 @@
-"""Whether `alpha`, the expected share of outliers, is too small by the share of rows that the fixes do not use."""
+"""Several paths of a sensor: rows that compete, and whether `alpha` is too small where there are none."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from math import sqrt
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray
+from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.results import is_fix
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.solvers.mixture.outlier_options import OutlierOptions
 
-__all__ = ["count_lone_rows", "share_remark", "single_path_snapshots"]
+__all__ = ["competing_rows", "count_lone_rows", "share_remark", "single_path_snapshots"]
 
 _FEWEST_ROWS = 100
 _STANDARD_ERRORS = 3.0
@@ -24,14 +24,25 @@ _GROUP_KEYS = ("sensor_y_m", "sensor_x_m", "reflector")
 
 def single_path_snapshots(chunk: Chunk) -> BoolArray:
     """Return in which snapshots (S,) no sensor has several rows at one position by one reflector, which compete."""
-    kept = np.flatnonzero(~chunk.left_out)
+    snapshot, same = _neighbours(chunk, ~chunk.left_out)
+    single = np.ones(chunk.offsets.size - 1, dtype=bool)
+    single[snapshot[1:][same]] = False
+    return single
+
+
+def competing_rows(chunk: Chunk) -> int:
+    """Return the number of rows with a path number that share sensor, position and reflector with another."""
+    _, same = _neighbours(chunk, ~chunk.left_out & (chunk.columns["path"] >= 0))
+    return int(np.count_nonzero(np.append(same, False) | np.append(False, same)))
+
+
+def _neighbours(chunk: Chunk, taking_part: BoolArray) -> tuple[IntArray, BoolArray]:
+    """Return the snapshots (N,) of rows sorted by sensor, position and reflector, and which are as the next (N-1,)."""
+    kept = np.flatnonzero(taking_part)
     snapshot = np.repeat(np.arange(chunk.offsets.size - 1), np.diff(chunk.offsets))[kept]
     keys = [*(chunk.columns[name][kept] for name in (*_GROUP_KEYS, "sensor") if name in chunk.columns), snapshot]
     order = np.lexsort(keys)
-    same = np.logical_and.reduce([key[order[1:]] == key[order[:-1]] for key in keys])
-    single = np.ones(chunk.offsets.size - 1, dtype=bool)
-    single[snapshot[order[1:]][same]] = False
-    return single
+    return snapshot[order], np.logical_and.reduce([key[order[1:]] == key[order[:-1]] for key in keys])
 
 
 def count_lone_rows(tallies: Sequence[tuple[int, MethodTally]], chunk: Chunk, estimates: ChunkEstimates) -> None:

@@ -35,7 +35,8 @@ class RunReport:
     ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`; ``refits``
     counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`; ``rejoined`` are
     snapshots across parts, see `nlosctl.io.measurements.returned_ids`; ``largest_snapshot`` is its number of rows that
-    take part; ``learned`` are the options that the methods estimated from the input.
+    take part; ``competing_rows`` are several paths of one sensor; ``learned`` are the options estimated
+    from the input.
     """
 
     kind: str
@@ -45,6 +46,7 @@ class RunReport:
     bad_rows: int = 0
     snapshots: int = 0
     snapshots_lost: int = 0
+    competing_rows: int = 0
     largest_snapshot: int = 0
     methods: dict[str, MethodTally] = field(default_factory=dict)
     flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
@@ -62,6 +64,7 @@ class RunReport:
         counted = {name: getattr(self, name) for name in self._COUNTED}
         further: dict[str, Any] = {"inputs": self.inputs, "flat_plane": self.flat_plane, "refits": dict(self.refits)}
         further |= {"rejoined": self.rejoined, "largest_snapshot": self.largest_snapshot}
+        further["competing_rows"] = self.competing_rows
         return {**counted, "methods": methods, **further}
 
     def take(self, counts: Mapping[str, Any]) -> None:
@@ -74,6 +77,7 @@ class RunReport:
             self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
         self.refits.update(counts["refits"])
         self.rejoined += counts["rejoined"]
+        self.competing_rows += counts["competing_rows"]
         self.largest_snapshot = max(self.largest_snapshot, counts["largest_snapshot"])
         for entry in counts["inputs"]:
             if self.inputs and self.inputs[-1]["name"] == entry["name"]:
@@ -191,13 +195,13 @@ def method_remarks(
 
 
 def _without_effect(runs: Sequence[MethodRun], report: RunReport, options: SolveOptions) -> list[str]:
-    if options == dataclasses.replace(
+    if not report.competing_rows and options == dataclasses.replace(
         options, seed=0, alternatives=1, field=SensorsField(), worker_timeout=SolveOptions().worker_timeout
     ):
         return []
-    from nlosctl.pipeline.solve.ineffective_options import ineffective_options
+    from nlosctl.pipeline.solve.ineffective_options import competing_paths, ineffective_options
 
-    return ineffective_options(runs, report, options)
+    return [*competing_paths(runs, report.competing_rows), *ineffective_options(runs, report, options)]
 
 
 def _edge_remarks(runs: Sequence[MethodRun], report: RunReport, field: Field, *, advised: bool) -> list[str]:

@@ -258,6 +258,10 @@ class MeasurementRun:
         report.rows = int(chunk.offsets[-1])
         taking_part = np.add.reduceat(~chunk.left_out, chunk.offsets[:-1], dtype=np.int64)
         report.largest_snapshot = int(taking_part.max())
+        if "path" in self.reader.schema.names and self.reader.kind != "triplets":
+            from nlosctl.pipeline.solve.outlier_shares import competing_rows
+
+            report.competing_rows = competing_rows(chunk)
         for number, run in enumerate(self._runs):
             tally = report.methods[run.label]
             if solution.estimates is not None:
