@@ -100,3 +100,26 @@ def test_columns_that_a_method_does_not_use_are_noted(cli: Cli, tmp_path: Path) 
     assert "the column 'reflector' is not used" in done.err
     done = cli("bound", FIXTURES / "good_ranges.csv")
     assert "the column 'sensor_z_m' is not used" in done.err
+
+
+def test_a_range_beside_a_bearing_by_a_circle_is_refused(cli: Cli, tmp_path: Path) -> None:
+    """Its path is not the unfolded one: methods and the bound that use ranges refuse it; without the ranges they run."""
+    header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg,reflector,range_m,range_std_m"
+    lines = ["1,a,-300,-200,45,2,,400,2", "1,b,300,-250,120,2,{one},{length},{std}", "1,c,250,300,200,2,,,"]
+    truth = [f"{header},truth_x_m,truth_y_m", *(f"{line},0,100" for line in lines)]
+    (tmp_path / "r.scene.toml").write_text(MIRROR)
+
+    def run(*words: str, one: str = "dome", length: str = "1500") -> Outcome:
+        (tmp_path / "r.csv").write_text("\n".join([*truth, ""]).format(one=one, length=length, std=length and 2))
+        return cli(*words, "r.csv", "-o", "out.csv", "--overwrite")
+
+    uses = [("localize", "-m", name) for name in ("ml", "mixture-ml", "suppress", "sequential")]
+    for words in (*uses, ("bound",)):
+        done = run(*words)
+        assert done.code == 2
+        assert "column 'reflector': got 'dome', a circle, and the row has a range beside its bearing" in done.err
+    assert run("localize", "-m", "ls").code == 0
+    assert run("bound", "--no-ranges").code == 0
+    assert run("localize", "-p", "use_ranges=false").code == 0
+    assert run("localize", one="wall").code == 0
+    assert run("localize", length="").code == 0

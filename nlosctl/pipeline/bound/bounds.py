@@ -21,7 +21,7 @@ from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
-from nlosctl.pipeline.solve.reflected_ranges import refuse_reflected_ranges
+from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, with_sensor_heights
 
 __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
@@ -95,7 +95,7 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
     for chunk in reader.chunks():
         x, y = _truth(chunk).T
         arrays = _no_bounds(x, y)
-        chunk = _with_heights(chunk, reader, options)
+        chunk = _as_modelled(chunk, reader, options)
         kept = ~chunk.left_out & _may_be_direct(chunk)
         for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
             if row.shape[1]:
@@ -129,7 +129,7 @@ def bounds_on_map(reader: MeasurementReader, grid: MapGrid, options: SolveOption
     chunk = next(iter(reader.chunks()), None)
     if chunk is None:
         raise DataError("no snapshot to take sensors and paths from")
-    chunk = _with_heights(chunk, reader, options)
+    chunk = _as_modelled(chunk, reader, options)
     single = _without_ranges(_first_snapshot(reader, chunk), options)
     for x, y in grid.blocks():
         arrays = _no_bounds(x, y)
@@ -137,13 +137,17 @@ def bounds_on_map(reader: MeasurementReader, grid: MapGrid, options: SolveOption
         yield bound_table(arrays, schema)
 
 
-def _with_heights(chunk: Chunk, reader: MeasurementReader, options: SolveOptions) -> Chunk:
-    """Return the chunk with the heights of its sensors above the source, if ``target_z_m`` is given."""
-    if options.target_z_m is None:
-        return chunk
-    chunk = with_sensor_heights(chunk, options.target_z_m)
-    if reader.scene.reflectors:
-        refuse_reflected_ranges(chunk, reader.scene, ())
+def _as_modelled(chunk: Chunk, reader: MeasurementReader, options: SolveOptions) -> Chunk:
+    """Return the chunk with the heights of its sensors above the source, if ``target_z_m`` is given.
+
+    Raises UsageError for ranges by circles that are slant, or beside bearings.
+    """
+    if options.target_z_m is not None:
+        chunk = with_sensor_heights(chunk, options.target_z_m)
+    if reader.scene.has_circles and reader.kind == "bearings" and options.use_ranges:
+        refuse_circle_ranges(chunk, reader.scene)
+    elif reader.scene.has_circles and reader.kind == "ranges":
+        refuse_reflected_ranges(chunk, reader.kind, reader.scene, ())
     return chunk
 
 

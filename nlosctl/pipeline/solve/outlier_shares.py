@@ -1,4 +1,4 @@
-"""Several paths of a sensor: rows that compete, and whether `alpha` is too small where there are none."""
+"""Several paths of a sensor: rows that compete, and whether `alpha` is too small in snapshots without them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ranges that name a reflector: refused for methods that can't use it, and for slant ranges by a circle."""
+"""Ranges that name a reflector: refused if a method can't use it, and by a circle if slant or beside a bearing."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from nlosctl.errors import UsageError
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.solve.method_runs import MethodRun
 
-__all__ = ["refuse_reflected_ranges"]
+__all__ = ["refuse_circle_ranges", "refuse_reflected_ranges"]
 
 
-def refuse_reflected_ranges(chunk: Chunk, scene: Scene, runs: Sequence[MethodRun]) -> None:
-    """Raise UsageError, naming the first such row, if rows that take part need what a method can't do.
+def refuse_reflected_ranges(chunk: Chunk, kind: str, scene: Scene, runs: Sequence[MethodRun]) -> None:
+    """Raise UsageError, naming the first such row, if ranges in rows that take part need what a method can't do.
 
     ``chunk`` has the column ``sensor_height_m`` if its ranges are slant ranges.
     """
+    if kind != "ranges":
+        if any("range_m" in run.spec.reads and getattr(run.options, "use_ranges", True) for run in runs):
+            refuse_circle_ranges(chunk, scene)
+        return
     reflector = np.where(chunk.left_out, -1, chunk.columns["reflector"])
     reflected = np.flatnonzero(reflector >= 0)
     unable = [run.spec.name for run in runs if "reflector" not in run.spec.reads]
@@ -37,6 +41,21 @@ def refuse_reflected_ranges(chunk: Chunk, scene: Scene, runs: Sequence[MethodRun
                 f"{_cell(chunk, int(bent[0]), scene)}, a circle, but with `target_z_m` the range is a slant range, and "
                 "circles reflect within the plane; leave `target_z_m` out, or such rows (los false)"
             )
+
+
+def refuse_circle_ranges(chunk: Chunk, scene: Scene) -> None:
+    """Raise UsageError, naming the first such row, if a bearing by a circle has a range: its path is not unfolded."""
+    if not {"range_m", "range_std_m"} <= chunk.columns.keys():
+        return
+    reflector = np.where(chunk.left_out, -1, chunk.columns["reflector"])
+    by_circle = np.array([isinstance(part, CircleReflector) for part in scene.reflectors], dtype=bool)
+    ranged = np.isfinite(chunk.columns["range_m"]) & np.isfinite(chunk.columns["range_std_m"])
+    bent = np.flatnonzero((reflector >= 0) & by_circle[reflector] & ranged)
+    if bent.size:
+        raise UsageError(
+            f"{_cell(chunk, int(bent[0]), scene)}, a circle, and the row has a range beside its bearing; empty range_m "
+            "in such rows, or leave the ranges out (use_ranges=false); ranges alone are a file of ranges"
+        )
 
 
 def _cell(chunk: Chunk, row: int, scene: Scene) -> str:

@@ -221,10 +221,10 @@ class MeasurementRun:
         write, target_z_m = self._write, self._options.target_z_m
         if target_z_m is not None:
             chunk = with_sensor_heights(chunk, target_z_m)
-        if self.reader.kind == "ranges" and self.reader.scene.reflectors:
+        if self.reader.scene.reflectors:
             from nlosctl.pipeline.solve.reflected_ranges import refuse_reflected_ranges
 
-            refuse_reflected_ranges(chunk, self.reader.scene, self._runs)
+            refuse_reflected_ranges(chunk, self.reader.kind, self.reader.scene, self._runs)
         solution = self._solver.solve(chunk, self._seeds(chunk))
         named: dict[str, Any] = {}
         if "estimates" in self._layouts and solution.estimates is not None:
