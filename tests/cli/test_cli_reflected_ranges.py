@@ -103,7 +103,7 @@ def test_columns_that_a_method_does_not_use_are_noted(cli: Cli, tmp_path: Path) 
 
 
 def test_a_range_beside_a_bearing_by_a_circle_is_refused(cli: Cli, tmp_path: Path) -> None:
-    """Its path is not the unfolded one: methods and the bound that use ranges refuse it; without the ranges they run."""
+    """Its path is not the unfolded one: methods and the bound that use ranges refuse it, and run without the ranges."""
     header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg,reflector,range_m,range_std_m"
     lines = ["1,a,-300,-200,45,2,,400,2", "1,b,300,-250,120,2,{one},{length},{std}", "1,c,250,300,200,2,,,"]
     truth = [f"{header},truth_x_m,truth_y_m", *(f"{line},0,100" for line in lines)]

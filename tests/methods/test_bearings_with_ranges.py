@@ -295,3 +295,31 @@ def test_values_of_a_row_are_those_of_its_derivatives(lognormal: bool) -> None:
         for point in range(7):
             expected = rows.terms(k, x[:, point], y[:, point]).half_chi_square
             np.testing.assert_allclose(wide[:, point], expected, rtol=1e-12)
+
+
+@pytest.mark.extensive
+@pytest.mark.parametrize(("sensors", "std_deg", "std_m"), [(1, 10.0, 1.0), (2, 5.0, 1.0), (3, 5.0, 1.0), (3, 2.0, 1.0)])
+def test_covariances_near_a_sensor_are_calibrated(sensors: int, std_deg: float, std_m: float) -> None:
+    """For sources within three standard deviations of a sensor the 95 % ellipse holds about 95 %; NEES is near 2."""
+    generator, count = np.random.default_rng(7), 4000
+    sensor_xy = np.broadcast_to(np.array([(0.0, 0.0), (100.0, 0.0), (30.0, 90.0)])[:sensors], (count, sensors, 2))
+    angle, away = generator.uniform(-np.pi, np.pi, count), 3.0 * np.sqrt(generator.uniform(0.01, 1.0, count))
+    source = np.stack([away * np.cos(angle), away * np.sin(angle)], axis=1)
+    offset = source[:, None] - sensor_xy
+    std = np.full((count, sensors), math.radians(std_deg))
+    bearing = np.arctan2(offset[..., 1], offset[..., 0]) + std * generator.standard_normal(std.shape)
+    range_m = np.abs(np.hypot(*np.moveaxis(offset, -1, 0)) + std_m * generator.standard_normal(std.shape)) + 1e-9
+    batch = dataclasses.replace(
+        bearing_batch(sensor_xy, bearing, std),
+        range_m=np.asfortranarray(range_m),
+        range_std_m=np.asfortranarray(np.full(std.shape, std_m)),
+    )
+    found = estimate(bearings_ml.METHOD, batch)
+    best = (found.alternative == 0) & (found.status == Status.OK)
+    assert np.count_nonzero(best) > 0.75 * count
+    error = found.position_m[best] - source[found.row[best]]
+    xx, xy, yy = found.covariance_m2[best].T
+    nees = (yy * error[:, 0] ** 2 - 2.0 * xy * error[:, 0] * error[:, 1] + xx * error[:, 1] ** 2) / (xx * yy - xy * xy)
+    assert 1.8 < nees.mean() < 2.15
+    assert 0.935 < np.mean(nees < 5.991) < 0.96
+    assert nees.max() < 100.0

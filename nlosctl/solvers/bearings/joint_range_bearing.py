@@ -13,7 +13,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes, mark_crossings_behind
+from nlosctl.solvers.bearings.fix_status import bearing_flags, inflate_near_sensors, judge_fixes, mark_crossings_behind
 from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import Evaluation
@@ -69,13 +69,38 @@ class RangedBearingProblem(RowBlock):
                 total += self.rows.values(k, x, y)
         return total
 
-    def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
-        """Return the Fisher information (B,) of bearings and ranges together at points (B,)."""
-        total = SymmetricMatrix.full(x.shape, 0.0)
+    def information(self, x: FloatArray, y: FloatArray, extra_m2: FloatArray | None = None) -> SymmetricMatrix:
+        """Return the Fisher information (B,) of bearings and ranges together at points (B,).
+
+        ``extra_m2`` (B,) is added to the squared range of each bearing, whose information is across its ray.
+        """
+        total, lines = SymmetricMatrix.full(x.shape, 0.0), self.rows.lines
         with ignoring_overflow():
             for k in range(self.rows.weight.shape[1]):
-                total += self.rows.terms(k, x, y).gauss
+                row = self.rows.terms(k, x, y).gauss
+                if extra_m2 is not None:
+                    dx, dy = x - lines.origin_x[:, k], y - lines.origin_y[:, k]
+                    squared = dx * dx + dy * dy
+                    across = row.xx * dy * dy - 2.0 * row.xy * dx * dy + row.yy * dx * dx
+                    lost = extra_m2 / (squared + extra_m2) * across / (squared * squared)
+                    row += SymmetricMatrix.outer(-dy, dx, weight=-lost)
+                total += row
         return total
+
+    def covariance(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
+        """Return the covariance (B,) of fixes at points (B,): the inverse information, wider near a sensor of several.
+
+        A single row's range is measured by itself: its covariance is calibrated as it is.
+        """
+        plain = self.information(x, y).inverse()
+        if self.rows.weight.shape[1] == 1:
+            return plain
+
+        def inflated(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
+            return self.take(rows).information(x[rows], y[rows], extra_m2).inverse()
+
+        nearest_m = self.rows.lines.ray_residuals(x, y).nearest_m
+        return inflate_near_sensors(plain, nearest_m, inflated)
 
 
 def fit_ranged_bearings(
@@ -108,7 +133,7 @@ def fit_ranged_bearings(
     thorough = batch.measurements <= THOROUGH_UP_TO
     ends = find_two_optima(problem, problem, pole, (x, y), (points[0], points[1]), max_iterations, thorough=thorough)
     best, other = (
-        RangeOptimum(end.x, end.y, problem.information(end.x, end.y).inverse(), end.cost, end.converged) for end in ends
+        RangeOptimum(end.x, end.y, problem.covariance(end.x, end.y), end.cost, end.converged) for end in ends
     )
     scalars = count_scalars(batch, ranges[0])
     status, other_status = (_judge(lines, optimum, scalars, min_range_m) for optimum in (best, other))
