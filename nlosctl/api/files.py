@@ -23,7 +23,7 @@ __all__ = ["Plot", "convert", "evaluate", "plot", "read", "simulate", "validate"
 
 
 def read(
-    source: str | PathLike[str],
+    source: str | PathLike[str] | Sequence[str | PathLike[str]],
     *,
     importer: str | None = None,
     scene: str | PathLike[str] | None = None,
@@ -35,9 +35,9 @@ def read(
     """Return a file or folder as a pyarrow Table with the contract's types; the scene is in its metadata.
 
     Without ``importer`` it is a table in any format that the command line reads; with it (such as ``kraken-csv``, see
-    ``nlosctl convert``) it is the file of another program, and ``parameters`` are those of the importer, or ``wide``,
-    ``missing``, ``where`` and ``declination_deg`` of `localize`. ``bad_rows``
-    is the name of a file for bad rows; without it they are an error.
+    ``nlosctl convert``; ``auto`` recognizes it) it is the file of another program, or several. ``parameters`` are those
+    of the importer, or ``wide``, ``missing``, ``where`` and ``declination_deg`` of `localize`. ``bad_rows`` is the name
+    of a file for bad rows; without it they are an error.
 
     Raises DataError for faults of the data, UsageError for an unknown importer or parameter.
     """
@@ -82,13 +82,14 @@ def _convert(
     parameters: Mapping[str, Any],
     receiver: Callable[[Any, dict[str, str]], Any] | None,
 ) -> ConversionReport:
-    is_name = isinstance(source, str | PathLike)
+    names = source if importer is not None and isinstance(source, list | tuple) else [source]
+    are_names = bool(names) and all(isinstance(name, str | PathLike) for name in names)
     parameters = dict(parameters)
     rows = row_options(parameters)
-    if importer is not None and not is_name:
-        raise UsageError("an importer reads a file; give its path")
+    if importer is not None and not are_names:
+        raise UsageError("an importer reads files; give their paths")
     return convert_job.convert(
-        [fspath(source)] if is_name else inputs_of(source),
+        [fspath(name) for name in names] if are_names else inputs_of(source),
         InputOptions(scene=_path(scene), crs=crs, origin=origin, **rows),
         write,
         importer=importer,
