@@ -7,11 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 from scenario_draws import draw_columns
-from triplet_rooms import draw_clutter, draw_lone_scatterers, draw_room
+from triplet_rooms import batch_of_paths, draw_clutter, draw_lone_scatterers, draw_room
 
 from nlosctl.contract.batches import TripletBatch
+from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import triplets_chi2, triplets_joint
+from nlosctl.scenarios import room
 
 
 def joint(batch, **options):
@@ -65,6 +67,40 @@ def test_a_room_without_a_direct_path_has_no_target():
     estimates = joint(batch_of_room(columns, 400)).estimates
     assert share_answered(estimates) <= 0.05
     assert (estimates.status == Status.NO_TARGET).mean() >= 0.95
+
+
+def test_detours_that_meet_at_a_wall_are_no_sure_target():
+    """With the walls in the scene hardly a snapshot without a direct path is ok; seen targets keep their status."""
+    scene = room.scene(room.RoomOptions())
+    for seed in (2, 3):
+        columns = draw_columns("room", 400, seed=seed, blocked_fraction=1.0)
+        batch = batch_of_room(columns, 400)
+        assert (joint(batch).estimates.status == Status.OK).mean() > 0.02
+        estimates = joint(dataclasses.replace(batch, scene=scene)).estimates
+        assert (estimates.status == Status.OK).mean() <= 0.01
+        assert (estimates.status == Status.AMBIGUOUS).any()
+    batch = dataclasses.replace(
+        batch_of_room(draw_columns("room", 300, seed=4, blocked_fraction=0.0), 300), scene=scene
+    )
+    assert (joint(batch).estimates.status == Status.OK).mean() >= 0.995
+
+
+@pytest.mark.parametrize("receivers", [3, 5])
+def test_a_target_on_a_wall_keeps_its_status(receivers):
+    """A target on a wall with one direct path to each receiver is ok: it is no point where detours meet."""
+    generator = np.random.default_rng(12)
+    snapshots = 300
+    half = 0.9 * np.array([5.0, 4.0])
+    tx, rx = (generator.uniform(-half, half, (snapshots, count, 2)) for count in (1, receivers))
+    target = generator.uniform(-half, half, (snapshots, 1, 2))
+    target[:, :, 1] = 4.0
+    out, back = target - tx, target - rx
+    direct = np.broadcast_to(np.arctan2(out[..., 1], out[..., 0]), rx.shape[:2]), np.arctan2(back[..., 1], back[..., 0])
+    length = np.hypot(out[..., 0], out[..., 1]) + np.hypot(back[..., 0], back[..., 1])
+    batch = batch_of_paths(generator, np.broadcast_to(tx, rx.shape), rx, *direct, length)
+    batch = dataclasses.replace(batch, scene=room.scene(room.RoomOptions()))
+    without = joint(dataclasses.replace(batch, scene=Scene())).estimates.status == Status.OK
+    assert (joint(batch).estimates.status == Status.OK)[without].mean() >= 0.92
 
 
 def batch_of_room(columns, snapshots):
