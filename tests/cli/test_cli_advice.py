@@ -143,6 +143,8 @@ def test_longitudes_as_metres(cli: Cli, tmp_path: Path) -> None:
         (["a,s,0,0,10,1"], (), "the largest snapshot has 1 row that take part, and a fix needs"),
         (["a,s,0,0,10,1", "a,t,0,9,10,1"], (), "the lines are nearly parallel"),
         (["a,s,0,0,0,1", "a,t,9,9,180,1", "a,u,5,90,90,1", "a,v,50,9,20,1"], ("-m", "ls"), "try --method mixture-ml"),
+        (["a,s,0,0,200,1", "a,t,100,0,340,1", "a,u,40,80,90,1"], (), "are the rows of a snapshot of one source"),
+        (["a,s,0,0,38.66,1", "a,t,100,0,141.34,1", "a,u,40,80,74,1"], ("-m", "mixture-ml"), "in 3 rows may agree by chance"),
         (["a,s,0,0,45,1", "a,t,9,0,135,1"], ("-m", "mixture-ml", "--field", "90,99,90,99"), "enlarge it by --field"),
     ],
 )  # fmt: skip
@@ -153,6 +155,28 @@ def test_advice_by_status(cli: Cli, tmp_path: Path, rows: list[str], words: tupl
     outcome = cli("localize", "m.csv", *words, "-o", "e.csv")
     assert advice in outcome.err
     assert "there are also" not in outcome.err
+    assert len(rows) > 3 or "try --method mixture-ml" not in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("rows", "words", "advice"),
+    [
+        (["s,0,0,50", "t,0,0,51", "u,0,0,49"], (), "too few of them are of sensors at different positions"),
+        (
+            ["s,0,0,10", "t,100,0,10", "u,40,80,10"],
+            ("-m", "mixture-ml"),
+            "no two circles meet within the search region",
+        ),
+        (["s,0,0,64", "t,100,0,64", "u,40,80,141"], ("-m", "mixture-ml"), "in 3 rows may agree by chance"),
+        (["s,0,0,64", "t,100,0,64", "u,40,80,141"], (), "ml fits badly"),
+    ],
+)
+def test_advice_on_three_ranges(cli: Cli, tmp_path: Path, rows: list[str], words: tuple[str, ...], advice: str) -> None:
+    """Three ranges are not sent to mixture-ml, which can't find an outlier among them."""
+    (tmp_path / "m.csv").write_text("\n".join(["sensor,sensor_x_m,sensor_y_m,range_m", *rows]) + "\n")
+    outcome = cli("localize", "m.csv", "--range-std-m", 1, *words, "-o", "e.csv")
+    assert advice in outcome.err
+    assert "try --method mixture-ml" not in outcome.err
 
 
 def test_random_bearings_get_no_advice_to_turn_them(cli: Cli, tmp_path: Path) -> None:

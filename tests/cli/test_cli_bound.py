@@ -5,10 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import subprocess
+import tomllib
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 from program import run_here
 
@@ -130,6 +133,20 @@ def test_it_reads_standard_input() -> None:
     """`-` reads measurements from a pipe."""
     found = rows(run("-", "--scene", SCENE, standard_input=Path(MEASUREMENTS).read_bytes()))
     assert len(found) == 25
+
+
+def test_a_map_holds_its_sensors(tmp_path: Path) -> None:
+    """The map's scene has the sensors of the first snapshot at their positions, and those rows alone that take part."""
+    rows_of_file = ["0,a,0,0,45,1,true", "0,b,100,0,135,1,true", "0,a,50,-20,90,1,true", "0,c,9,9,0,1,false"]
+    header = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg,los"
+    (tmp_path / "in.csv").write_text("\n".join([header, *rows_of_file, "1,d,0,0,45,1,true", ""]))
+    done = run_here("bound", "in.csv", "--map", "0,100,0,100,50", "-o", "map.parquet", folder=tmp_path)
+    assert done.returncode == 0
+    scene = pyarrow.parquet.read_schema(tmp_path / "map.parquet").metadata[b"nlosctl.scene"].decode()
+    sensors = {entry["name"]: entry["position"] for entry in tomllib.loads(scene)["sensor"]}
+    assert sensors == {"a": [0.0, 0.0], "b": [100.0, 0.0], "a#2": [50.0, -20.0]}
+    assert run_here("plot", "map.parquet", "-o", "map.svg", folder=tmp_path).returncode == 0
+    assert {"a", "b", "a#2"} <= set(re.findall(r"<!-- (.*?) -->", (tmp_path / "map.svg").read_text()))
 
 
 @pytest.mark.parametrize("words", [(), ("--map", "30,30,40,40,5")])

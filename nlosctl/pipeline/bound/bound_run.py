@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,7 +10,14 @@ from typing import Any
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
-from nlosctl.pipeline.bound.bounds import MapGrid, bounds_at_truth, bounds_on_map, result_schema
+from nlosctl.pipeline.bound.bounds import (
+    MapGrid,
+    bounds_at_truth,
+    bounds_on_map,
+    first_chunk,
+    map_sensors,
+    result_schema,
+)
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.method_runs import heights_remark
 
@@ -62,6 +70,7 @@ class BoundRun:
     ) -> None:
         self.reader, self._options, self._grid, self._map = reader, options, grid, map
         what = "snapshots" if grid is None else "positions"
+        self._scene = reader.scene
         self.report = BoundReport(kind=reader.kind, map=map, what=what)
 
     @property
@@ -82,14 +91,17 @@ class BoundRun:
     def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result file."""
         described = describe_inputs(inputs, {}, with_hash=with_hash)
-        return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self._scene)
 
     def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
         """Yield the bounds in input order; raises what reading raises."""
         if self._grid is None:
             tables = bounds_at_truth(self.reader, self._options)
         else:
-            tables = bounds_on_map(self.reader, self._grid, self._options)
+            chunk = first_chunk(self.reader)
+            if "sensor" in chunk.columns:
+                self._scene = dataclasses.replace(self._scene, sensors=map_sensors(chunk, self.reader))
+            tables = bounds_on_map(self.reader, chunk, self._grid, self._options)
         for table in tables:
             self.report.positions += table.num_rows
             self.report.bounded += table.num_rows - table.column("rms_m").null_count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.run_options import SolveOptions
+from nlosctl.contract.scene import Sensor
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, bounds_of
 from nlosctl.geometry.symmetric import Symmetric2x2
@@ -24,7 +26,7 @@ from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, with_sensor_heights
 
-__all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "parse_map", "result_schema"]
+__all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]
 
 
 _POSITIONS_AT_ONCE = 4096
@@ -119,16 +121,33 @@ def _may_be_direct(chunk: Chunk) -> BoolArray:
     return np.asarray(boolean_codes(chunk.table.column("truth_los")) != 0)
 
 
-def bounds_on_map(reader: MeasurementReader, grid: MapGrid, options: SolveOptions) -> Iterator[Any]:
-    """Yield tables with the bound at each vertex, for the sensors, paths and stds of the first snapshot.
-
-    Raises DataError for an input without rows.
-    """
-    schema = result_schema(reader, grid)
-    model = INFORMATION[_supported(reader)]
+def first_chunk(reader: MeasurementReader) -> Chunk:
+    """Return the first chunk, for a map; raises DataError for an input without rows."""
     chunk = next(iter(reader.chunks()), None)
     if chunk is None:
         raise DataError("no snapshot to take sensors and paths from")
+    return chunk
+
+
+def map_sensors(chunk: Chunk, reader: MeasurementReader) -> tuple[Sensor, ...]:
+    """Return the sensors of the first snapshot's rows that take part; one at several positions has names #2, ..."""
+    known = {(sensor.name, sensor.position): sensor for sensor in reader.scene.sensors}
+    found: dict[tuple[str, tuple[float, float]], Sensor] = {}
+    counts: Counter[str] = Counter()
+    for row in np.flatnonzero(~chunk.left_out[: chunk.offsets[1]]).tolist():
+        name = reader.sensor_names[chunk.columns["sensor"][row]]
+        position = (float(chunk.columns["sensor_x_m"][row]), float(chunk.columns["sensor_y_m"][row]))
+        if (name, position) not in found:
+            counts[name] += 1
+            unique = name if counts[name] == 1 else f"{name}#{counts[name]}"
+            found[name, position] = known.get((name, position), Sensor(name=unique, position=position))
+    return tuple(found.values())
+
+
+def bounds_on_map(reader: MeasurementReader, chunk: Chunk, grid: MapGrid, options: SolveOptions) -> Iterator[Any]:
+    """Yield tables with the bound at each vertex, for the sensors, paths and stds of the first snapshot of a chunk."""
+    schema = result_schema(reader, grid)
+    model = INFORMATION[_supported(reader)]
     chunk = _as_modelled(chunk, reader, options)
     single = _without_ranges(_first_snapshot(reader, chunk), options)
     for x, y in grid.blocks():

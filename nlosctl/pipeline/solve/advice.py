@@ -14,11 +14,16 @@ from nlosctl.pipeline.solve.report import RunReport, offers_mixture
 
 __all__ = ["Measured", "advice"]
 
+_FEWEST_CONVINCING = 5
 _LENGTHS = "are positions and measurements in the units of their columns (metres; range_km, range_cm, range_mm)?"
 _ONE_SOURCE = "are the rows of a snapshot of one source, and are their standard deviations correct?"
 _ADVICE = {
     ("bearings", Status.DEGENERATE): "the lines are nearly parallel for their errors, or meet at a sensor: "
-    "are the standard deviations in the unit of their column, and the positions in metres?",
+    "are the bearings of one source, their standard deviations in the unit of the column, and the positions in metres?",
+    (
+        "ranges",
+        Status.NO_CANDIDATE,
+    ): f"no two circles meet within the search region: {_LENGTHS} Else enlarge it by `field`",
     ("ranges", Status.DEGENERATE): f"the circles do not determine a point: {_LENGTHS}",
     ("triplets", Status.DEGENERATE): "the paths do not determine a point: are they longer than the way from "
     "transmitter to receiver, and the positions in metres?",
@@ -92,11 +97,18 @@ def _few_rows(runs: Sequence[MethodRun], report: RunReport, snapshot_column: str
             "position of the source the same value, such as the number of a window of time"
         )
     rows = "1 row" if largest == 1 else f"{largest} rows"
+    if largest >= max(least, 2):
+        return f"the largest snapshot has {rows}, but too few of them are of sensors at different positions"
     needed = f"at least {least} rows are needed" if least > 1 else "a fix needs at least two measured values"
     return f"the largest snapshot has {rows} that take part, and {needed}"
 
 
 def _of_status(runs: Sequence[MethodRun], report: RunReport, status: Status) -> str:
-    if status == Status.BEHIND and offers_mixture(runs, report.kind):
+    if status == Status.BEHIND and offers_mixture(runs, report):
         return "the lines meet behind sensors; if some bearings are outliers, try `method` mixture-ml"
+    if status == Status.NO_CONSENSUS and report.largest_snapshot < _FEWEST_CONVINCING:
+        return (
+            f"what agrees in {report.largest_snapshot} rows may agree by chance; give more rows a snapshot, or use a "
+            "method that trusts all rows (`method` ml)"
+        )
     return _ADVICE.get((report.kind, status)) or _OF_ALL_KINDS.get(status, status.meaning)

@@ -23,6 +23,7 @@ from nlosctl.version import __version__
 __all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks", "offers_mixture"]
 
 _NEARLY_ALL = 0.9995
+_FEWEST_WITH_OUTLIER = 4
 _CLOSED_FORM_DEGREES = 40
 _CERTAIN = 800.0
 """Half a chi-square at which every p-value of few degrees of freedom is below the smallest number."""
@@ -279,7 +280,7 @@ def _outlier_shares(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     bad = [(name, tally) for name, tally in report.methods.items() if tally.fits_badly]
-    advice = "; try `method` mixture-ml" if bad and offers_mixture(runs, report.kind) else ""
+    advice = "; try `method` mixture-ml" if bad and offers_mixture(runs, report) else ""
     return [
         f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} {_fits(report)} the residuals are larger than "
         f"their standard deviations explain{advice}"
@@ -287,9 +288,9 @@ def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     ]
 
 
-def offers_mixture(runs: Sequence[MethodRun], kind: str) -> bool:
-    """Return whether mixture-ml exists for this kind and does the job of the runs, but did not run."""
-    if "mixture-ml" in {run.spec.name for run in runs}:
+def offers_mixture(runs: Sequence[MethodRun], report: RunReport) -> bool:
+    """Return whether mixture-ml exists for the kind and job of the runs, did not run, and could find an outlier."""
+    if "mixture-ml" in {run.spec.name for run in runs} or report.largest_snapshot < _FEWEST_WITH_OUTLIER:
         return False
-    known = [entry for entry in registry.entries() if entry.full_name == f"{kind}.mixture-ml"]
+    known = [entry for entry in registry.entries() if entry.full_name == f"{report.kind}.mixture-ml"]
     return any(registry.load(entry).job in {run.spec.job for run in runs} for entry in known)
