@@ -144,7 +144,7 @@ def test_longitudes_as_metres(cli: Cli, tmp_path: Path) -> None:
         (["a,s,0,0,10,1", "a,t,0,9,10,1"], (), "the lines are nearly parallel"),
         (["a,s,0,0,0,1", "a,t,9,9,180,1", "a,u,5,90,90,1", "a,v,50,9,20,1"], ("-m", "ls"), "try --method mixture-ml"),
         (["a,s,0,0,200,1", "a,t,100,0,340,1", "a,u,40,80,90,1"], (), "are the rows of a snapshot of one source"),
-        (["a,s,0,0,38.66,1", "a,t,100,0,141.34,1", "a,u,40,80,74,1"], ("-m", "mixture-ml"), "in 3 rows may agree by chance"),
+        (["a,s,0,0,38.66,1", "a,t,100,0,141.34,1", "a,u,40,80,74,1"], ("-m", "mixture-ml"), "in 3 rows may agree"),
         (["a,s,0,0,45,1", "a,t,9,0,135,1"], ("-m", "mixture-ml", "--field", "90,99,90,99"), "enlarge it by --field"),
     ],
 )  # fmt: skip
