@@ -59,6 +59,7 @@ def localize(
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
     bad_rows: BadRows = None,
+    estimate_std: str | None = None,
     alternatives: int = 1,
     ellipse: float | None = None,
     add: str | Sequence[str] = (),
@@ -81,8 +82,9 @@ def localize(
     height of the targets if ranges are slant. ``crs`` or ``origin`` (latitude and longitude in degrees) define the
     local plane on earth. ``wide`` (``azimuth_deg=az_*``), ``missing``, ``where`` (``snr_db >= 10``), each one or
     several, and ``declination_deg`` change the rows before anything else, as the flags of the command line do.
-    ``ellipse`` (a probability) and ``add`` (such as nees) add columns. ``sweep`` runs parameters through several
-    values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
+    ``estimate_std`` estimates unknown standard deviations: one factor for each ``snapshot``, each ``sensor`` or the
+    whole ``file``. ``ellipse`` (a probability) and ``add`` (such as nees) add columns. ``sweep`` runs parameters through
+    several values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
@@ -93,6 +95,7 @@ def localize(
         sweep=sweep or {},
         field=parse_field(field),
         target_z_m=target_z_m,
+        estimate_std=estimate_std,
         alternatives=alternatives,
         seed=seed,
         jobs=jobs,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from nlosctl.arrays import FloatArray, IntArray, SeedArray
 from nlosctl.contract.fields import Field, SensorsField
@@ -27,7 +27,10 @@ class Batch:
     ``want_flags`` is false the flags are not used, and a method may omit them. ``field`` is the search region of
     methods that search (`nlosctl.models.search_regions` evaluates it). If ``want_details`` is true the flags include
     the quantities behind the decision; if ``want_trace`` is true a sequential method returns its steps.
-    ``SOURCES`` names the input columns of each array, ``ABSENT`` the value that fills an array if the input lacks
+    ``std`` is what is known of standard deviations: ``stated``, ``estimated`` (from residuals of the whole input), or
+    ``unknown``: relative weights, whose factor a method with `MethodSpec.scales_std` estimates from the residuals of
+    each snapshot. ``STDS`` names the arrays of standard deviations,
+    ``SOURCES`` the input columns of each array, ``ABSENT`` the value that fills an array if the input lacks
     its columns; an array that is not in ``ABSENT`` is None then. ``OPTIONAL_SOURCES`` are further ones, which few files
     have.
     """
@@ -35,6 +38,7 @@ class Batch:
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     ABSENT: ClassVar[Mapping[str, float]] = {}
+    STDS: ClassVar[tuple[str, ...]] = ()
 
     scene: Scene = dataclasses.field(default_factory=Scene)
     field: Field = dataclasses.field(default_factory=SensorsField)
@@ -42,6 +46,7 @@ class Batch:
     want_flags: bool = True
     want_trace: bool = False
     want_details: bool = False
+    std: Literal["stated", "estimated", "unknown"] = "stated"
 
     @property
     def size(self) -> int:
@@ -74,6 +79,7 @@ class BearingBatch(Batch):
         "prior_std_m": ("prior_std_m",),
         "prior_cov_m2": ("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2"),
     }
+    STDS: ClassVar[tuple[str, ...]] = ("bearing_std_rad", "range_std_m")
 
     sensor: IntArray
     sensor_xy_m: FloatArray
@@ -114,6 +120,7 @@ class RangeBatch(Batch):
         "sensor_height_m": ("sensor_height_m",),
     }
     ABSENT: ClassVar[Mapping[str, float]] = {"sensor_height_m": 0.0}
+    STDS: ClassVar[tuple[str, ...]] = ("range_std_m",)
 
     sensor: IntArray
     sensor_xy_m: FloatArray

@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.results import Solution
 from nlosctl.contract.scene import Scene
@@ -55,8 +56,13 @@ class MethodSpec:
     ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns, the input column without
     which they have no values.
     ``remark(options)`` is what the summary states of a run. ``estimates`` is false for a detector that estimates
-    nothing. ``learning`` is how it estimates options from the whole input, if it can. ``contract_version`` is the
-    version of this contract that a plugin was written for; built-in methods leave it out.
+    nothing. ``learning`` is how it estimates options from the whole input, if it can. ``scales_std`` is whether it
+    estimates the factor of unknown standard deviations, see `Batch.std`: then its fix does not depend on the
+    factor, it returns the columns ``std_factor`` and ``std_dof`` in place of a chi-square, and
+    `Status.STD_NOT_ESTIMABLE` for a fix whose factor is not determined. ``direct_rows(batch, options)`` of a robust
+    method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there, NaN where
+    there is none: the weights of its residuals for unknown standard deviations.
+    ``contract_version`` is the version of this contract that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """
 
@@ -83,6 +89,8 @@ class MethodSpec:
     reads: frozenset[str] = frozenset()
     exempt_from: frozenset[Law] = frozenset()
     learning: Learning | None = None
+    scales_std: bool = False
+    direct_rows: Callable[[Any, Any], tuple[FloatArray, FloatArray]] | None = None
     contract_version: int | None = None
 
     def flag_columns(self, options: Any, scene: Scene, given: Container[str], *, details: bool) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ _MEASUREMENTS = f"{_READ} plot convert"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
 _NOISES = ("gaussian", "laplace")
 _ENGINES = ("local", "dask")
+_POOLS = ("snapshot", "sensor", "file")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +101,8 @@ class InputOptions:
     `nlosctl.io.scenes.scene_file.find_scene` describes. ``extra_columns`` are the columns to keep beside those of the
     measurement, by name or prefix (``sweep_*``); None keeps all. Columns that are not kept are not read. ``wide``,
     ``missing``, ``where`` and ``declination_deg`` change the rows before all else: `nlosctl.io.row_steps`.
+    ``missing_std`` is what becomes of required standard deviations that are missing: ``error``, ``estimable`` (an error
+    that names the setting ``estimate_std``) or ``unit`` (1 in every row).
     """
 
     input_format: str | None = _option(
@@ -149,6 +152,7 @@ class InputOptions:
         f"{_READ} convert", metavar="LAT,LON")
     default_constants: Mapping[str, float] = field(default_factory=dict)
     extra_columns: Sequence[str] | None = None
+    missing_std: str = "error"
     chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
 
@@ -177,7 +181,9 @@ class InputOptions:
 class SolveOptions:
     """Which methods solve the measurements, with which parameters, and how the work is distributed.
 
-    ``noise`` and ``use_ranges`` are options of the Cramér-Rao bound. ``jobs`` 0 means one worker per available CPU.
+    ``estimate_std`` is what has a factor of its standard deviations of its own, estimated from residuals: each
+    snapshot, each sensor or the whole file. ``noise`` and ``use_ranges`` are options of the Cramér-Rao bound.
+    ``jobs`` 0 means one worker per available CPU.
     """
 
     method: Sequence[str] = _option(
@@ -190,6 +196,9 @@ class SolveOptions:
     sweep: Mapping[str, Any] = _option(
         {}, "--sweep", "Method", "Parameter values to run in turn; several sweeps form a grid. Repeatable.",
         f"{_SOLVE} simulate", metavar="KEY=V1,V2,...", complete="parameter")
+    estimate_std: str | None = _option(
+        None, "--estimate-std", "Method", "Estimate unknown stds from residuals: per snapshot, sensor or file.",
+        "localize", metavar="snapshot|sensor|file")
     field: Field = _option(  # noqa: RUF009
         SensorsField(), "--field", "Geometry",
         "Search region: xmin,xmax,ymin,ymax, circle:x,y,r, polygon:FILE or sensors:FACTOR.",
@@ -233,6 +242,8 @@ class SolveOptions:
         if self.engine not in _ENGINES:
             near = did_you_mean(self.engine, _ENGINES)
             raise UsageError(f"no engine {self.engine!r}{near}; there are: {', '.join(_ENGINES)}")
+        if self.estimate_std is not None and self.estimate_std not in _POOLS:
+            raise UsageError(f"`estimate_std` must be one of {', '.join(_POOLS)}. Got {self.estimate_std!r} instead.")
         if self.scheduler is not None and self.engine != "dask":
             raise UsageError("`scheduler` is only for the engine dask; set `engine` to dask too")
 

@@ -37,6 +37,7 @@ class Status(IntEnum):
         "a point outside the search region is likelier than any inside; x, y are that point, not a fix",
     )
     NOT_PROVEN = 12, "the search stopped at its limit; the best set found is kept"
+    STD_NOT_ESTIMABLE = 13, "a fix whose unknown standard deviation the rows can't determine; no covariance"
 
     def __new__(cls, number: int, meaning: str = "") -> Status:
         """Return the member with a number."""
@@ -45,7 +46,7 @@ class Status(IntEnum):
         member.meaning = meaning
         member.has_position = number <= 3 or number >= 10
         member.has_covariance = number <= 2 or number == 12
-        member.is_fix = number <= 3 or number == 12
+        member.is_fix = number <= 3 or number >= 12
         return member
 
     def __init__(self, number: int, meaning: str = "") -> None:

@@ -30,8 +30,8 @@ _PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 class EstimateRows:
     """N estimates: position (N, 2), covariance (N, 3) as xx, xy, yy, status (N,) as ``Status`` numbers, truth (N, 2).
 
-    Metres and square metres; NaN for an absent value. ``used_share`` and ``fit_p_value`` (N,) are None where the table
-    has no such column.
+    Metres and square metres; NaN for an absent value. ``used_share``, ``fit_p_value`` and ``std_dof`` (N,), the degrees
+    of freedom of estimated standard deviations, are None where the table has no such column.
     """
 
     position_m: FloatArray
@@ -40,6 +40,7 @@ class EstimateRows:
     truth_m: FloatArray
     used_share: FloatArray | None = None
     fit_p_value: FloatArray | None = None
+    std_dof: FloatArray | None = None
 
     @property
     def answered(self) -> BoolArray:
@@ -62,6 +63,7 @@ class EstimateRows:
             truth_m=self.truth_m[rows],
             used_share=None if self.used_share is None else self.used_share[rows],
             fit_p_value=None if self.fit_p_value is None else self.fit_p_value[rows],
+            std_dof=None if self.std_dof is None else self.std_dof[rows],
         )
 
 
@@ -161,6 +163,7 @@ class _Tally:
     without_truth: int = 0
     bad_covariances: int = 0
     nees_rows: int = 0
+    with_std_dof: int = 0
     statuses: IntArray = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     inside: IntArray = field(default_factory=lambda: np.zeros(len(_PROBABILITIES), dtype=np.int64))
     answered: int = 0
@@ -177,14 +180,16 @@ class _Tally:
         offset = (rows.position_m - rows.truth_m)[answered]
         promised = answered & has_covariance(rows.status)
         squared = squared_mahalanobis(rows.position_m[promised] - rows.truth_m[promised], rows.covariance_m2[promised])
-        usable = squared[np.isfinite(squared)]
+        proper = np.isfinite(squared)
+        usable, degrees = squared[proper], None if rows.std_dof is None else rows.std_dof[promised][proper]
         self.errors.append(error)
         self.fit.add(answered, rows.used_share, rows.fit_p_value)
         self.answered += int(np.count_nonzero(answered))
         self.statuses += np.bincount(rows.status, minlength=len(Status))
         self.bad_covariances += squared.size - usable.size
         self.nees_rows += usable.size
-        self.inside += [int(np.count_nonzero(usable <= ellipse_threshold(p))) for p in _PROBABILITIES]
+        self.with_std_dof += 0 if degrees is None else int(np.count_nonzero(~np.isnan(degrees)))
+        self.inside += [int(np.count_nonzero(usable <= ellipse_threshold(p, degrees))) for p in _PROBABILITIES]
         distance = error[answered]
         for index, values in enumerate((offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable)):
             self.sums[index] = _running_sum(self.sums[index], values)
@@ -193,6 +198,7 @@ class _Tally:
         self.without_truth += other.without_truth
         self.bad_covariances += other.bad_covariances
         self.nees_rows += other.nees_rows
+        self.with_std_dof += other.with_std_dof
         self.answered += other.answered
         self.fit.include(other.fit)
         self.statuses = self.statuses + other.statuses
@@ -204,7 +210,8 @@ class _Tally:
         errors = np.concatenate(self.errors) if self.errors else np.zeros(0)
         bias_x, bias_y, mean, mean_square, mean_fourth = (ratio(total, self.answered) for total in self.sums[:5])
         median, p90, p95, p99 = error_percentiles(errors, _PERCENTS)
-        low, high = nees_interval(self.nees_rows)
+        judged = 0 if self.with_std_dof else self.nees_rows  # of estimated std the mean NEES is no judge
+        low, high = nees_interval(judged)
         inside_50, inside_90, inside_95, inside_99 = (int(number) for number in self.inside)
         return EstimateSummary(
             rows=errors.size,
@@ -222,7 +229,7 @@ class _Tally:
             p90_m=p90,
             p95_m=p95,
             p99_m=p99,
-            nees=ratio(self.sums[5], self.nees_rows),
+            nees=ratio(self.sums[5], judged),
             nees_low=low,
             nees_high=high,
             nees_rows=self.nees_rows,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, ignoring_invalid
+from nlosctl.arrays import FloatArray, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["ErrorEllipse", "circular_error_probable", "ellipse_threshold", "error_ellipse", "nearest_on_ellipse"]
@@ -105,9 +105,15 @@ def _within_radius(radius: FloatArray, ratio: FloatArray) -> tuple[FloatArray, F
     return probability, density
 
 
-def ellipse_threshold(probability: float) -> float:
-    """Return the squared Mahalanobis distance of the ellipse that contains ``probability`` of a plane Gaussian.
+def ellipse_threshold(probability: float, degrees: FloatArray | None = None) -> FloatArray:
+    """Return the squared Mahalanobis distance (N,) of ellipses that contain ``probability`` of the errors in the plane.
 
-    The quantile of chi-square with two degrees of freedom: -2 ln(1 - p).
+    The quantile of chi-square with two degrees of freedom: -2 ln(1 - p). With the ``degrees`` of freedom (N,) of a
+    standard deviation that is estimated, twice that of the F distribution of 2 and ``degrees``:
+    ``degrees`` ((1 - p)^(-2 / degrees) - 1); where they are NaN, that of chi-square.
     """
-    return float(-2.0 * np.log1p(-probability))
+    certain = np.float64(-2.0 * np.log1p(-probability))
+    if degrees is None:
+        return np.asarray(certain)
+    with ignoring_overflow():
+        return np.where(np.isnan(degrees), certain, degrees * np.expm1(certain / degrees))

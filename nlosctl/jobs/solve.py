@@ -33,6 +33,9 @@ from nlosctl.pipeline.solve.run import MeasurementRun
 
 __all__ = ["Execution", "check_conditions", "met_conditions", "solve"]
 
+_POOLED = ("file", "sensor")
+"""What may have a factor of its standard deviations that takes passes over the input."""
+
 
 def solve(
     job: Job,
@@ -52,6 +55,7 @@ def solve(
     read = dataclasses.replace(
         read,
         use_threads=options.jobs != 1,
+        missing_std=_missing_std(job, options),
         extra_columns=read.extra_columns if "flags" in wanted else carried_names(write.carry),
     )
     with naming_importer(inputs):
@@ -63,9 +67,13 @@ def solve(
         runs = method_runs(options.method, opened.reader.kind, job, options.parameters, options.sweep)
         if "estimates" in wanted:
             require_estimates(runs)
+        if options.estimate_std is not None:
+            from nlosctl.pipeline.solve.unknown_std import with_unknown_std
+
+            runs = with_unknown_std(runs, opened.reader.kind)
         start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted)
         run = start(opened.reader)
-        if any(method.open_options for method in runs):
+        if _needs_passes(runs, options):
             start = partial(start, runs=_learn(runs, opened, options, write, destination))
             run = start(opened.reader)
         for line in run.plan():
@@ -74,11 +82,23 @@ def solve(
     return run
 
 
+def _missing_std(job: Job, options: SolveOptions) -> str:
+    """Return what becomes of missing standard deviations, see `InputOptions`."""
+    if options.estimate_std is not None:
+        return "unit"
+    return "estimable" if job == "localize" else "error"
+
+
+def _needs_passes(runs: Sequence[MethodRun], options: SolveOptions) -> bool:
+    """Return whether anything is estimated from the whole input before the run."""
+    return options.estimate_std in _POOLED or any(method.open_options for method in runs)
+
+
 def _readable_again(
     inputs: Sequence[Input], read: InputOptions, options: SolveOptions
 ) -> AbstractContextManager[Sequence[Input]]:
-    """Return the inputs, with streams that can be read several times if a method estimates options from them."""
-    if not leaves_options_open(options.parameters):
+    """Return the inputs, with streams that can be read several times if anything is estimated from them."""
+    if not (leaves_options_open(options.parameters) or options.estimate_std in _POOLED):
         return nullcontext(inputs)
     from nlosctl.io.paths.spooled import spooled
     from nlosctl.pipeline.engine.slices import refuse_streams
@@ -91,9 +111,8 @@ def _readable_again(
 def _learn(
     runs: Sequence[MethodRun], opened: Opened, options: SolveOptions, write: OutputOptions, destination: Destination
 ) -> list[MethodRun]:
-    """Return the runs with the options that they leave open estimated from the whole input."""
+    """Return the runs with open options, or the factors of standard deviations, estimated from the whole input."""
     from nlosctl.pipeline.engine.passes import InputPasses
-    from nlosctl.pipeline.solve.learned_options import learn_options
 
     reader = opened.reader
     passes = InputPasses(
@@ -104,7 +123,14 @@ def _learn(
         engine=None if options.scheduler is None else _cluster(options),  # processes serve as well as a local cluster
         ignores_bad_rows=write.bad_rows is not None,
     )
-    return learn_options(runs, reader.kind, reader.scene, options, passes, destination.console.detail)
+    show = destination.console.detail
+    if options.estimate_std is not None:
+        from nlosctl.pipeline.solve.std_passes import estimate_stds
+
+        return estimate_stds(runs, options.estimate_std, reader.kind, reader.scene, options, passes, show)
+    from nlosctl.pipeline.solve.learned_options import learn_options
+
+    return learn_options(runs, reader.kind, reader.scene, options, passes, show)
 
 
 def _cluster(options: SolveOptions) -> Any:

@@ -56,4 +56,5 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
+    scales_std=True,
 )

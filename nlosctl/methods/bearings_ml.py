@@ -111,5 +111,6 @@ METHOD = MethodSpec(
     minimum_measurements=1,
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
+    scales_std=True,
     reads=frozenset({"range_m", "range_std_m"}),
 )

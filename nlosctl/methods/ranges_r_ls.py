@@ -9,7 +9,7 @@ from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.ranges import range_circles
-from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
+from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, optimize_ranges, with_covariances
 
 __all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]
 
@@ -36,9 +36,20 @@ def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
     second moment of the likelihood about it.
     """
     circles = range_circles(batch)
-    one, other = optimize_ranges(circles, options.max_iterations, options.ambiguous_within)
+    ends = optimize_ranges(circles, options.max_iterations, options.ambiguous_within)
+    factors = None
+    if batch.std == "unknown":
+        factors = estimate_factors(circles, *ends, options.ambiguous_within)
+        circles = replace(circles, std_m=factors.scaled(circles.std_m))
+    one, other = with_covariances(circles, *ends, factors)
     return finish_range_fix(
-        batch, circles, one, other, min_range_m=options.min_range_m, ambiguous_within=options.ambiguous_within
+        batch,
+        circles,
+        one,
+        other,
+        min_range_m=options.min_range_m,
+        ambiguous_within=options.ambiguous_within,
+        factors=factors,
     )
 
 
@@ -53,6 +64,7 @@ METHOD = MethodSpec(
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_m",),
+    scales_std=True,
     reads=frozenset({"reflector"}),
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from nlosctl.contract.results import Solution
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles, range_circles
 from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
-from nlosctl.solvers.ranges.optima import RangeOptimum, finish_range_fix
+from nlosctl.solvers.ranges.optima import RangeOptimum, estimate_factors, finish_range_fix
 from nlosctl.solvers.ranges.search import End, find_range_optima
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 
@@ -48,6 +48,10 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
         circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
     )
     one, other = find_range_optima(SquaredRangeProblem.of_circles(circles), circles, fit, _MAX_ITERATIONS)
+    factors = None
+    if batch.std == "unknown":
+        factors = estimate_factors(circles, one, other, options.ambiguous_within, at_optimum=False)
+        circles = replace(circles, std_m=factors.scaled(circles.std_m))
     return finish_range_fix(
         batch,
         circles,
@@ -56,6 +60,7 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,
         at_optimum=False,
+        factors=factors,
     )
 
 
@@ -85,4 +90,5 @@ METHOD = MethodSpec(
     cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_m",),
+    scales_std=True,
 )

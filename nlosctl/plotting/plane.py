@@ -205,21 +205,23 @@ def draw_ellipses(
     look: SeriesStyle,
     extent: Extent,
     share: float = 0.95,
+    degrees: FloatArray | None = None,
 ) -> int:
     """Draw ellipses that contain ``share`` of Gaussian errors, include them in ``extent``, and return their number.
 
     ``position_m`` (N, 2), ``covariance_m2`` (N, 3) as xx, xy, yy; rows that are not finite have no ellipse.
+    ``degrees`` (N,) of freedom of estimated standard deviations, as in `ellipse_threshold`.
     """
     ellipse = error_ellipse(Symmetric2x2(*covariance_m2.T))
-    scale = np.sqrt(ellipse_threshold(share))
-    reach = scale * np.sqrt(np.maximum(covariance_m2[:, [0, 2]], 0.0))
+    scale = np.broadcast_to(np.sqrt(ellipse_threshold(share, degrees)), position_m.shape[:1])
+    reach = scale[:, None] * np.sqrt(np.maximum(covariance_m2[:, [0, 2]], 0.0))
     rows = np.flatnonzero(np.isfinite(ellipse.semi_major_m) & np.isfinite(position_m).all(axis=1))
     for row in rows:
         axes.add_patch(
             Ellipse(
                 (float(position_m[row, 0]), float(position_m[row, 1])),
-                2.0 * scale * float(ellipse.semi_major_m[row]),
-                2.0 * scale * float(ellipse.semi_minor_m[row]),
+                2.0 * float(scale[row] * ellipse.semi_major_m[row]),
+                2.0 * float(scale[row] * ellipse.semi_minor_m[row]),
                 angle=float(np.degrees(ellipse.orientation_rad[row])),
                 fill=False,
                 edgecolor=look.color,

@@ -13,7 +13,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.methods import bearings_ml
 from nlosctl.models.bearings import sight_lines
-from nlosctl.solvers.bearings.fix_status import inflate_near_sensors
+from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -7,9 +7,10 @@ from functools import cache
 
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
-from nlosctl.contract.tables.results import ADDED_COLUMNS, BOUND, ELLIPSE, ESTIMATES, FLAGS, TRACE, TRUTH
+from nlosctl.contract.tables.results import ADDED_COLUMNS, BOUND, ELLIPSE, ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import DEGREE, EARTH_PLACES
+from nlosctl.contract.tables.trace import TRACE
 from nlosctl.contract.tables.triplets import TRIPLETS
 
 __all__ = [

@@ -48,7 +48,8 @@ class Column:
     """One column: its name, type, unit and what a value must satisfy.
 
     ``too_large_means`` explains values beyond ``largest_magnitude``. ``constant_allowed`` lets the setting
-    ``constants`` fill a missing column. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
+    ``constants`` fill a missing column; ``estimable`` marks standard deviations that the setting ``estimate_std``
+    estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
     sensor position fill it.
     ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured value. ``carried``
     columns are truth or flags of an earlier step: checked for their type and copied, never passed to a method.
@@ -68,6 +69,7 @@ class Column:
     too_large_means: str = ""
     nullable: bool = False
     constant_allowed: bool = False
+    estimable: bool = False
     scene_axis: int | None = None
     names_reflector: bool = False
     measured: bool = False

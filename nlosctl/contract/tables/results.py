@@ -1,11 +1,11 @@
-"""The columns of result tables and of a table of true positions."""
+"""The columns of estimates, flags and bounds, and of a table of true positions."""
 
 from __future__ import annotations
 
 from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 
-__all__ = ["ADDED_COLUMNS", "BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "TRACE", "TRUTH"]
+__all__ = ["ADDED_COLUMNS", "BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "TRUTH"]
 
 ELLIPSE = (
     Column(
@@ -13,7 +13,8 @@ ELLIPSE = (
         type="number",
         unit="m",
         nullable=True,
-        meaning="major semi-axis of the ellipse that contains ellipse_probability of Gaussian errors",
+        meaning="major semi-axis of the ellipse that contains ellipse_probability of Gaussian errors, or, with "
+        "std_dof, of errors of an estimated standard deviation",
     ),
     Column(name="semi_minor_m", type="number", unit="m", nullable=True, meaning="minor semi-axis of the ellipse"),
     Column(
@@ -117,6 +118,19 @@ ESTIMATES = Table(
             meaning="posterior probability that the target exists near x, y, given the method's model and the other "
             "targets of the estimate",
         ),
+        Column(
+            name="std_factor",
+            type="number",
+            nullable=True,
+            meaning="estimated factor of the standard deviations (estimate_std): the std itself, in rad or m, where "
+            "none is stated; if sensors have factors of their own, that of the size of the covariance",
+        ),
+        Column(
+            name="std_dof",
+            type="number",
+            nullable=True,
+            meaning="degrees of freedom of std_factor: error ellipses are those of the F distribution with it",
+        ),
         Column(name="lat_deg", type="number", unit="deg", nullable=True, meaning="latitude of x, y (WGS 84)"),
         Column(name="lon_deg", type="number", unit="deg", nullable=True, meaning="longitude of x, y (WGS 84)"),
         Column(
@@ -173,6 +187,12 @@ FLAGS = Table(
             type="number",
             nullable=True,
             meaning="probability of los, given all rows, alpha and a source in the search region (los: over a half)",
+        ),
+        Column(
+            name="std_factor",
+            type="number",
+            nullable=True,
+            meaning="factor of the row's standard deviation, estimated for its sensor (estimate_std)",
         ),
         Column(name="ip", type="boolean", nullable=True, meaning="whether the path is indirect (triplets)"),
         Column(
@@ -231,29 +251,6 @@ FLAGS = Table(
             )
             for word, meaning in (("lambda", "difference of intersections"), ("threshold", "threshold of difference"))
             for number in range(1, 7)
-        ),
-    ),
-)
-
-TRACE = Table(
-    name="trace",
-    title="Trace: a row per snapshot and step of a sequential method, the state after each sensor",
-    columns=(
-        Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
-        Column(name="method", type="text", required=True, meaning="name of the method"),
-        Column(name="step", type="integer", required=True, meaning="number of measurements used so far"),
-        Column(name="sensor", type="identifier", required=True, meaning="sensor of the measurement just used"),
-        Column(name="x_m", type="number", unit="m", required=True, meaning="position after this step"),
-        Column(name="y_m", type="number", unit="m", required=True, meaning="position after this step"),
-        *(
-            Column(
-                name=f"cov_{axes}_m2",
-                type="number",
-                unit="m2",
-                required=True,
-                meaning="covariance of the position after this step",
-            )
-            for axes in ("xx", "xy", "yy")
         ),
     ),
 )

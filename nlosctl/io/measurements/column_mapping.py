@@ -14,7 +14,7 @@ from nlosctl.arrays import IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import EARTH_PLACES, KINDS, Column, ColumnType, Table, contract_names
 from nlosctl.errors import DataError, UsageError, did_you_mean
-from nlosctl.io.measurements.missing_columns import missing_message
+from nlosctl.io.measurements.missing_columns import missing_message, unit_stds
 
 __all__ = [
     "METHOD",
@@ -169,7 +169,13 @@ def coordinate_columns(names: Sequence[str], renames: Mapping[str, str], file: s
 
 
 def plan_columns(
-    names: Sequence[str], table: Table, constants: Mapping[str, float], scene: Scene, file: str, header: Sequence[str]
+    names: Sequence[str],
+    table: Table,
+    constants: Mapping[str, float],
+    scene: Scene,
+    file: str,
+    header: Sequence[str],
+    missing_std: str = "error",
 ) -> ColumnPlan:
     """Return the sources of the contract's columns, given the columns of ``file``: renamed ``names``, own ``header``.
 
@@ -181,10 +187,11 @@ def plan_columns(
     matches = {column.name: _find(column, names, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
     check_constants(table, constants, mapped, file)
+    constants = {**unit_stds(table, mapped), **constants} if missing_std == "unit" else constants
     absent = [column for column in table.columns if column.required and column.name not in {*mapped, *constants}]
     missing = [column for column in absent if column.scene_axis is None or not scene.sensors]
     if missing:
-        raise DataError(missing_message(missing, header, table, file))
+        raise DataError(missing_message(missing, header, table, file, estimable=missing_std == "estimable"))
     plan = ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
     for group in (*table.together, (plan.scene_axes,)):
         _check_group(group, mapped, file)

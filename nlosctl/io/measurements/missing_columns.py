@@ -9,7 +9,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Column, Table, contract_names
 from nlosctl.errors import did_you_mean
 
-__all__ = ["is_of_one_station", "missing_message", "named_like_degrees"]
+__all__ = ["is_of_one_station", "missing_message", "named_like_degrees", "unit_stds"]
 
 _SPREAD = re.compile(r"std|sigma|sd|err|unc|acc|var", re.IGNORECASE)
 _LAT = re.compile(r"(?:.*[_. ])?(?:lat|latitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
@@ -44,8 +44,19 @@ def named_like_degrees(names: Sequence[str]) -> tuple[str, str] | None:
     return None if lat is None or lon is None else (lat, lon)
 
 
-def missing_message(missing: Sequence[Column], header: Sequence[str], table: Table, file: str) -> str:
-    """Return the message on the columns ``missing`` of a file whose own names of columns are ``header``."""
+def unit_stds(table: Table, given: Collection[str]) -> dict[str, float]:
+    """Return a standard deviation of 1 for each that a table requires and that is not among the columns ``given``."""
+    required = [column.name for column in table.columns if column.required and column.constant_allowed]
+    return {name: 1.0 for name in required if name not in given}
+
+
+def missing_message(
+    missing: Sequence[Column], header: Sequence[str], table: Table, file: str, *, estimable: bool
+) -> str:
+    """Return the message on the columns ``missing`` of a file whose own names of columns are ``header``.
+
+    ``estimable`` is whether the run can estimate standard deviations.
+    """
     free = [name for name in header if name not in contract_names()]
     parts = []
     for column in missing:
@@ -54,6 +65,7 @@ def missing_message(missing: Sequence[Column], header: Sequence[str], table: Tab
             others = [f"{column.earth_place}_lat_deg with {column.earth_place}_lon_deg"]
         accepted = f", also accepted: {', '.join(others)}" if others else ""
         option = f", or set `constants[{column.name!r}]`" if column.constant_allowed else ""
+        option += ", or estimate it by `estimate_std`" if estimable and column.estimable else ""
         scene = ", or pass a scene with its sensors" if column.scene_axis is not None else ""
         parts.append(f"{column.name!r}{_near(column, free)}{accepted}{option}{scene}")
     comment = "; the first line begins with '#', expected the header there" if header[0].startswith("#") else ""

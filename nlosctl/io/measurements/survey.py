@@ -260,7 +260,7 @@ def _planned(
     names = rename(file.names, options.columns, table, part.name)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     constants = {**usable_defaults(options.default_constants, names, table), **options.constants}
-    plan = plan_columns(names, table, constants, scene, part.name, header)
+    plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
     to_read = columns_to_read(names, plan, options.extra_columns)
     original = dict(zip(names, file.names, strict=True))
     schema = file.start(

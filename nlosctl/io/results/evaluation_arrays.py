@@ -36,7 +36,7 @@ _STATUSES = pa.array([status.word for status in Status])
 class EstimateArrays:
     """N estimates: position and truth (N, 2), covariance (N, 3) as xx, xy, yy, and columns (N,).
 
-    ``used_share`` and ``fit_p_value`` are None where the table does not have them.
+    ``used_share``, ``fit_p_value`` and ``std_dof`` are None where the table does not have them.
     """
 
     position_m: FloatArray
@@ -46,6 +46,7 @@ class EstimateArrays:
     alternative: IntArray
     used_share: FloatArray | None
     fit_p_value: FloatArray | None
+    std_dof: FloatArray | None
 
 
 def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> EstimateArrays:
@@ -69,6 +70,7 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         truth_m=_stack(table, TRUTH_NAMES, name) if truth is None else truth.look_up(table, name),
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
         **fit_arrays(table),
+        std_dof=numbers(table.column("std_dof")) if "std_dof" in table.column_names else None,
     )
 
 

@@ -158,7 +158,8 @@ class MapWriter:
         x, y, xx, xy, yy = (self._numbers(columns[name], name) for name in _ESTIMATED)
         ellipse = error_ellipse(Symmetric2x2(xx, xy, yy))
         share = float(getattr(self._options, "ellipse", 0.95))
-        scale = float(np.sqrt(ellipse_threshold(share)))
+        degrees = self._numbers(columns["std_dof"], "std_dof") if "std_dof" in columns else None
+        scale = np.sqrt(ellipse_threshold(share, degrees))
         major, minor = scale * ellipse.semi_major_m, scale * ellipse.semi_minor_m
         turn = np.linspace(0.0, 2.0 * np.pi, int(getattr(self._options, "vertices", 72)) + 1)
         along, across = major[:, None] * np.cos(turn), minor[:, None] * np.sin(turn)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from nlosctl.contract.limits import size
@@ -41,22 +42,25 @@ class InputPasses:
     engine: Engine | None = None
     ignores_bad_rows: bool = False
 
-    def pool(self, statistic: Statistic) -> ExactSums:
-        """Return the sums of a statistic over all chunks; raises the errors of reading and those of the statistic."""
+    def pool(self, statistic: Statistic, columns: Sequence[str] = ()) -> ExactSums:
+        """Return the sums of a statistic over all chunks; raises the errors of reading and those of the statistic.
+
+        The statistic may use the ``columns`` of a chunk's table.
+        """
         total = ExactSums()
-        for sums in self._parts(statistic):
+        for sums in self._parts(statistic, columns):
             if sums is None:  # the error must not depend on the slices
-                return self._pool_here(statistic)
+                return self._pool_here(statistic, columns)
             total.merge(sums)
         return total
 
-    def _parts(self, statistic: Statistic) -> Iterator[ExactSums | None]:
+    def _parts(self, statistic: Statistic, columns: Sequence[str]) -> Iterator[ExactSums | None]:
         if self.engine is not None:
             slices, engine = sliced(self.inputs, size("task_rows")), self.engine
         else:
             slices, engine = parallel_slices(self.inputs, self.jobs), self._by_processes
         if not slices:
-            yield self._pool_here(statistic)
+            yield self._pool_here(statistic, columns)
             return
         work = _PassWork(passes=replace(self, inputs=slices, engine=None), statistic=statistic)
         with closing(engine(work, range(len(work.positions)))) as results:
@@ -65,11 +69,11 @@ class InputPasses:
     def _by_processes(self, work: Work, numbers: Sequence[int]) -> Generator[Any, None, None]:
         return map_in_processes(work.make, numbers, self.jobs)
 
-    def _pool_here(self, statistic: Statistic) -> ExactSums:
+    def _pool_here(self, statistic: Statistic, columns: Sequence[str]) -> ExactSums:
         """Return the sums of chunks that this process reads."""
         total = ExactSums()
         with closing(self.reader()) as reader:
-            chunks = map(_without_table, reader.chunks())
+            chunks = map(partial(_with_columns, columns=list(columns)), reader.chunks())
             with closing(map_in_processes(statistic, chunks, self.jobs)) as parts:
                 for sums in parts:
                     total.merge(sums)
@@ -82,9 +86,9 @@ class InputPasses:
         return MeasurementReader(self.inputs, options, sink, survey=self.survey, only=only)
 
 
-def _without_table(chunk: Chunk) -> Chunk:
-    """Return the chunk without the columns of its table, which may be sent to a process."""
-    return replace(chunk, table=chunk.table.select([]))
+def _with_columns(chunk: Chunk, columns: list[str]) -> Chunk:
+    """Return the chunk with only these columns of its table: it may be sent to a process."""
+    return replace(chunk, table=chunk.table.select([name for name in columns if name in chunk.table.column_names]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -109,6 +109,7 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
                 truth_m=arrays.truth_m,
                 used_share=arrays.used_share,
                 fit_p_value=arrays.fit_p_value,
+                std_dof=arrays.std_dof,
             )
             group, keys = group_codes(table, grouping)
             if best_alternative:

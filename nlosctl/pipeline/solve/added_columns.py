@@ -86,7 +86,7 @@ def _on_earth(frame: EarthFrame, estimates: ChunkEstimates) -> dict[str, FloatAr
 
 def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatArray]:
     one_sigma = error_ellipse(Symmetric2x2(*estimates.covariance_m2.T))
-    scale = float(np.sqrt(ellipse_threshold(probability)))
+    scale = np.sqrt(ellipse_threshold(probability, estimates.columns.get("std_dof")))
     return {
         "semi_major_m": scale * one_sigma.semi_major_m,
         "semi_minor_m": scale * one_sigma.semi_minor_m,
@@ -98,7 +98,9 @@ def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatAr
 def _cep50(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
     assert solution.estimates is not None  # noqa: S101 - columns are of estimates
     one_sigma = error_ellipse(Symmetric2x2(*solution.estimates.covariance_m2.T))
-    return circular_error_probable(one_sigma.semi_major_m, one_sigma.semi_minor_m)
+    radius = circular_error_probable(one_sigma.semi_major_m, one_sigma.semi_minor_m)
+    degrees = solution.estimates.columns.get("std_dof")
+    return radius if degrees is None else radius * np.sqrt(ellipse_threshold(0.5, degrees) / ellipse_threshold(0.5))
 
 
 def _gdop(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.options import within_bounds
 from nlosctl.contract.random_streams import snapshot_seeds
@@ -28,7 +28,7 @@ from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.method_runs import LearnedOptions, MethodRun
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, keep_freed_memory, with_sensor_heights
 
-__all__ = ["learn_options"]
+__all__ = ["MOST_PASSES", "learn_options", "pass_batches"]
 
 MOST_PASSES = 25
 """An iteration that has not settled by then stops; the summary states it."""
@@ -151,19 +151,23 @@ class _ChunkStatistics:
     options: SolveOptions
 
     def __call__(self, chunk: Chunk) -> ExactSums:
-        keep_freed_memory()
-        if self.options.target_z_m is not None:
-            chunk = with_sensor_heights(chunk, self.options.target_z_m)
-        seed = snapshot_seeds(self.options.seed, chunk.snapshot_ids())
         sums = ExactSums()
-        for snapshot, row in dense_blocks(chunk.offsets, ~chunk.left_out, self.options.block_size):
+        for row, batch in pass_batches(chunk, self.kind, self.scene, self.options):
             for number, run in self.runs:
                 if row.shape[1] >= run.spec.minimum_measurements:
-                    batch = dense_batch(
-                        self.kind, chunk.columns, row, scene=self.scene, seed=seed[snapshot], field=self.options.field
-                    )
                     sums.add(number, _statistics(run, batch))
         return sums
+
+
+def pass_batches(chunk: Chunk, kind: str, scene: Scene, options: SolveOptions) -> Iterator[tuple[IntArray, Any]]:
+    """Yield the rows (B, K) and the dense batch of each block of a chunk, for the statistics of a pass."""
+    keep_freed_memory()
+    if options.target_z_m is not None:
+        chunk = with_sensor_heights(chunk, options.target_z_m)
+    seed = snapshot_seeds(options.seed, chunk.snapshot_ids())
+    for snapshot, row in dense_blocks(chunk.offsets, ~chunk.left_out, options.block_size):
+        field = options.field
+        yield row, dense_batch(kind, chunk.columns, row, scene=scene, seed=seed[snapshot], field=field, flags=False)
 
 
 def _statistics(run: MethodRun, batch: Any) -> FloatArray:

@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from nlosctl import registry
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.learning import ESTIMATE
 from nlosctl.contract.methods import Job, MethodSpec
 from nlosctl.contract.options import parse_options
-from nlosctl.contract.results import is_fix
+from nlosctl.contract.results import Solution, is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.sweeps import SweepWords, refuse_both, swept_options
 
+if TYPE_CHECKING:
+    from nlosctl.io.measurements.reader import Chunk
+    from nlosctl.pipeline.solve.unknown_std import StdEstimate
+
 __all__ = [
     "STATUS_WORDS",
+    "BlockSolver",
     "LearnedOptions",
     "MethodRun",
     "MethodTally",
@@ -32,6 +37,9 @@ __all__ = [
     "method_runs",
     "require_estimates",
 ]
+
+BlockSolver = Callable[[Any, IntArray], Solution]
+"""A method as a function of a dense batch and the chunk indices of its rows (B, K)."""
 
 STATUS_WORDS = tuple(status.word for status in Status)
 _READ_BY_SOME = {"bearings": ("prior_x_m",), "triplets": ("target_radius_m",)}
@@ -61,7 +69,8 @@ class LearnedOptions:
 class MethodRun:
     """A method with the options of this run; ``sweep`` holds the swept options with their values.
 
-    ``open_options`` are to be estimated from the input before the run, which makes them ``learned``.
+    ``open_options`` are to be estimated from the input before the run, which makes them ``learned``. ``std`` are the
+    factors of unknown standard deviations; None where they are stated.
     """
 
     spec: MethodSpec
@@ -69,12 +78,19 @@ class MethodRun:
     sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     open_options: tuple[str, ...] = ()
     learned: LearnedOptions | None = None
+    std: StdEstimate | None = None
 
     @property
     def label(self) -> str:
         """The name of the method, with the swept values."""
         values = ", ".join(f"{key}={value}" for key, value in self.sweep.items())
         return f"{self.spec.name} ({values})" if values else self.spec.name
+
+    def solver(self, chunk: Chunk) -> BlockSolver:
+        """Return the method with its options as a function of the batches of a chunk."""
+        if self.std is not None:
+            return self.std.solver(self.spec, self.options, chunk)
+        return lambda batch, row: self.spec.solve(batch, self.options)
 
 
 @dataclass

@@ -93,6 +93,7 @@ class MeasurementRun:
         methods = [
             {"name": run.spec.full_name, "parameters": dataclasses.asdict(run.options)}
             | ({"estimated": list(run.learned.values)} if run.learned else {})
+            | ({} if run.std is None else {"estimated_std": run.std.as_dict()})
             for run in self._runs
         ]
         content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
@@ -163,6 +164,8 @@ class MeasurementRun:
             names.add("covariance_kind")
         for run in self._runs:
             names.update(run.spec.estimate_columns)
+        if self._options.estimate_std is not None:
+            names |= {"std_factor", "std_dof"}
         return frozenset(names)
 
     def _wanted_layouts(self) -> dict[str, Any]:
@@ -202,7 +205,8 @@ class MeasurementRun:
             run.spec.flag_columns(run.options, self.reader.scene, self.reader.schema.names, details=details)
             for run in self._runs
         )
-        return tuple(dict.fromkeys(name for names in columns for name in names))
+        own = ("std_factor",) if self._options.estimate_std == "sensor" else ()
+        return tuple(dict.fromkeys(name for names in (*columns, own) for name in names))
 
     def _measurement_name(self) -> str:
         name = KINDS[self.reader.kind].measurement_name
@@ -214,6 +218,8 @@ class MeasurementRun:
             return chunk
         layout = self._layouts["estimates"]
         names = {*layout.carried, layout.measurement_name} - {""}
+        if self._options.estimate_std == "sensor":
+            names.add("sensor")
         return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
 
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
@@ -229,7 +235,7 @@ class MeasurementRun:
         named: dict[str, Any] = {}
         if "estimates" in self._layouts and solution.estimates is not None:
             estimates = solution.estimates
-            if self._optional - {"covariance_kind"}:
+            if self._optional - {"covariance_kind", "std_factor", "std_dof"}:
                 columns = further_columns(self._solver, chunk, solution, write.ellipse, write.add)
                 estimates = dataclasses.replace(estimates, columns={**estimates.columns, **columns})
             named["estimates"] = self._layouts["estimates"].table(estimates, chunk)
@@ -250,6 +256,7 @@ class MeasurementRun:
             inputs=[],
             methods={run.label: MethodTally() for run in self._runs},
             learned={run.label: run.learned for run in self._runs if run.learned is not None},
+            stds={run.label: run.std.as_dict() for run in self._runs if run.std is not None},
         )
 
     def _counts(self, chunk: Chunk, solution: ChunkSolution) -> dict[str, Any]:

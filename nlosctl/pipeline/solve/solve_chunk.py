@@ -23,7 +23,7 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
-from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.report import fit_p_values
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory", "with_sensor_heights"]
@@ -74,7 +74,10 @@ class ChunkSolver:
         traces: list[tuple[int, IntArray, IntArray, Trace]] = []
         blocks = list(dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size))
         for method, run in enumerate(self.runs):
-            solved = [(snapshot, row, self._solve_block(chunk, snapshot, row, seed, run)) for snapshot, row in blocks]
+            solve = run.solver(chunk)
+            solved = [
+                (snapshot, row, self._solve_block(chunk, snapshot, row, seed, run, solve)) for snapshot, row in blocks
+            ]
             if run.spec.estimates:
                 estimates += [self._chunk_estimates(chunk, method, *part) for part in solved]
             if self.want_flags:
@@ -88,7 +91,7 @@ class ChunkSolver:
         )
 
     def _solve_block(
-        self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun
+        self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun, solve: BlockSolver
     ) -> Solution:
         if row.shape[1] < run.spec.minimum_measurements:
             return _too_few(row.shape[0])
@@ -104,7 +107,7 @@ class ChunkSolver:
             trace=self.want_trace and run.spec.traces,
         )
         try:
-            solution = run.spec.solve(batch, run.options)
+            solution = solve(batch, row)
         except NlosctlError:
             raise
         except (Exception, SystemExit) as error:
@@ -164,7 +167,8 @@ class ChunkSolver:
             if solution.flags is None:
                 continue
             used[row] = solution.flags.used
-            for name in run.spec.flag_columns(run.options, self.scene, chunk.columns, details=self.want_details):
+            own = run.spec.flag_columns(run.options, self.scene, chunk.columns, details=self.want_details)
+            for name in (*own, "std_factor"):
                 if name in solution.flags.columns:
                     parts.setdefault(name, []).append((row, solution.flags.columns[name]))
         return Flags(used=used, columns={name: _scatter(size, column) for name, column in parts.items()})

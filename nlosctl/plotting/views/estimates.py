@@ -44,6 +44,7 @@ _COLUMNS = (
     "x_m",
     "y_m",
     "cov_*",
+    "std_dof",
     "alternative",
     "status",
     "method",
@@ -129,6 +130,8 @@ def _extent(file: PlotInput, clouds: list[FloatArray], truth: FloatArray) -> tup
 class _Cloud:
     """The fixes (N,) of one panel: positions (N, 2), covariances (N, 3), snapshot ids, and the rows of each tag.
 
+    ``std_dof`` (N,) are the degrees of freedom of estimated standard deviations, None where they are stated.
+
     The rows of a tag are in the order of time where it is known, otherwise in that of the file; ``in_time`` if they
     form a track.
     """
@@ -138,6 +141,7 @@ class _Cloud:
     ids: list[str]
     tags: dict[str, IntArray]
     in_time: bool
+    std_dof: FloatArray | None = None
 
     @classmethod
     def of(cls, columns: Mapping[str, npt.NDArray[Any]], by: str | None) -> _Cloud:
@@ -149,7 +153,7 @@ class _Cloud:
         names = np.array([plain(value) for value in columns[by]], dtype=object)[order] if by else np.empty(0)
         tags = {str(name): order[names == name] for name in dict.fromkeys(names.tolist())}
         in_time = by is not None or time is not None
-        return cls(position, covariance, ids, tags or {"": order}, in_time)
+        return cls(position, covariance, ids, tags or {"": order}, in_time, columns.get("std_dof"))
 
 
 def _draw_cloud(
@@ -187,7 +191,8 @@ def _draw_tags(axes: Axes, look: SeriesStyle, cloud: _Cloud, extent: Extent) -> 
     for number, (tag, rows) in enumerate(list(cloud.tags.items())):
         own = series_style(min(number, _MOST_TAGS - 1) + 1) if tag else look
         if count <= _ELLIPSES_TO:
-            draw_ellipses(axes, cloud.position[rows], cloud.covariance[rows], own, extent)
+            degrees = None if cloud.std_dof is None else cloud.std_dof[rows]
+            draw_ellipses(axes, cloud.position[rows], cloud.covariance[rows], own, extent, degrees=degrees)
         axes.plot(
             *cloud.position[rows].T,
             linestyle="-" if cloud.in_time else "none",

@@ -50,6 +50,7 @@ def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Column
     for prefix, columns in estimates:
         position = positions_of(columns, "x_m", "y_m")
         covariance = np.stack([_numbers(columns, name) for name in ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")], axis=1)
+        degrees = _numbers(columns, "std_dof") if "std_dof" in columns else np.full(position.shape[0], np.nan)
         labels = np.array(labels_of_rows(columns, position.shape[0], prefix), dtype=object)
         best = _numbers(columns, "alternative") == 0.0
         for label in dict.fromkeys(labels.tolist()):
@@ -84,7 +85,7 @@ def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Column
                     zorder=3.5,
                 )
                 extent.include(position[rows])
-            ellipses = draw_ellipses(axes, position[own], covariance[own], look, extent)
+            ellipses = draw_ellipses(axes, position[own], covariance[own], look, extent, degrees=degrees[own])
             if ellipses < int(fixed.sum()):
                 notes.append(f"{name}: no covariance, so no ellipse")
     return notes

@@ -14,38 +14,12 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import RayResiduals, SightLines
-from nlosctl.solvers.bearings.line_fits import InflatedCovariance, fit_focused, fit_least_squares
+from nlosctl.solvers.bearings.line_fits import InflatedCovariance, fit_focused, fit_least_squares, inflate_near_sensors
+from nlosctl.solvers.optimization.unknown_std import StdFactors
 
-__all__ = ["finish_bearings_fix", "inflate_near_sensors", "judge_fixes", "judge_optima", "mark_crossings_behind"]
+__all__ = ["finish_bearings_fix", "judge_fixes", "judge_optima", "mark_crossings_behind"]
 
-_NEAR = 3.0
-"""A fix is near a sensor if it is at most this many standard deviations away."""
-
-_ROUNDS = 2
-
-
-def inflate_near_sensors(
-    covariance: SymmetricMatrix, nearest_m: FloatArray, inflated: InflatedCovariance
-) -> SymmetricMatrix:
-    """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), inflated where it is near.
-
-    A bearing fixes a source to std times its range, and the range from a near sensor is as uncertain as the fix
-    itself. There the squared range at the fix is replaced by its expectation: the square plus the larger eigenvalue of
-    the covariance, in two passes. Other rows keep their bits.
-    """
-    with ignoring_overflow():
-        larger = covariance.eigenvalues()[1]
-        near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
-        if not near.size:
-            return covariance
-        larger = larger[near]
-        for _ in range(_ROUNDS):
-            wider = inflated(near, larger)
-            larger = wider.eigenvalues()[1]
-    result = covariance.map(np.copy)
-    result.put(near, wider)
-    return result
-
+_UNKNOWNS = 2
 
 CONDITION_LIMIT = 1e6
 """Largest condition number of the lines' normals at which they still count as crossing."""
@@ -114,12 +88,16 @@ def judge_fixes(
 
 @dataclass(frozen=True)
 class Verdict:
-    """Status, covariance and cost (half the chi-square) of fixes (B,), and the chi-square of the optimum near them."""
+    """Status, covariance and cost (half the chi-square) of fixes (B,), and the chi-square of the optimum near them.
+
+    ``factors`` are those of unknown standard deviations, which have no chi-square of their own; None where stated.
+    """
 
     status: StatusArray
     covariance: SymmetricMatrix
     cost: FloatArray
     least_chi_square: FloatArray
+    factors: StdFactors | None = None
 
 
 def finish_bearings_fix(
@@ -145,7 +123,17 @@ def finish_bearings_fix(
     second order in the errors, leave ``at_optimum`` false: the test of the fit is then that after a Gauss-Newton step.
     """
     verdict = judge_optima(
-        lines, x, y, covariance, normal, min_range_m, converged, constrained_status, inflated, at_optimum=at_optimum
+        lines,
+        x,
+        y,
+        covariance,
+        normal,
+        min_range_m,
+        converged,
+        constrained_status,
+        inflated,
+        at_optimum=at_optimum,
+        std=batch.std,
     )
     position = (x + lines.center_x, y + lines.center_y)
     estimates = Estimates.of(
@@ -156,6 +144,7 @@ def finish_bearings_fix(
         batch.measurements,
         chi_square=verdict.least_chi_square,
         degrees_of_freedom=batch.measurements - len(position),
+        columns={} if verdict.factors is None else verdict.factors.columns(verdict.status),
     )
     flags = bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
@@ -173,15 +162,28 @@ def judge_optima(
     inflated: InflatedCovariance | None = None,
     *,
     at_optimum: bool = True,
+    std: str = "stated",
 ) -> Verdict:
-    """Return status, covariance, cost and chi-square of fixes; arguments as in `finish_bearings_fix`."""
+    """Return status, covariance, cost and chi-square of fixes; arguments as in `finish_bearings_fix`.
+
+    ``std`` as in `Batch`: with estimated ones the covariance is that of (1) in docs/unknown-std.md, as it stands.
+    """
     paths = lines.paths_from(x, y)
-    rays = lines.ray_residuals(x, y, paths)
+    rays, factors = lines.ray_residuals(x, y, paths), None
+    cost = 0.5 * rays.chi_square
+    if std == "unknown":
+        gain = 0.0 if at_optimum else _gauss_newton_gain(lines, x, y, paths)
+        factors = StdFactors.of(rays.chi_square - gain, lines.origin_x.shape[1] - _UNKNOWNS)
+        lines = replace(lines, std_rad=factors.scaled(lines.std_rad))
+        rays = replace(rays, chi_square=rays.chi_square / factors.squared)
+        if covariance is not None and inflated is not None:
+            covariance = covariance * factors.squared
     searched = covariance is None or inflated is None
     if covariance is None or inflated is None:
         covariance = lines.information(x, y, paths).inverse()
         inflated = _inflated_information(lines, x, y)
-    covariance = inflate_near_sensors(covariance, rays.nearest_m, inflated)
+    if std == "stated":
+        covariance = inflate_near_sensors(covariance, rays.nearest_m, inflated)
     status = judge_fixes(lines, x, y, rays, covariance, min_range_m, paths)
     if converged is not None:
         open_rows = np.flatnonzero(~converged & has_position(status))
@@ -195,8 +197,11 @@ def judge_optima(
         mark_crossings_behind(status, lines, rays.chi_square)
     if lines.origin_x.shape[1] < 2:
         status[:] = Status.TOO_FEW
+    if factors is not None:
+        factors.mark(status)
+        return Verdict(status, covariance, cost, np.full(x.shape, np.nan), factors)
     gain = 0.0 if at_optimum else _gauss_newton_gain(lines, x, y, paths)
-    return Verdict(status, covariance, 0.5 * rays.chi_square, rays.chi_square - gain)
+    return Verdict(status, covariance, cost, rays.chi_square - gain)
 
 
 def _gauss_newton_gain(lines: SightLines, x: FloatArray, y: FloatArray, paths: ReflectedPath | None) -> FloatArray:

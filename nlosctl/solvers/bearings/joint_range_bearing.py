@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from nlosctl.solvers.bearings.fix_status import bearing_flags, inflate_near_sens
 from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import Evaluation
+from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
 from nlosctl.solvers.ranges.optima import RangeOptimum, are_apart, paired_estimates
 from nlosctl.solvers.ranges.search import find_two_optima
 
@@ -136,21 +137,32 @@ def fit_ranged_bearings(
         RangeOptimum(end.x, end.y, problem.covariance(end.x, end.y), end.cost, end.converged) for end in ends
     )
     scalars = count_scalars(batch, ranges[0])
+    costs, chi_squares, factors = (best.cost, other.cost), (2.0 * best.cost, 2.0 * other.cost), None
+    if batch.std == "unknown":
+        factors = StdFactors.of(2.0 * best.cost, scalars - _UNKNOWNS)
+        best, other = (replace(part, covariance=part.covariance * factors.squared) for part in (best, other))
+        lines = replace(lines, std_rad=factors.scaled(lines.std_rad))
+        chi_squares = (np.full(batch.size, np.nan), np.full(batch.size, np.nan))
+        costs = (marginal_cost(best.cost, scalars - _UNKNOWNS), marginal_cost(other.cost, scalars - _UNKNOWNS))
     status, other_status = (_judge(lines, optimum, scalars, min_range_m) for optimum in (best, other))
     another = (status == Status.OK) & other.converged & are_apart(best, other)
     second = another & (other_status == Status.OK)
     with ignoring_invalid():
-        ambiguous = another & (other.cost - best.cost <= ambiguous_within)
+        ambiguous = another & (costs[1] - costs[0] <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
+    if factors is not None:
+        factors.mark(status)
+        factors.mark(other_status)
     estimates = paired_estimates(
         np.flatnonzero(second),
         (lines.center_x, lines.center_y),
         (best, other),
         (best.cost, other.cost),
         (status, other_status),
-        (2.0 * best.cost, 2.0 * other.cost),
+        chi_squares,
         batch.measurements,
         scalars - _UNKNOWNS,
+        factors,
     )
     flags = bearing_flags(batch, lines, status, best.x, best.y) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)

@@ -18,12 +18,19 @@ __all__ = [
     "fit_focused",
     "fit_least_squares",
     "fit_stansfield",
+    "inflate_near_sensors",
     "inflated_sandwich",
     "sandwich_covariance",
 ]
 
 InflatedCovariance = Callable[[IntArray, FloatArray], SymmetricMatrix]
 """A function of snapshots (N,) and square metres (N,): the covariance with all squared ranges so much larger."""
+
+
+_NEAR = 3.0
+"""A fix is near a sensor if it is at most this many standard deviations away."""
+
+_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -89,6 +96,29 @@ def inflated_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | N
         return sandwich_covariance(lines.take(rows), fit.take(rows), weighed, extra_m2)
 
     return inflated
+
+
+def inflate_near_sensors(
+    covariance: SymmetricMatrix, nearest_m: FloatArray, inflated: InflatedCovariance
+) -> SymmetricMatrix:
+    """Return the covariances (B,) of fixes whose nearest origin is at ``nearest_m`` (B,), inflated where it is near.
+
+    A bearing fixes a source to std times its range, and the range from a near sensor is as uncertain as the fix
+    itself. There the squared range at the fix is replaced by its expectation: the square plus the larger eigenvalue of
+    the covariance, in two passes. Other rows keep their bits.
+    """
+    with ignoring_overflow():
+        larger = covariance.eigenvalues()[1]
+        near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
+        if not near.size:
+            return covariance
+        larger = larger[near]
+        for _ in range(_ROUNDS):
+            wider = inflated(near, larger)
+            larger = wider.eigenvalues()[1]
+    result = covariance.map(np.copy)
+    result.put(near, wider)
+    return result
 
 
 def _solve_weighted(tube_width_m: FloatArray, lines: SightLines) -> LineFit:

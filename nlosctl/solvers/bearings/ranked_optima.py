@@ -11,6 +11,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_optima
 from nlosctl.solvers.bearings.multistart import Optima
+from nlosctl.solvers.optimization.unknown_std import marginal_cost
 
 __all__ = ["finish_alternatives"]
 
@@ -32,14 +33,27 @@ def finish_alternatives(
     if one stopped at a caustic more than that below it.
     """
     verdict = judge_optima(
-        optima.lines, optima.x, optima.y, None, normal.take(snapshot), min_range_m, optima.converged, constrained_status
+        optima.lines,
+        optima.x,
+        optima.y,
+        None,
+        normal.take(snapshot),
+        min_range_m,
+        optima.converged,
+        constrained_status,
+        std=batch.std,
     )
     status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
-    _compare(status, cost, alternative, optima.rival_cost[rows], ambiguous_within)
     x, y, lines = optima.x[rows], optima.y[rows], optima.lines.take(rows)
     position = (x + lines.center_x, y + lines.center_y)
+    degrees, nats, rival_nats = batch.measurements - len(position), cost, optima.rival_cost[rows]
+    if batch.std == "unknown":
+        nats, rival_nats = marginal_cost(cost, degrees), marginal_cost(rival_nats, degrees)
+    _compare(status, nats, alternative, rival_nats, ambiguous_within)
+    if verdict.factors is not None:
+        verdict.factors.take(rows).mark(status)
     estimates = Estimates.of(
         status,
         position,
@@ -48,8 +62,9 @@ def finish_alternatives(
         batch.measurements,
         row=snapshot,
         alternative=alternative,
-        chi_square=2.0 * cost,
-        degrees_of_freedom=batch.measurements - len(position),
+        chi_square=np.nan if batch.std == "unknown" else 2.0 * cost,
+        degrees_of_freedom=degrees,
+        columns={} if verdict.factors is None else verdict.factors.take(rows).columns(status),
     )
     flags = None
     if batch.want_flags:

@@ -19,7 +19,7 @@ from nlosctl.models.ranges import range_circles
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
 from nlosctl.solvers.echoes.type_sets import Gate
-from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges
+from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges, with_covariances
 
 __all__ = ["EXISTENCE", "IDENTIFICATION_FLAGS", "IdentificationOptions", "IdentifiedEchoes", "identify"]
 
@@ -142,7 +142,7 @@ def _locate(
     snapshot = np.array([target.snapshot for target in targets])
     dense = _targets_batch(batch, snapshot, np.array([target.rows for target in targets]))
     circles = range_circles(dense)
-    one, other = optimize_ranges(circles, _MAX_ITERATIONS, options.ambiguous_within)
+    one, other = with_covariances(circles, *optimize_ranges(circles, _MAX_ITERATIONS, options.ambiguous_within))
     offset_x = circles.center_x - np.array([target.center_x for target in targets])
     offset_y = circles.center_y - np.array([target.center_y for target in targets])
     own_region = region.take(snapshot)

@@ -13,7 +13,7 @@ from nlosctl.arrays import BoolArray, IntArray
 from nlosctl.contract.batches import Batch
 from nlosctl.contract.results import Estimates, Flags, Solution
 
-__all__ = ["solve_parts", "split_batch"]
+__all__ = ["solve_parts", "split_batch", "take_snapshots"]
 
 BatchT = TypeVar("BatchT", bound=Batch)
 
@@ -51,10 +51,11 @@ def split_batch(batch: BatchT, chosen: BoolArray) -> list[tuple[IntArray, BatchT
     """Return the snapshots that are not ``chosen`` (B,) and those that are, with their indices, if there are any."""
     if chosen.all() or not chosen.any():
         return [(np.arange(chosen.shape[0]), batch)]
-    return [(rows, _take(batch, rows)) for rows in (np.flatnonzero(~chosen), np.flatnonzero(chosen))]
+    return [(rows, take_snapshots(batch, rows)) for rows in (np.flatnonzero(~chosen), np.flatnonzero(chosen))]
 
 
-def _take(batch: BatchT, rows: IntArray) -> BatchT:
+def take_snapshots(batch: BatchT, rows: IntArray) -> BatchT:
+    """Return the given snapshots of a batch, in any order and with repetitions."""
     changed: dict[str, Any] = {}
     for field in dataclasses.fields(batch):
         array = getattr(batch, field.name)

@@ -13,13 +13,22 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges import RangeCircles
+from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
 from nlosctl.solvers.ranges.bent_search import find_bent_optima
 from nlosctl.solvers.ranges.likelihood import RangeProblem
 from nlosctl.solvers.ranges.search import End, find_range_optima, surest_pole
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 from nlosctl.solvers.ranges.valley import valley_covariance
 
-__all__ = ["RangeOptimum", "are_apart", "finish_range_fix", "optimize_ranges", "paired_estimates"]
+__all__ = [
+    "RangeOptimum",
+    "are_apart",
+    "estimate_factors",
+    "finish_range_fix",
+    "optimize_ranges",
+    "paired_estimates",
+    "with_covariances",
+]
 
 
 _UNKNOWNS = 2
@@ -46,13 +55,8 @@ class RangeOptimum:
     converged: BoolArray
 
 
-def optimize_ranges(
-    circles: RangeCircles, max_iterations: int, infeasible_nats: float
-) -> tuple[RangeOptimum, RangeOptimum]:
-    """Return the two best range least-squares optima of `find_range_optima`, or with circles `find_bent_optima`; (8).
-
-    The covariance is the inverse Fisher information at the optimum, or, without rows by a circle, `valley_covariance`.
-    """
+def optimize_ranges(circles: RangeCircles, max_iterations: int, infeasible_nats: float) -> tuple[End, End]:
+    """Return the two best optima (8) of `find_range_optima`, or with rows by circles of `find_bent_optima`."""
     bent = circles.bent_snapshots()
     straight, rows = np.flatnonzero(~bent), np.flatnonzero(bent)
     if not rows.size:
@@ -64,9 +68,33 @@ def optimize_ranges(
         for some, (mine, my_other) in parts:
             best.put(some, mine)
             other.put(some, my_other)
+    return best, other
+
+
+def with_covariances(
+    circles: RangeCircles, best: End, other: End, factors: StdFactors | None = None
+) -> tuple[RangeOptimum, RangeOptimum]:
+    """Return optima (B,) of half the chi-square with their covariances.
+
+    The inverse Fisher information at the optimum, or, without rows by a circle, `valley_covariance`. The std of the
+    ``circles`` include the ``factors`` of unknown ones, the costs do not.
+    """
+    straight = np.flatnonzero(~circles.bent_snapshots())
+    rival = _RIVAL if factors is None else _RIVAL * factors.squared[straight]
     with ignoring_invalid():
-        rivals = straight[other.cost[straight] - best.cost[straight] <= _RIVAL]
+        rivals = straight[other.cost[straight] - best.cost[straight] <= rival]
     return _with_covariance(circles, best, straight), _with_covariance(circles, other, rivals)
+
+
+def estimate_factors(
+    circles: RangeCircles, one: End, other: End, infeasible_nats: float, *, at_optimum: bool = True
+) -> StdFactors:
+    """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`."""
+    degrees = circles.range_m.shape[1] - _UNKNOWNS
+    swap = _second_is_better(circles, one, other, infeasible_nats, degrees)
+    x, y = np.where(swap, other.x, one.x), np.where(swap, other.y, one.y)
+    gain = 0.0 if at_optimum else _gauss_newton_gain(circles, x, y)
+    return StdFactors.of(2.0 * _half_chi_square(circles, circles.residual_m(x, y)) - gain, degrees)
 
 
 def _straight_optima(circles: RangeCircles, max_iterations: int) -> tuple[End, End]:
@@ -93,6 +121,7 @@ def finish_range_fix(
     min_range_m: float,
     ambiguous_within: float,
     at_optimum: bool = True,
+    factors: StdFactors | None = None,
 ) -> Solution:
     """Return the solution of snapshots that have two optima each, which may coincide.
 
@@ -101,23 +130,33 @@ def finish_range_fix(
     single point are too few. A point that the scene hides from a row is the answer, infeasible, only if it is better by
     more than ``ambiguous_within``, and makes no other ambiguous. The cost is half the chi-square of the range
     residuals. If the optima do not minimize it, ``at_optimum`` is false: the test of the fit is then that after a
-    Gauss-Newton step.
+    Gauss-Newton step. The std of the ``circles`` and the covariances include the ``factors`` of unknown ones, the
+    costs do not; nats are then those of `marginal_cost`.
     """
-    best, rest = _order(circles, one, other, ambiguous_within)
+    degrees = batch.measurements - _UNKNOWNS
+    swap = _second_is_better(circles, one, other, ambiguous_within, None if factors is None else degrees)
+    best, rest = _pick(swap, other, one), _pick(swap, one, other)
     status, other_status = (_judge(circles, optimum, min_range_m) for optimum in (best, rest))
     residual, other_residual = (circles.residual_m(optimum.x, optimum.y) for optimum in (best, rest))
     cost, other_cost = (_half_chi_square(circles, values) for values in (residual, other_residual))
-    chi_squares = (2.0 * cost, 2.0 * other_cost)
-    if not at_optimum:
-        gains = (_gauss_newton_gain(circles, best), _gauss_newton_gain(circles, rest))
+    chi_squares, nats = (2.0 * cost, 2.0 * other_cost), (cost, other_cost)
+    if factors is not None:
+        cost, other_cost = cost * factors.squared, other_cost * factors.squared
+        chi_squares = (np.full(batch.size, np.nan), np.full(batch.size, np.nan))
+        nats = (marginal_cost(cost, degrees), marginal_cost(other_cost, degrees))
+    elif not at_optimum:
+        gains = (_gauss_newton_gain(circles, best.x, best.y), _gauss_newton_gain(circles, rest.x, rest.y))
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
     too_few = circles.single_origin()
     status[too_few] = other_status[too_few] = Status.TOO_FEW
     another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged & are_apart(best, rest)
     second = another & (other_status == Status.OK)
     with ignoring_invalid():
-        ambiguous = another & (other_cost - cost <= ambiguous_within)
+        ambiguous = another & (nats[1] - nats[0] <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
+    if factors is not None:
+        factors.mark(status)
+        factors.mark(other_status)
     estimates = paired_estimates(
         np.flatnonzero(second),
         (circles.center_x, circles.center_y),
@@ -126,23 +165,33 @@ def finish_range_fix(
         (status, other_status),
         chi_squares,
         batch.measurements,
-        np.full(batch.size, batch.measurements - _UNKNOWNS),
+        np.full(batch.size, degrees),
+        factors,
     )
     flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
 
 
-def _order(
-    circles: RangeCircles, one: RangeOptimum, other: RangeOptimum, infeasible_nats: float
-) -> tuple[RangeOptimum, RangeOptimum]:
-    """Return the better optimum first; one that the scene hides from a row counts as that much worse."""
+def _second_is_better(
+    circles: RangeCircles,
+    one: End | RangeOptimum,
+    other: End | RangeOptimum,
+    infeasible_nats: float,
+    degrees: int | None,
+) -> BoolArray:
+    """Return where (B,) the second optimum is better; one that the scene hides from a row counts as that much worse.
+
+    With the ``degrees`` of freedom of unknown std the costs are compared as `marginal_cost`.
+    """
     cost, other_cost = one.cost, other.cost
+    if degrees is not None:
+        cost, other_cost = marginal_cost(cost, degrees), marginal_cost(other_cost, degrees)
     if circles.restricted:
         hidden, other_hidden = (circles.unseen(part.x, part.y).any(axis=1) for part in (one, other))
         cost, other_cost = cost + infeasible_nats * hidden, other_cost + infeasible_nats * other_hidden
     with ignoring_invalid():
-        swap = (other.converged & ~one.converged) | ((other.converged == one.converged) & (other_cost < cost))
-    return _pick(swap, other, one), _pick(swap, one, other)
+        swap: BoolArray = (other.converged == one.converged) & (other_cost < cost)
+    return (other.converged & ~one.converged) | swap
 
 
 def _pick(first: BoolArray, one: RangeOptimum, other: RangeOptimum) -> RangeOptimum:
@@ -181,11 +230,11 @@ def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArra
     return 0.5 * sum_measurements(scaled * scaled)
 
 
-def _gauss_newton_gain(circles: RangeCircles, optimum: RangeOptimum) -> FloatArray:
-    """Return by how much a Gauss-Newton step lowers the chi-square (B,) of the linearized residuals."""
-    gradient = RangeProblem.of_circles(circles).evaluate(optimum.x, optimum.y).gradient
+def _gauss_newton_gain(circles: RangeCircles, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return by how much a Gauss-Newton step from points (B,) lowers the chi-square of the linearized residuals."""
+    gradient = RangeProblem.of_circles(circles).evaluate(x, y).gradient
     with ignoring_invalid():
-        return circles.information(optimum.x, optimum.y).inverse().quadratic_form(*gradient)
+        return circles.information(x, y).inverse().quadratic_form(*gradient)
 
 
 def are_apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
@@ -206,8 +255,12 @@ def paired_estimates(
     chi_squares: tuple[FloatArray, FloatArray],
     measurements: int,
     degrees_of_freedom: IntArray,
+    factors: StdFactors | None = None,
 ) -> Estimates:
-    """Return a row per snapshot (B,), and one more for each of the ``second`` snapshots, about local origins."""
+    """Return a row per snapshot (B,), and one more for each of the ``second`` snapshots, about local origins.
+
+    ``factors`` are those of unknown standard deviations.
+    """
     snapshots = np.arange(center[0].shape[0], dtype=np.int64)
     row = np.concatenate([snapshots, second])
     alternative = np.repeat([0, 1], [snapshots.shape[0], second.shape[0]])
@@ -231,4 +284,5 @@ def paired_estimates(
         alternative=alternative,
         chi_square=join(*chi_squares),
         degrees_of_freedom=degrees_of_freedom[row],
+        columns={} if factors is None else factors.take(row).columns(status),
     )

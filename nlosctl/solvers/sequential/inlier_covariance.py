@@ -8,8 +8,8 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.bearings.fix_status import inflate_near_sensors
 from nlosctl.solvers.bearings.joint_range_bearing import RangedBearingProblem
+from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 
 __all__ = ["inlier_covariance"]

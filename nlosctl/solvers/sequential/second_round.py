@@ -13,7 +13,8 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.bearings.fix_status import inflate_near_sensors, nearly_singular
+from nlosctl.solvers.bearings.fix_status import nearly_singular
+from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.row_terms import tube_width_m
 from nlosctl.solvers.sequential.orders import RangedLines
 from nlosctl.solvers.sequential.polar_updates import SourceState

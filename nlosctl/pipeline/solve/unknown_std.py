@@ -1,0 +1,186 @@
+"""Unknown standard deviations in a run: the factors of a method, applied to dense batches and to their solutions."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from nlosctl import registry
+from nlosctl.arrays import FloatArray, IntArray, ignoring_division
+from nlosctl.contract.batches import Batch
+from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.results import Estimates, Flags, Solution, has_covariance
+from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.io.measurements.reader import Chunk
+from nlosctl.io.measurements.sensor_texts import sensor_texts
+from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
+from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.solvers.optimization.split_batches import take_snapshots
+
+__all__ = ["StdEstimate", "StdFactor", "uses_ranges", "with_std_factors", "with_unknown_std"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StdFactor:
+    """A factor of standard deviations and its degrees of freedom."""
+
+    value: float
+    degrees: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StdEstimate:
+    """The factors of the standard deviations of one method's run.
+
+    ``pool`` is what has a factor of its own: each snapshot, each sensor or the whole file. ``file`` is the factor of
+    the file, None if it can't be estimated (or for snapshots, whose factors come with their fixes). ``sensors`` are
+    those of sensors by name, ``alone`` the sensors that have the file's for want of spare rows. They were found in
+    ``passes`` over the input and did not change at the end if ``settled``.
+    """
+
+    pool: str
+    file: StdFactor | None = None
+    sensors: Mapping[str, StdFactor] = field(default_factory=dict)
+    alone: tuple[str, ...] = ()
+    passes: int = 0
+    settled: bool = True
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the factors as plain values."""
+        file = None if self.file is None else dataclasses.asdict(self.file)
+        sensors = {name: dataclasses.asdict(factor) for name, factor in sorted(self.sensors.items())}
+        return {"pool": self.pool, "file": file, "sensors": sensors, "passes": self.passes, "settled": self.settled}
+
+    def row_factors(self, chunk: Chunk) -> tuple[FloatArray, FloatArray] | None:
+        """Return the factors (N,) of a chunk's rows and their degrees of freedom; None if all rows have the same."""
+        if not self.sensors or self.file is None:
+            return None
+        codes, names = sensor_texts(chunk)
+        known = [self.sensors.get(name, self.file) for name in names]
+        value, degrees = np.array([part.value for part in known]), np.array([part.degrees for part in known])
+        return value[codes], degrees[codes]
+
+    def solver(self, spec: MethodSpec, options: Any, chunk: Chunk) -> Callable[[Any, IntArray], Solution]:
+        """Return a method as a function of dense batches of a chunk and the indices of their rows (B, K)."""
+        factors = self.row_factors(chunk)
+
+        def solve(batch: Batch, row: IntArray) -> Solution:
+            mine = None if factors is None else (factors[0][row], factors[1][row])
+            return self.solve(spec, batch, options, mine)
+
+        return solve
+
+    def solve(
+        self, spec: MethodSpec, batch: Batch, options: Any, rows: tuple[FloatArray, FloatArray] | None
+    ) -> Solution:
+        """Solve a batch; ``rows`` are the `row_factors` (B, K) of its rows, None without."""
+        if self.pool == "snapshot":
+            return spec.solve(dataclasses.replace(batch, std="unknown"), options)
+        if self.file is None:
+            solution = spec.solve(dataclasses.replace(batch, std="unknown"), options)
+            return dataclasses.replace(solution, estimates=_without_covariance(solution.estimates))
+        if rows is None:
+            solution = spec.solve(with_std_factors(batch, self.file.value), options)
+            return _with_columns(solution, np.float64(self.file.value), np.float64(self.file.degrees))
+        factors, degrees = rows
+        solution = spec.solve(with_std_factors(dataclasses.replace(batch, want_flags=True), factors), options)
+        return _with_sensor_columns(solution, spec, batch, options, factors, degrees)
+
+
+def with_unknown_std(runs: Sequence[MethodRun], kind: str) -> list[MethodRun]:
+    """Return the runs with a factor of the standard deviations for each snapshot.
+
+    Raises UsageError for a kind or method that can't have one, or an option that is to be estimated, too.
+    """
+    for run in runs:
+        spec = run.spec
+        if not (spec.scales_std or spec.direct_rows is not None):
+            raise UsageError(f"`estimate_std` is not for {spec.name} on {kind}; it is for {_capable()}")
+        if run.open_options:
+            raise UsageError(
+                f"`estimate_std` can't be combined with {run.open_options[0]}=estimate of {spec.name}: either explains "
+                f"large residuals; set a number for one of them"
+            )
+    return [dataclasses.replace(run, std=StdEstimate(pool="snapshot")) for run in runs]
+
+
+def _capable() -> str:
+    """Return the methods that can estimate standard deviations, by kind, as text."""
+    names: dict[str, list[str]] = {}
+    for entry in registry.entries():
+        spec = registry.load(entry)
+        if spec.scales_std or spec.direct_rows is not None:
+            names.setdefault(spec.kind, []).append(spec.name)
+    return "; ".join(f"{kind}: {', '.join(sorted(known))}" for kind, known in sorted(names.items()))
+
+
+def with_std_factors(batch: Batch, factors: FloatArray | float) -> Any:
+    """Return the batch with its standard deviations times factors, (B, K) or one."""
+    arrays = {name: getattr(batch, name) for name in batch.STDS}
+    scaled = {name: np.asfortranarray(array * factors) for name, array in arrays.items() if array is not None}
+    return dataclasses.replace(batch, std="estimated", **scaled)  # type: ignore[arg-type]
+
+
+def uses_ranges(spec: MethodSpec, options: Any) -> bool:
+    """Return whether a method uses the ranges beside bearings, where present."""
+    return "range_m" in spec.reads and bool(getattr(options, "use_ranges", False))
+
+
+def _without_covariance(estimates: Estimates) -> Estimates:
+    """Return the estimates, those with a covariance as ones whose standard deviations can't be estimated."""
+    certain = has_covariance(estimates.status)
+    status = np.where(certain, np.uint8(Status.STD_NOT_ESTIMABLE), estimates.status)
+    nothing = np.full(status.shape, np.nan)
+    return dataclasses.replace(
+        estimates,
+        status=status,
+        covariance_m2=np.full(estimates.covariance_m2.shape, np.nan),
+        chi_square=nothing,
+        degrees_of_freedom=np.zeros(status.shape, dtype=np.int64),
+        columns={**estimates.columns, "std_factor": nothing, "std_dof": nothing},
+    )
+
+
+def _with_columns(solution: Solution, factor: Any, degrees: Any, flags: Flags | None = None) -> Solution:
+    estimates = solution.estimates
+    certain = has_covariance(estimates.status)
+    columns = {"std_factor": np.where(certain, factor, np.nan), "std_dof": np.where(certain, degrees, np.nan)}
+    estimates = dataclasses.replace(estimates, columns={**estimates.columns, **columns})
+    return dataclasses.replace(solution, estimates=estimates, flags=flags or solution.flags)
+
+
+def _with_sensor_columns(
+    solution: Solution, spec: MethodSpec, batch: Batch, options: Any, factors: FloatArray, degrees: FloatArray
+) -> Solution:
+    """Return the solution with the row's factors as flags, and for each estimate the factor of its covariance's size.
+
+    That is (det C / det C_stated)^(1 / 2 D), with the least degrees of freedom among the rows used.
+    """
+    assert solution.flags is not None  # noqa: S101 - they were wanted
+    used = np.asarray(solution.flags.used)
+    flags = dataclasses.replace(solution.flags, columns={**solution.flags.columns, "std_factor": factors})
+    row: IntArray = solution.estimates.row
+    least = np.where(used, degrees, np.inf).min(axis=1, initial=np.inf)[row]
+    position = solution.estimates.position_m
+    scalars = SCALED_RESIDUALS[spec.kind](take_snapshots(batch, row), position, with_ranges=uses_ranges(spec, options))
+    weight = np.asfortranarray(used[row].astype(np.float64))
+    stated, scaled = (
+        _summed([SymmetricMatrix.gram(*scalar.slopes, weight=part) for scalar in scalars])
+        for part in (weight, weight / factors[row] ** 2)
+    )
+    with ignoring_division():
+        size = (stated.determinant / scaled.determinant) ** (0.5 / stated.dimension)
+    return _with_columns(solution, size, least, flags)
+
+
+def _summed(parts: list[SymmetricMatrix]) -> SymmetricMatrix:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
