@@ -60,8 +60,8 @@ class MethodSpec:
     estimates the factor of unknown standard deviations, see `Batch.std`: then its fix does not depend on the
     factor, it returns the columns ``std_factor`` and ``std_dof`` in place of a chi-square, and
     `Status.STD_NOT_ESTIMABLE` for a fix whose factor is not determined. ``direct_rows(batch, options)`` of a robust
-    method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there, NaN where
-    there is none: the weights of its residuals for unknown standard deviations.
+    method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there, NaN
+    without a position: the weights of its residuals for unknown standard deviations.
     ``contract_version`` is the version of this contract that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
     """

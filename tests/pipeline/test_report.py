@@ -14,7 +14,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.pipeline.solve.method_runs import MethodTally
 from nlosctl.pipeline.solve.report import RunReport
 
-ANSWERED = {"ok", "ambiguous", "infeasible", "boundary", "not_proven"}
+ANSWERED = {"ok", "ambiguous", "infeasible", "boundary", "not_proven", "std_not_estimable"}
 POSITION_ONLY = {"no_consensus", "outside_field"}
 
 
@@ -96,4 +96,4 @@ def test_every_status_says_what_it_has(status: Status) -> None:
     """Fixes have a position, and a covariance unless on a boundary; two statuses have a position without being one."""
     assert status.is_fix == (status.word in ANSWERED)
     assert status.has_position == (status.word in ANSWERED | POSITION_ONLY)
-    assert status.has_covariance == (status.word in ANSWERED - {"boundary"})
+    assert status.has_covariance == (status.word in ANSWERED - {"boundary", "std_not_estimable"})

@@ -37,7 +37,7 @@ from nlosctl.pipeline.solve.unknown_std import StdEstimate, StdFactor, uses_rang
 __all__ = ["estimate_stds"]
 
 _PRIOR_DEGREES = 5.0
-"""Degrees of freedom with which the file's factor stands in for a sensor's own residuals."""
+"""Degrees of freedom of the file's factor as a prior of each sensor's."""
 
 _SETTLED = 1e-4
 """Factors have settled when none changes by more than this share."""
