@@ -169,14 +169,9 @@ def coordinate_columns(names: Sequence[str], renames: Mapping[str, str], file: s
 
 
 def plan_columns(
-    names: Sequence[str],
-    table: Table,
-    constants: Mapping[str, float],
-    scene: Scene,
-    file: str,
-    header: Sequence[str],
+    names: Sequence[str], table: Table, constants: Mapping[str, float], scene: Scene, file: str, header: Sequence[str],
     missing_std: str = "error",
-) -> ColumnPlan:
+) -> ColumnPlan:  # fmt: skip
     """Return the sources of the contract's columns, given the columns of ``file``: renamed ``names``, own ``header``.
 
     Raises DataError if a required column is missing, or given twice, or only a part of a group is there; UsageError for

@@ -37,7 +37,7 @@ class RunReport:
     counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`; ``rejoined`` are
     snapshots across parts, see `nlosctl.io.measurements.returned_ids`; ``largest_snapshot`` is its number of rows that
     take part; ``competing_rows`` are several paths of one sensor; ``learned`` are the options estimated
-    from the input, ``stds`` the factors of standard deviations.
+    from the input.
     """
 
     kind: str
@@ -54,7 +54,6 @@ class RunReport:
     refits: Counter[str] = field(default_factory=Counter)
     rejoined: list[str] = field(default_factory=list)
     learned: dict[str, LearnedOptions] = field(default_factory=dict)
-    stds: dict[str, dict[str, Any]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     settings: dict[str, Any] = field(default_factory=dict)
 
@@ -128,7 +127,6 @@ class RunReport:
                     "used_share": tally.used_share,
                     "verdicts": dict(tally.verdicts),
                     **({"estimated": dataclasses.asdict(self.learned[name])} if name in self.learned else {}),
-                    **({"estimated_std": self.stds[name]} if name in self.stds else {}),
                 }
                 for name, tally in self.methods.items()
             },
@@ -190,7 +188,7 @@ def method_remarks(
         *_misses(report),
         *_own_remarks(runs),
         *_estimated_options(report),
-        *_estimated_stds(runs, report, columns),
+        *(line for run in runs if run.std is not None for line in run.std.remarks(run, report, columns)),
         *_half_ranges(runs),
         *_outlier_shares(runs, report),
         *_bad_fits(runs, report),
@@ -256,15 +254,6 @@ def _estimated_options(report: RunReport) -> list[str]:
         if not learned.settled:
             notes.append(f"{label}: these values had not settled {passes}: they may be inaccurate")
     return notes
-
-
-def _estimated_stds(runs: Sequence[MethodRun], report: RunReport, columns: Sequence[str]) -> list[str]:
-    estimated = [run for run in runs if run.std is not None]
-    if not estimated:
-        return []
-    from nlosctl.pipeline.solve.std_remarks import std_remarks
-
-    return [line for run in estimated for line in std_remarks(run, report.methods[run.label], report.kind, columns)]
 
 
 def _fits(report: RunReport) -> str:

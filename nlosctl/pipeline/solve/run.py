@@ -164,8 +164,7 @@ class MeasurementRun:
             names.add("covariance_kind")
         for run in self._runs:
             names.update(run.spec.estimate_columns)
-        if self._options.estimate_std is not None:
-            names |= {"std_factor", "std_dof"}
+        names.update(() if self._options.estimate_std is None else ("std_factor", "std_dof"))
         return frozenset(names)
 
     def _wanted_layouts(self) -> dict[str, Any]:
@@ -217,9 +216,8 @@ class MeasurementRun:
         if "flags" in self._wanted or "trace" in self._wanted:
             return chunk
         layout = self._layouts["estimates"]
-        names = {*layout.carried, layout.measurement_name} - {""}
-        if self._options.estimate_std == "sensor":
-            names.add("sensor")
+        sensor = "sensor" if self._options.estimate_std == "sensor" and "sensor" in chunk.table.column_names else ""
+        names = {*layout.carried, layout.measurement_name, sensor} - {""}
         return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
 
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
@@ -256,7 +254,6 @@ class MeasurementRun:
             inputs=[],
             methods={run.label: MethodTally() for run in self._runs},
             learned={run.label: run.learned for run in self._runs if run.learned is not None},
-            stds={run.label: run.std.as_dict() for run in self._runs if run.std is not None},
         )
 
     def _counts(self, chunk: Chunk, solution: ChunkSolution) -> dict[str, Any]:

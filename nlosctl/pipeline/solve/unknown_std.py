@@ -51,6 +51,12 @@ class StdEstimate:
     passes: int = 0
     settled: bool = True
 
+    def remarks(self, run: MethodRun, report: Any, columns: Sequence[str]) -> list[str]:
+        """Return what the summary states of a run with these factors; ``columns`` are those of the input."""
+        from nlosctl.pipeline.solve.std_remarks import std_remarks
+
+        return std_remarks(run, report.methods[run.label], report.kind, columns)
+
     def as_dict(self) -> dict[str, Any]:
         """Return the factors as plain values."""
         file = None if self.file is None else dataclasses.asdict(self.file)

@@ -13,7 +13,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.fix_status import bearing_flags, inflate_near_sensors, judge_fixes, mark_crossings_behind
+from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes, mark_crossings_behind
+from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import Evaluation
@@ -88,13 +89,14 @@ class RangedBearingProblem(RowBlock):
                 total += row
         return total
 
-    def covariance(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
+    def covariance(self, x: FloatArray, y: FloatArray, *, stated: bool) -> SymmetricMatrix:
         """Return the covariance (B,) of fixes at points (B,): the inverse information, wider near a sensor of several.
 
-        A single row's range is measured by itself: its covariance is calibrated as it is.
+        A single row's range is measured by itself: its covariance is calibrated as it is. Standard deviations that are
+        not ``stated`` have the inverse information, see docs/unknown-std.md.
         """
         plain = self.information(x, y).inverse()
-        if self.rows.weight.shape[1] == 1:
+        if self.rows.weight.shape[1] == 1 or not stated:
             return plain
 
         def inflated(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
@@ -133,8 +135,10 @@ def fit_ranged_bearings(
     )
     thorough = batch.measurements <= THOROUGH_UP_TO
     ends = find_two_optima(problem, problem, pole, (x, y), (points[0], points[1]), max_iterations, thorough=thorough)
+    covariances = (problem.covariance(end.x, end.y, stated=batch.std == "stated") for end in ends)
     best, other = (
-        RangeOptimum(end.x, end.y, problem.covariance(end.x, end.y), end.cost, end.converged) for end in ends
+        RangeOptimum(end.x, end.y, covariance, end.cost, end.converged)
+        for end, covariance in zip(ends, covariances, strict=True)
     )
     scalars = count_scalars(batch, ranges[0])
     costs, chi_squares, factors = (best.cost, other.cost), (2.0 * best.cost, 2.0 * other.cost), None
