@@ -84,9 +84,11 @@ reliability: $(DEV) ## long runs with faults, hostile files, fuzzing, kills and 
 	$(BIN)/python tests/reliability/fuzz_files.py --inputs 100000
 	$(BIN)/python tests/reliability/kill_runs.py --kills 200
 
-mutants: $(DEV) ## mutation test of geometry/ and methods/ (an hour or two the first time); continues an interrupted run
+MUTANTS ?= 'nlosctl.geometry.*' 'nlosctl.methods.*'
+
+mutants: $(DEV) ## mutation test of geometry/ and methods/ (hours the first time), or of MUTANTS='nlosctl.evaluation.*'; continues
 	$(BIN)/python -m pip install --quiet -c $(LOCK) mutmut==3.8.1
-	$(BIN)/mutmut run
+	$(BIN)/mutmut run $(MUTANTS)
 	$(BIN)/mutmut results
 
 chosen-mutants: $(DEV) ## faults of meaning, one by one: the fast tests must notice each

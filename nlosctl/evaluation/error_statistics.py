@@ -46,8 +46,6 @@ def error_percentiles(error: FloatArray, percents: Sequence[float]) -> tuple[flo
 
 
 def _interpolate(low: float, high: float, fraction: float) -> float:
-    if fraction == 0.0 or low == high:
-        return low
     return low + (high - low) * fraction if math.isfinite(high) else high
 
 

@@ -24,6 +24,14 @@ def test_true_probabilities_are_calibrated() -> None:
     assert (np.abs(curve.share - curve.stated) < 4.0 * curve.std_error).all()
 
 
+def test_ten_bins_by_default_and_single_rows_count() -> None:
+    """Probabilities on both sides of a tenth are in two bins of one row each; empty bins above are left out."""
+    curve = reliability(np.array([0.095, 0.105]), np.array([False, True]))
+    np.testing.assert_allclose(curve.stated, [0.095, 0.105])
+    assert curve.share.tolist() == [0.0, 1.0]
+    assert curve.count.tolist() == [1, 1]
+
+
 def test_no_rows_give_no_bins() -> None:
     """Without rows there are no bins."""
     assert reliability(np.array([np.nan]), np.array([True])).share.size == 0

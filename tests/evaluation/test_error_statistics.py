@@ -26,6 +26,14 @@ def test_the_error_of_a_fraction_is_its_spread() -> None:
     assert share_std_error(0.2, 50) == pytest.approx(shares.std(), rel=0.01)
 
 
+def test_standard_errors_of_few_values_by_hand() -> None:
+    """Two values have the error by the sample variance of their squares; a single row has a share's."""
+    squares = np.array([1.0, 9.0])
+    expected = 0.5 * np.sqrt(squares.var(ddof=1) / 2.0 / squares.mean())
+    assert rmse_std_error(2, float(squares.mean()), float((squares**2).mean())) == pytest.approx(expected, rel=1e-12)
+    assert share_std_error(0.5, 1) == 0.5
+
+
 def test_undefined_standard_errors() -> None:
     """One value has no standard error, no rows no fraction; equal values have an undefined error."""
     assert math.isnan(rmse_std_error(1, 4.0, 16.0))
