@@ -13,6 +13,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.testing import answer_laws, form_laws
 from nlosctl.testing.bench import Bench, LawBroken
 from nlosctl.testing.draws import DRAWS, Draw
+from nlosctl.testing.reflected_draws import draws_of
 
 __all__ = ["LAWS", "MethodLaw", "check_law", "check_method"]
 
@@ -70,12 +71,17 @@ def check_law(
     """
     if law.name in spec.exempt_from:
         return
-    draw = DRAWS.get((spec.kind, spec.job)) if draw is None else draw
-    if draw is None:
+    draws = draws_of(spec) if draw is None else [draw]
+    if not draws:
         known = ", ".join(f"{kind} ({job})" for kind, job in sorted(DRAWS))
         complaint = f"no batches can be drawn for {spec.kind} ({spec.job}); there are: {known}"
         raise LawBroken(spec.full_name, law.name, law.rule, complaint)
-    generator = np.random.default_rng([seed, zlib.crc32(law.name.encode())])
+    for number, chosen in enumerate(draws):
+        words = [seed, zlib.crc32(law.name.encode()), *([number] if number else [])]
+        _check_law_on(spec, law, options, chosen, np.random.default_rng(words))
+
+
+def _check_law_on(spec: MethodSpec, law: MethodLaw, options: Any, draw: Draw, generator: np.random.Generator) -> None:
     try:
         chosen = spec.options() if options is None else options
         bench = Bench(spec=spec, options=chosen, draw=draw, generator=generator)

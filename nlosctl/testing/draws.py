@@ -18,7 +18,18 @@ from nlosctl.models.bearings import predict_bearings
 from nlosctl.models.ranges import predict_ranges
 from nlosctl.models.triplets import predict_triplets
 
-__all__ = ["DRAWS", "Draw", "Trial", "bearing_batch", "draw_bearings", "draw_echoes", "draw_ranges", "draw_triplets"]
+__all__ = [
+    "DRAWS",
+    "Draw",
+    "Trial",
+    "bearing_batch",
+    "draw_bearings",
+    "draw_echoes",
+    "draw_ranges",
+    "draw_triplets",
+    "mirror_scene",
+    "range_batch",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +81,7 @@ def draw_ranges(generator: np.random.Generator, snapshots: int, measurements: in
         range_m *= 0.1
     sensor = np.tile(np.arange(measurements), (snapshots, 1))
     field = CircleField(x_m=0.0, y_m=0.0, radius_m=6.0 * scale)
-    return Trial(batch=_range_batch(generator, sensor, sensor_xy, range_m, std, height, field), size_m=3.0 * scale)
+    return Trial(batch=range_batch(generator, sensor, sensor_xy, range_m, std, height, field), size_m=3.0 * scale)
 
 
 def draw_echoes(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
@@ -92,11 +103,11 @@ def draw_echoes(generator: np.random.Generator, snapshots: int, measurements: in
     clutter = (target >= 2) | (fault == "clutter alone")
     range_m = np.where(clutter, generator.uniform(0.1 * scale, 3.0 * scale, shape), range_m)
     field = CircleField(x_m=0.0, y_m=0.0, radius_m=2.0 * scale)
-    batch = _range_batch(generator, sensor, sensor_xy, range_m, std, height, field)
+    batch = range_batch(generator, sensor, sensor_xy, range_m, std, height, field)
     return Trial(batch=batch, size_m=3.0 * scale)
 
 
-def _range_batch(
+def range_batch(
     generator: np.random.Generator,
     sensor: IntArray,
     sensor_xy: FloatArray,
@@ -105,6 +116,7 @@ def _range_batch(
     height: FloatArray,
     field: CircleField,
 ) -> RangeBatch:
+    """Return a batch of direct ranges with new seeds, without path numbers."""
     return RangeBatch(
         field=field,
         seed=np.asarray(generator.integers(0, 2**63, range_m.shape[0]), dtype=np.uint64),
@@ -173,7 +185,7 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     """
     shape = (snapshots, measurements)
     scale = float(generator.choice(_SCALES_M))
-    scene = _mirror_scene(generator, scale)
+    scene = mirror_scene(generator, scale)
     sensor = generator.integers(0, max(2, measurements), shape)
     station_xy = generator.uniform(-scale, scale, (snapshots, max(2, measurements), 2))
     sensor_xy = np.take_along_axis(station_xy, sensor[:, :, None], axis=1)
@@ -201,7 +213,7 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     return Trial(batch=dataclasses.replace(batch, field=field), size_m=3.0 * scale)
 
 
-def _mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
+def mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
     """Two mirrors with all of the search region on one side, one of them vertical, and a third across the region."""
     angle = generator.uniform(-np.pi, np.pi)
     across = generator.uniform(-np.pi, np.pi)

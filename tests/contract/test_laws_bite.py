@@ -11,6 +11,7 @@ import toys
 
 from nlosctl.contract.methods import CONTRACT_VERSION, MethodSpec
 from nlosctl.contract.results import Flags
+from nlosctl.methods import ranges_r_ls
 from nlosctl.testing import LAWS, LawBroken, check_law, check_method
 
 BROKEN: list[tuple[str, MethodSpec]] = [
@@ -176,3 +177,20 @@ def test_options_without_defaults_can_be_given() -> None:
     options = toys.SOUND.options(min_range_m=1e-6)
     check_method(toys.toy(remember), options=options)
     assert set(seen) == {1e-6}
+
+
+def test_methods_that_read_reflectors_are_tried_with_them() -> None:
+    """Ranges by mirrors are drawn for a method that declares to read ``reflector``, and for no other."""
+    seen: list[bool] = []
+
+    def solve(batch: Any, options: Any) -> Any:
+        seen.append(batch.reflector is not None and bool((batch.reflector >= 0).any()))
+        return ranges_r_ls.METHOD.solve(batch, options)
+
+    law = next(law for law in LAWS if law.name == "shapes")
+    spec = dataclasses.replace(ranges_r_ls.METHOD, solve=solve)
+    check_law(spec, law)
+    assert set(seen) == {False, True}
+    seen.clear()
+    check_law(dataclasses.replace(spec, reads=frozenset()), law)
+    assert set(seen) == {False}
