@@ -11,11 +11,15 @@ MEASUREMENTS = ("bearings", "ranges", "triplets")
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A kind of picture: what it shows and which files it takes, in words for the list of views."""
+    """A kind of picture: what it shows and which files it takes, in words for the list of views.
+
+    ``uses`` are the settings of a picture that change it, beside those of any picture.
+    """
 
     name: str
     shows: str
     takes: str
+    uses: tuple[str, ...] = ()
 
 
 VIEWS: dict[str, View] = {
@@ -26,18 +30,26 @@ VIEWS: dict[str, View] = {
             shows="one snapshot: sensors, mirrors, bearings with +-1 std, reflected rays, ranges, estimates with 95 % "
             "ellipses, truth",
             takes="measurements or flags (bearings, ranges), estimates, or both",
+            uses=("snapshot", "target_z_m"),
         ),
         View(
             name="estimates",
             shows="all estimates over the scene, by method; a density map if there are many",
             takes="estimates",
+            uses=("by",),
         ),
-        View(name="cdf", shows="distribution of the position error, by method and sweep", takes="estimates with truth"),
+        View(
+            name="cdf",
+            shows="distribution of the position error, by method and sweep",
+            takes="estimates with truth",
+            uses=("linear",),
+        ),
         View(
             name="sweep",
             shows="a figure of 'evaluate' (--y; default: the RMSE) against a sweep column, by method, with +-1 "
             "standard error",
             takes="scores, or estimates or flags with truth; optionally bounds per snapshot",
+            uses=("x", "y", "linear"),
         ),
         View(
             name="roc",
@@ -48,16 +60,19 @@ VIEWS: dict[str, View] = {
             name="map",
             shows="Cramér-Rao bound over the plane",
             takes="a map of 'bound --map'; optionally the measurements, for their sensors",
+            uses=("y", "linear"),
         ),
         View(
             name="echoes",
             shows="one snapshot of ranges as circles about their sensors, by assigned target",
             takes="flags of identify-los, with or without its estimates",
+            uses=("snapshot", "target_z_m"),
         ),
         View(
             name="triplets",
             shows="one snapshot of triplets: rays, ellipses of equal path length, and the three points of each path",
             takes="triplets or their flags, with or without estimates",
+            uses=("snapshot", "path"),
         ),
     )
 }

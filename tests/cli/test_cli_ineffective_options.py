@@ -12,7 +12,7 @@ _INPUTS = {
     "b.csv": "ring -n 3",
     "r.csv": "ranges -n 3",
     "p.csv": "room -n 2",
-    "e.csv": "echo-field -n 2 -p targets=1",
+    "echo.csv": "echo-field -n 2 -p targets=1",
     "m.csv": "madhow-ring -n 3 -p range_std_share=0.05",
 }
 
@@ -39,7 +39,7 @@ def _notes(folder: Path, words: str) -> list[str]:
         ("localize r.csv -m ml -m sr-ls --field circle:0,0,1", "--field has no effect: ml, sr-ls has no search region"),
         ("localize p.csv --seed 2", "--seed has no effect: ml draws no random numbers"),
         ("detect-ip p.csv --seed 2", "--seed has no effect: chi2 draws no random numbers"),
-        ("identify-los e.csv --seed 2", "--seed has no effect: assignment draws no random numbers"),
+        ("identify-los echo.csv --seed 2", "--seed has no effect: assignment draws no random numbers"),
         ("localize b.csv --alternatives 2", "--alternatives has no effect: no snapshot has a second estimate by ml"),
         ("localize b.csv --worker-timeout 3", "--worker-timeout has no effect: it is for the engine dask"),
         ("localize b.csv --all-rows", "--all-rows has no effect: the input has no column los or ip"),
@@ -58,7 +58,7 @@ def test_an_option_without_effect_is_noted(folder: Path, words: str, note: str) 
     "words",
     [
         "localize b.csv -m ml -m mixture-ml --field sensors:3 --seed 3",
-        "identify-los e.csv --field 0,1000,0,1000",
+        "identify-los echo.csv --field 0,1000,0,1000",
         "localize r.csv -m mixture-ml --seed 3",
         "localize b.csv --seed 0 --alternatives 1",
     ],
@@ -114,3 +114,23 @@ def test_no_candidate_is_explained_once(folder: Path) -> None:
     )
     (line,) = [line for line in done.stderr.decode().splitlines() if "enlarge it" in line]
     assert line.startswith("note: mixture-ml: in 3 of 3 snapshots")
+
+
+@pytest.mark.parametrize(
+    ("words", "ineffective"),
+    [
+        ("e.csv --view cdf --by method --snapshot 1", ["--snapshot", "--by"]),
+        ("e.csv --view estimates --linear", ["--linear"]),
+        ("b.csv --y rms_m", ["--y"]),
+        ("b.csv --snapshot 1", []),
+        ("e.csv --view cdf --linear", []),
+    ],
+)
+def test_options_of_other_views_are_noted(folder: Path, words: str, ineffective: list[str]) -> None:
+    """`plot` notes each option that the view does not use."""
+    estimates = ("localize", "b.csv", "-o", "e.csv", "-q", "--overwrite")
+    assert run_here(*estimates, folder=folder).returncode == 0
+    done = run_here("plot", *words.split(), "-o", "p.svg", "--overwrite", folder=folder)
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stderr.decode().splitlines() if "no effect" in line]
+    assert [line.split()[1] for line in lines] == ineffective

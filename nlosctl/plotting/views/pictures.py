@@ -65,4 +65,23 @@ def draw_picture(request: PlotRequest, view: str, *, wording: Callable[[str], st
         picture.figure.supxlabel(
             "\n".join(fill(plain(note, _LONGEST_NOTE), width) for note in notes), fontsize=7, color="#505050"
         )
-    return Picture(figure=picture.figure, notes=notes)
+    return Picture(figure=picture.figure, notes=[*notes, *map(wording, _without_effect(request, view))])
+
+
+def _without_effect(request: PlotRequest, view: str) -> list[str]:
+    """Return a line for each setting that was given and does not change the view."""
+    given = {
+        "snapshot": request.snapshot is not None,
+        "path": bool(request.paths),
+        "x": request.x is not None,
+        "y": request.y is not None,
+        "by": request.by is not None,
+        "target_z_m": request.target_z_m is not None,
+        "linear": request.linear,
+    }
+    uses = VIEWS[view].uses
+    return [
+        f"`{name}` has no effect on the view {view}"
+        for name, is_given in given.items()
+        if is_given and name not in uses
+    ]
