@@ -55,7 +55,7 @@ class LogTable:
                 known = ", ".join(known if known.isprintable() else repr(known) for known in self.columns)
                 raise DataError(
                     f"{self._file.name}: no column {name!r}{did_you_mean(name, self.columns)}. The file has: {known}; "
-                    "set the column names with `parameters`"
+                    "set the column names with `parameters` (columns of one sensor each: a name with *)"
                 )
 
     def rows(

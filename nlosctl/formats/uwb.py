@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,10 +27,12 @@ _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 class UwbOptions(OwnFieldOptions):
     """Names of the columns, their units, and settings that the file does not contain."""
 
-    time: str = option("time", meaning="column with the time")
+    time: str | None = option(None, meaning="column with the time; default: time or timestamp")
     time_unit: Literal["s", "ms", "us", "ns"] = option("s", meaning="unit of the time")
     anchor: str = option("anchor", meaning="column with the anchor's name, as in the scene")
-    range: str = option("range", meaning="column with the range, or columns of one anchor each, such as dist_*")
+    range: str | None = option(
+        None, meaning="column with the range, or columns of one anchor each, such as r_*; default: range or dist_*"
+    )
     range_unit: Literal["m", "cm", "mm"] = option("m", meaning="unit of range and std; the variance is in its square")
     tag: str | None = option(None, meaning="column with the tag's name; each tag has its own snapshots")
     std: str | None = option(None, meaning="column with the standard deviation of a range")
@@ -51,21 +53,24 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
     own, clock = OwnFields(options.group, options.keep), Clock(_SECONDS[options.time_unit])
     sensors = {sensor.name: sensor for sensor in file.scene.sensors}
     metres = _METRES[options.range_unit]
+    table = open_table(file)
+    time_name = options.time or ("timestamp" if "timestamp" in table.columns else "time")
+    range_name = options.range or _range_of(table.columns)
     wide = None
-    if "*" in options.range:
-        wide = Wide(pattern=options.range, sensor=options.anchor, known=list(sensors))
+    if "*" in range_name:
+        wide = Wide(pattern=range_name, sensor=options.anchor, known=list(sensors))
         if options.std is not None or options.variance is not None:
             raise UsageError("importer 'uwb' with one column per anchor takes range_std_m, not std or variance")
     optional = (options.tag, options.std, options.variance)
-    wanted = [*own.wanted, options.time, *(name for name in optional if name)]
+    wanted = [*own.wanted, time_name, *(name for name in optional if name)]
     if wide is None:
-        wanted += [options.anchor, options.range]
+        wanted += [options.anchor, range_name]
 
     def parse(line: int, cells: Mapping[str, str]) -> Row:
         anchor = cells[options.anchor]
         if not anchor:
             raise UnfitError("empty, expected the name of the anchor", options.anchor)
-        epoch_s, time = clock.read(line, cells[options.time], options.time)
+        epoch_s, time = clock.read(line, cells[time_name], time_name)
         known = sensors.get(anchor)
         x, y = known.position if known is not None else (None, None)
         values: dict[str, Any] = {
@@ -73,7 +78,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
             "sensor_x_m": x,
             "sensor_y_m": y,
             "sensor_z_m": known.z_m if known is not None else None,
-            "range_m": number(cells[options.range], options.range, 1e-9, LARGEST_NUMBER) * metres,
+            "range_m": number(cells[range_name], range_name, 1e-9, LARGEST_NUMBER) * metres,
             "range_std_m": _std(cells, options, metres),
             "tag": cells[options.tag] if options.tag else None,
             **time,
@@ -81,8 +86,14 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
         group = own.group(cells, values["tag"] or "")
         return Row(line=line, epoch_s=epoch_s, group=group, values=values, kept=own.kept(cells))
 
-    rows = open_table(file).rows(wanted, parse, wide)
+    rows = table.rows(wanted, parse, wide)
     yield from in_epochs(rows, parse_window(options.window, "importer 'uwb'"))
+
+
+def _range_of(columns: Sequence[str]) -> str:
+    """Return the column of the ranges; ``dist_*`` if the table has several such columns and no ``range``."""
+    several = sum(column.startswith("dist_") for column in columns) > 1
+    return "dist_*" if several and "range" not in columns else "range"
 
 
 def _std(cells: Mapping[str, str], options: UwbOptions, metres: float) -> float | None:
@@ -100,7 +111,8 @@ FORMAT = ImporterSpec(
     options=UwbOptions,
     kind=lambda options: "ranges",
     rows=_rows,
-    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\btime\b)(?=.*\banchor\b)(?=.*\brange\b)",
+    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\btime(?:stamp)?\b)"
+    r"(?:(?=.*\banchor\b)(?=.*\brange\b)|(?=.*\bdist_\w+\W+dist_\w+))",
     extra={**TIME_TYPES, "tag": "text"},
 )
 """The specification of the importer."""

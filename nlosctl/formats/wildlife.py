@@ -15,8 +15,13 @@ from nlosctl.formats.tables import open_table
 __all__ = ["FORMAT"]
 
 
-_KNOWN = (("GID", "obs_id"), ("Easting", "utm_x"), ("Northing", "utm_y"), ("Azimuth", "azimuth"))
-"""The columns of group, x, y and azimuth, in sigloc and in razimuth."""
+_KNOWN = (
+    ("GID", "obs_id", "Group"),
+    ("Easting", "utm_x", "X"),
+    ("Northing", "utm_y", "Y"),
+    ("Azimuth", "azimuth", "Bearing"),
+)
+"""The columns of group, x, y and azimuth, in sigloc, in razimuth and in other tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,16 +29,17 @@ class WildlifeOptions:
     """Names of the columns (default: those of the R packages sigloc and razimuth), and settings."""
 
     group: str | None = option(
-        None, meaning="column, or several (A,B), with one value for the bearings of a location; default: GID or obs_id"
+        None,
+        meaning="column, or several (A,B), with one value for the bearings of a location; default: GID, obs_id, Group",
     )
     x: str | None = option(
-        None, meaning="column with easting in metres, or longitude with degrees=true; default: Easting or utm_x"
+        None, meaning="column with easting (m), or longitude with degrees=true; default: Easting, utm_x, X"
     )
     y: str | None = option(
-        None, meaning="column with northing in metres, or latitude with degrees=true; default: Northing or utm_y"
+        None, meaning="column with northing (m), or latitude with degrees=true; default: Northing, utm_y, Y"
     )
     azimuth: str | None = option(
-        None, meaning="column with the bearing in degrees clockwise from north; default: Azimuth or azimuth"
+        None, meaning="column with the bearing in degrees clockwise from north; default: Azimuth, azimuth, Bearing"
     )
     station: str | None = option(None, meaning="column with the observer's or station's name; default: numbered")
     keep: str | None = option(None, meaning=KEEP_MEANING)
@@ -106,7 +112,7 @@ FORMAT = ImporterSpec(
     options=WildlifeOptions,
     kind=lambda options: "bearings",
     rows=_rows,
-    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\b(?:GID|obs_id)\b)(?=.*\b(?:Easting|utm_x)\b)(?=.*\b(?:Northing|utm_y)\b)"
-    r"(?=.*\b[Aa]zimuth\b)",
+    begins_like=r"(?![\d<]|.*\bsnapshot\b)(?=.*\b(?:GID|obs_id|Group)\b)(?=.*\b(?:Easting|utm_x|X)\b)"
+    r"(?=.*\b(?:Northing|utm_y|Y)\b)(?=.*\b(?:[Aa]zimuth|Bearing)\b)",
 )
 """The specification of the importer."""

@@ -222,7 +222,7 @@ def test_angle_events_keep_heights_and_fields(tmp_path: Path) -> None:
 def test_several_files_from_python() -> None:
     """``read`` takes a list of paths for an importer that joins files; anything else than paths is a usage error."""
     paths = [FORMATS / "array_a.json", FORMATS / "array_b.json"]
-    table = nlosctl.read(paths, importer="auto", scene=FORMATS / "odas.scene.toml")
+    table = nlosctl.read(paths, importer="auto")
     assert table["sensor"].to_pylist() == ["array_a", "array_b"] * 2
     for wrong in ([], [1], {"a": [1]}):
         with pytest.raises(UsageError, match="an importer reads files; give their paths"):

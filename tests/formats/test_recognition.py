@@ -28,15 +28,16 @@ LOGS = {
     "bear_bearings.csv": "wildlife",
     "grouse.csv": "wildlife",
     "azimuth.dat": "white-garrott",
+    "telemetry.tsv": "wildlife",
     "array_a.json": "odas",
+    "array_b.json": "odas",
+    "array_c.json": "odas",
+    "uwb_wide.csv": "uwb",
     "uwb_ranges.jsonl": "uwb",
     "sionna_paths.npz": "sionna",
     "deepmimo_paths.npz": "deepmimo",
 }
-PARAMETERS = {"array_a.json": {"sensor": "array_a"}, "azimuth.dat": {"towers": str(FORMATS / "towers.dat")}}
-SCENES = {"array_a.json": "odas"}
-FURTHER = {"array_b.json", "array_c.json", "towers.dat", "telemetry.tsv", "uwb_wide.csv", "deepmimo_scenario"}
-"""Files that belong to another, or whose columns must be named."""
+SCENES = {f"array_{letter}.json": f"array_{letter}" for letter in "abc"} | {"azimuth.dat": "azimuth"}
 TEXTS = {name: FORMATS / name for name in LOGS if not name.endswith(".npz")}
 
 
@@ -52,17 +53,21 @@ def test_every_importer_has_a_log() -> None:
     """Each built-in importer has a log in the fixtures, and each log there an entry in ``LOGS``."""
     built_in = [entry for entry in registry.format_entries() if entry.distribution == "nlosctl"]
     assert {entry.name for entry in built_in if entry.kind == "import"} == set(LOGS.values())
-    assert {path.name for path in FORMATS.iterdir() if not path.name.endswith(".scene.toml")} == {*LOGS, *FURTHER}
+    assert {path.name for path in FORMATS.iterdir() if not path.name.endswith(".scene.toml")} == {
+        *LOGS,
+        "deepmimo_scenario",
+    }
 
 
 @pytest.mark.parametrize("name", LOGS)
 def test_auto_recognizes_every_log_by_content(tmp_path: Path, name: str) -> None:
-    """``auto`` gives the rows of the named importer, whatever the name of the file."""
-    path = log(tmp_path, name)
-    parameters = PARAMETERS.get(name, {})
-    found = Import("auto", parameters).read(str(path))
+    """``auto`` needs no parameters for a sample, and gives the rows of the named importer whatever the file's name."""
+    of_sample = Import("auto", {}).read(str(FORMATS / name))
+    parameters = {"sensor": Path(name).stem} if LOGS[name] == "odas" else {}
+    found = Import("auto", parameters).read(str(log(tmp_path, name)))
     assert found.importer == LOGS[name]
-    assert found.table.equals(Import(LOGS[name], parameters).read(str(path)).table)
+    assert found.table.equals(Import(LOGS[name], parameters).read(str(tmp_path / "log")).table)
+    assert found.table.equals(of_sample.table)
 
 
 @pytest.mark.parametrize("first", TEXTS)
