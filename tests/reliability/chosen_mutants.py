@@ -61,9 +61,9 @@ MUTANTS = (
             (f"{CALIBRATION}::test_los_probabilities_are_shares",),
         )
         for module, text, instead in (
-            ("bearings_mixture_ml", '"los_probability": probability', '"los_probability": probability**0.5'),
-            ("ranges_mixture_ml", '"los_probability": probability', '"los_probability": probability**0.5'),
-            ("bearings_suppress", "responsibilities(x, y)[0]", "responsibilities(x, y)[0] ** 0.5"),
+            ("bearings_mixture_ml", "judged.used, probability, numbers", "judged.used, probability**0.5, numbers"),
+            ("ranges_mixture_ml", "> 0.5, probability, numbers", "> 0.5, probability**0.5, numbers"),
+            ("bearings_suppress", "judged.probability, numbers", "judged.probability**0.5, numbers"),
         )
     ),
     Mutant(
@@ -74,10 +74,24 @@ MUTANTS = (
         (CALIBRATION,),
     ),
     Mutant(
+        "denser outliers make rivals lighter",
+        "solvers/mixture/consensus.py",
+        "- fixes.cost + (fixes.n_used - fixes.n_used[:, :1]) * log_gain",
+        "- fixes.cost - (fixes.n_used - fixes.n_used[:, :1]) * log_gain",
+        ("tests/solvers/test_loose_odds.py",),
+    ),
+    Mutant(
+        "ranges that all agree need as much evidence as others",
+        "solvers/mixture/range_rows.py",
+        "return np.maximum(evidence, evidence + bonus_of_agreement(self.mixture, probability, log_chance))",
+        "return evidence",
+        ("tests/methods/test_ranges_mixture.py",),
+    ),
+    Mutant(
         "no threshold of ranges",
         "solvers/sequential/hypotheses.py",
-        "small &= (ranges[k] < limit) | np.isinf(limit)",
-        "small &= True",
+        "below &= (self.range_m < limits.range_m) | np.isinf(limits.range_m)",
+        "below &= True",
         ("tests/methods/test_bearings_with_ranges.py",),
     ),
     Mutant(

@@ -10,10 +10,12 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import BoxField
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.methods import bearings_mixture_ml
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
-from nlosctl.solvers.mixture.consensus import loose_odds
+from nlosctl.solvers.mixture.consensus import loose_odds, rival_mass
 from nlosctl.solvers.mixture.outlier_model import grouped_batch, outlier_model
+from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
 _SIDE_M = 1000.0
@@ -53,6 +55,20 @@ def test_the_odds_are_those_of_a_fine_grid(error_deg: float) -> None:
     elsewhere = sum((far * outlier * np.prod([density[j] for j in range(3) if j != k], axis=0)).sum() for k in range(3))
     assert odds == pytest.approx(elsewhere / np.prod(density, axis=0).sum(), rel=0.25)
     assert odds > 0.01
+
+
+def test_the_mass_of_rivals_by_hand() -> None:
+    """Peaks times volumes, at most the region's, in units of the best; each further outlier counts by its density."""
+    covariance = SymmetricMatrix(np.array([[4.0, 1.0, 1e6]]), np.zeros((1, 3)), np.array([[1.0, 9.0, 1e6]]))
+    cost, used = np.array([[5.0, 5.0 + np.log(3.0), 8.0]]), np.array([[4, 3, 2]])
+    misfit = Misfit.unknown((1, 3))
+    fixes = RankedFixes(np.zeros((1, 3)), np.zeros((1, 3)), cost, covariance, used, misfit)
+    area = np.array([1000.0])
+    best = 2.0 * np.pi * 2.0
+    second, third = (2.0 * np.pi * 3.0) / best / 3.0, 1000.0 / best * np.exp(-3.0)
+    assert rival_mass(fixes, area)[0] == pytest.approx(second + third, rel=1e-12)
+    # outliers that are twice as dense
+    assert rival_mass(fixes, area, np.array([0.5]))[0] == pytest.approx(2.0 * second + 4.0 * third, rel=1e-12)
 
 
 def test_few_ok_fixes_are_far_from_their_ellipse() -> None:

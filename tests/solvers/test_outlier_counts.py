@@ -14,6 +14,7 @@ from scipy.stats import exponnorm, norm
 
 from nlosctl.contract.fields import parse_field
 from nlosctl.methods import bearings_mixture_ml, ranges_mixture_ml
+from nlosctl.solvers.mixture.outlier_counts import next_bias_mean_m
 
 SIDE = 100.0
 FIELD = parse_field("-50,150,-50,150")
@@ -119,3 +120,10 @@ def test_statistics_do_not_depend_on_the_company() -> None:
         alone = {name: value[n : n + 1] for name, value in fields.items()}
         one = statistics(bearing_batch(xy[n : n + 1], bearing[n : n + 1], 0.1, **alone), options)
         assert one.tobytes() == np.ascontiguousarray(whole[n : n + 1]).tobytes()
+
+
+def test_the_next_mean_of_the_bias_by_hand() -> None:
+    """Ten late rows have a mean, fewer none; it is at least a tenth of their mean standard deviation."""
+    assert next_bias_mean_m(10.0, 50.0, 20.0) == pytest.approx(5.0)
+    assert next_bias_mean_m(9.99, 50.0, 20.0) is None
+    assert next_bias_mean_m(20.0, 0.5, 40.0) == pytest.approx(0.2)
