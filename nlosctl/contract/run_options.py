@@ -27,6 +27,7 @@ _SOLVE = "localize detect-ip identify-los"
 _READ = f"{_SOLVE} bound validate"
 _MEASUREMENTS = f"{_READ} plot convert"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
+_STD_UNITS = {"deg": ("degrees", math.radians(1.0)), "m": ("metres", 1.0), "ns": ("nanoseconds", 299_792_458.0 * 1e-9)}
 _NOISES = ("gaussian", "laplace")
 _ENGINES = ("local", "dask")
 _POOLS = ("snapshot", "sensor", "file")
@@ -72,17 +73,17 @@ def _with_flags(default: Any, *flags: Flag) -> Any:
 
 
 def _std(name: str, column: str, what: str, commands: str) -> Flag:
-    """Return the flag ``name`` of a constant standard deviation, in degrees or metres."""
-    in_degrees = name.endswith("-deg")
+    """Return the flag ``name`` of a constant standard deviation, in degrees, metres or nanoseconds of light."""
+    unit, scale = _STD_UNITS[name.rpartition("-")[2]]
     setting = name.removeprefix("--").replace("-", "_")
 
     def parse(value: float) -> float:
         if not 0.0 < value < math.inf:
             raise UsageError(f"`{setting}` must be a finite number larger than 0. Got {value:g} instead.")
-        return value * (math.radians(1.0) if in_degrees else 1.0)
+        return value * scale
 
-    help = f"Standard deviation of every {what} in {'degrees' if in_degrees else 'metres'}, if not a column."
-    metavar = "DEG" if in_degrees else "M"
+    help = f"Standard deviation of every {what} in {unit}, if not a column."
+    metavar = name.rpartition("-")[2].upper()
     return Flag(name=name, panel="Input", help=help, commands=commands, metavar=metavar, parse=parse, key=column)
 
 
@@ -120,6 +121,7 @@ class InputOptions:
         _std("--range-std-m", "range_std_m", "range", "localize identify-los bound validate plot convert"),
         _std("--dod-std-deg", "dod_std_rad", "departure direction", "localize detect-ip validate plot convert"),
         _std("--doa-std-deg", "doa_std_rad", "arrival direction", "localize detect-ip validate plot convert"),
+        _std("--toa-std-ns", "path_length_std_m", "delay", "localize detect-ip validate plot convert"),
         _std("--path-length-std-m", "path_length_std_m", "path length", "localize detect-ip validate plot convert"))
     all_rows: bool = _option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
@@ -144,7 +146,7 @@ class InputOptions:
         _MEASUREMENTS, metavar="DEG")
     scene: Scene | str | None = _option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
-        "localize identify-los bound validate convert plot simulate", metavar="FILE")
+        f"{_MEASUREMENTS} simulate", metavar="FILE")
     crs: str | None = _option(
         None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} convert", metavar="CODE")
     origin: str | tuple[float, float] | None = _option(

@@ -25,6 +25,7 @@ _ORIGIN = "`origin`"
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
     """A sensor at ``position`` (x, y in metres); ``heading_deg`` is its boresight, clockwise from +y.
+    ``heading_std_deg`` is the standard deviation of the heading, which adds to that of relative directions.
 
     ``z_m`` is its height, which all sensors of a scene have, or none.
     """
@@ -32,6 +33,7 @@ class Sensor:
     name: str
     position: tuple[float, float]
     heading_deg: float | None = None
+    heading_std_deg: float | None = None
     z_m: float | None = None
 
 

@@ -38,7 +38,7 @@ CASES = {
     "nlosctl simulate li": ["liang"],
     "nlosctl simulate liang -p nlos": ["nlos_range="],
     "nlosctl methods show sequ": ["sequential"],
-    "nlosctl localize --column azi": ["azimuth_ccw_deg=", "azimuth_deg="],
+    "nlosctl localize --column azi": ["azimuth_ccw_deg=", "azimuth_ccw_mdeg=", "azimuth_deg=", "azimuth_mdeg="],
     "nlosctl localize --kind b": ["bearings"],
     "nlosctl validate --input-format pa": ["parquet"],
     "nlosctl schema trip": ["triplets"],

@@ -30,7 +30,7 @@ def _columns(name: str) -> list[Column]:
     flagged = [*BEARINGS.columns, *(column for column in FLAGS.columns if column.name not in ("snapshot", "los", "ip"))]
     flagged = [column for column in flagged if column.name != "used"] + [FLAGS.column("used")]
     tables = {table.name: list(table.columns) for table in (ESTIMATES, BOUND, TRACE, RANGES, TRIPLETS)}
-    return {**tables, "flags": flagged}[name]
+    return [column for column in {**tables, "flags": flagged}[name] if column.only_with is None]
 
 
 @st.composite

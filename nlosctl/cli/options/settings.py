@@ -186,6 +186,8 @@ def _values(
         if flag.key:
             given = {} if value is None or flag.parse is None else {flag.key: flag.parse(value)}
             name = option.name if _parameter_name(option, flag) in by_flag else f"default_{option.name}"
+            if not given.keys().isdisjoint(values.get(name, {})):
+                raise UsageError(f"{flag.name} and another option set the same quantity; give one of them")
             values[name] = {**values.get(name, {}), **given}
         elif flag.parse is not None:
             values[option.name] = flag.parse(value)

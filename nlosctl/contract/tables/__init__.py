@@ -77,7 +77,7 @@ def azimuth_units() -> dict[str, float]:
 def _declared_types() -> dict[str, ColumnType]:
     types: dict[str, ColumnType] = {}
     for table in TABLES.values():
-        for column in table.columns:
+        for column in table.used_columns(()):
             types |= dict.fromkeys(column.accepted_names, column.type)
     return types
 

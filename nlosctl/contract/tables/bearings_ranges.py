@@ -5,41 +5,28 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from nlosctl.contract.tables.columns import Column, Spelling, Table
-from nlosctl.contract.tables.shared import DEGREE, EARLIER_FLAGS, SNAPSHOT, TRUTH_POSITION, on_earth
+from nlosctl.contract.tables.columns import Column, Table
+from nlosctl.contract.tables.shared import (
+    EARLIER_FLAGS,
+    SNAPSHOT,
+    TRUTH_POSITION,
+    angles,
+    directions,
+    headings,
+    lengths,
+    on_earth,
+)
 
 __all__ = ["BEARINGS", "RANGES"]
 
 
-def _directions() -> tuple[Spelling, ...]:
-    """Return the spellings of a direction in degrees: from +x or from north, in either sense, towards or back."""
-    spellings = []
-    for back in (False, True):
-        for zero, senses in (("bearing", ("", "_cw")), ("azimuth", ("", "_ccw"))):
-            for other in senses:
-                north, clockwise = zero == "azimuth", (zero == "azimuth") != bool(other)
-                sense, origin = "clockwise" if clockwise else "counter-clockwise", "north" if north else "+x"
-                spellings.append(
-                    Spelling(
-                        name=f"{'back_' if back else ''}{zero}{other}_deg",
-                        scale=-DEGREE if clockwise else DEGREE,
-                        offset=(0.5 * math.pi if north else 0.0) + (math.pi if back else 0.0),
-                        from_north=north,
-                        is_compass=north and clockwise and not back,
-                        meaning=f"{sense} from {origin}{', from the source to the sensor' if back else ''}",
-                        usual=not back and not other,
-                    )
-                )
-    return tuple(spellings)
-
-
-def _lengths(name: str) -> tuple[Spelling, ...]:
-    """Return the spellings of ``name`` (without its unit) in other units of length."""
-    units = (("km", 1000.0, "kilometres"), ("cm", 0.01, "centimetres"), ("mm", 0.001, "millimetres"))
-    return tuple(
-        Spelling(name=f"{name}_{unit}", scale=scale, meaning=meaning, usual=False) for unit, scale, meaning in units
-    )
-
+_ZEROS = (
+    ("bearing", "+x", False),
+    ("bearing_cw", "+x", True),
+    ("azimuth", "north", True),
+    ("azimuth_ccw", "north", False),
+)
+_RELATIVE = "relative_bearing"
 
 _TRUTH = (
     *TRUTH_POSITION,
@@ -67,6 +54,7 @@ _SENSOR = (
         scene_axis=0,
         earth_place="sensor",
         meaning="sensor position, x",
+        spellings=lengths("sensor_x", are_recent=True),
     ),
     Column(
         name="sensor_y_m",
@@ -76,6 +64,7 @@ _SENSOR = (
         scene_axis=1,
         earth_place="sensor",
         meaning="sensor position, y",
+        spellings=lengths("sensor_y", are_recent=True),
     ),
     *on_earth("sensor", "sensor position"),
 )
@@ -89,7 +78,7 @@ _RANGE = (
         nullable=True,
         positive=True,
         meaning="path length from source to sensor",
-        spellings=_lengths("range"),
+        spellings=lengths("range", are_recent=False),
     ),
     Column(
         name="range_std_m",
@@ -100,7 +89,7 @@ _RANGE = (
         constant_allowed=True,
         estimable=True,
         meaning="standard deviation of the range error",
-        spellings=_lengths("range_std"),
+        spellings=lengths("range_std", are_recent=False),
     ),
 )
 
@@ -146,6 +135,18 @@ _PRIOR_COVARIANCE = tuple(
     for entry in ("xx", "xy", "yy")
 )
 
+_VECTOR = tuple(
+    Column(
+        name=f"unit_{axis}",
+        type="number",
+        nullable=True,
+        carried=True,
+        only_with=(),
+        meaning=f"direction vector of any length in place of an angle, {axis}{note}",
+    )
+    for axis, note in (("x", ""), ("y", ""), ("z", " (optional)"))
+)
+
 BEARINGS = Table(
     name="bearings",
     title="Bearings: directions of arrival at sensors",
@@ -169,7 +170,8 @@ BEARINGS = Table(
             largest_magnitude=2.0 * math.pi,
             too_large_means="they seem to be degrees: rename the column to bearing_deg (compass bearings: azimuth_deg)",
             meaning="direction from the sensor towards the incoming wave, counter-clockwise from +x",
-            spellings=_directions(),
+            measured_at="sensor",
+            spellings=directions(_ZEROS, _RELATIVE),
         ),
         Column(
             name="bearing_std_rad",
@@ -180,7 +182,7 @@ BEARINGS = Table(
             constant_allowed=True,
             estimable=True,
             meaning="standard deviation of the bearing error",
-            spellings=(Spelling(name="bearing_std_deg", scale=DEGREE),),
+            spellings=angles("bearing_std"),
         ),
         *_PATH,
         *_RANGE,
@@ -190,6 +192,8 @@ BEARINGS = Table(
         *on_earth("prior", "prior position of the source"),
         *_TRUTH,
         *EARLIER_FLAGS,
+        *headings("", _RELATIVE, "the sensor"),
+        *_VECTOR,
     ),
 )
 
@@ -206,6 +210,7 @@ RANGES = Table(
             unit="m",
             scene_axis=2,
             meaning="sensor height, for slant ranges to targets at a height of their own (target_z_m)",
+            spellings=lengths("sensor_z", are_recent=True),
         ),
         *_PATH,
         *_TRUTH,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -31,7 +32,8 @@ class Spelling:
 
     With ``from_north`` it is a direction from true north, for any plane on the earth; ``is_compass`` marks those that a
     compass shows, to which a declination can be added. ``meaning`` completes "as ...".
-    Messages on a missing column list the ``usual`` spellings only.
+    Messages on a missing column list the ``usual`` spellings only. ``is_relative`` marks a direction from the heading
+    of its sensor. An ``is_recent`` spelling is ignored beside another one: it once was a column without meaning.
     """
 
     name: str
@@ -39,6 +41,8 @@ class Spelling:
     offset: float = 0.0
     from_north: bool = False
     is_compass: bool = False
+    is_relative: bool = False
+    is_recent: bool = False
     meaning: str = ""
     usual: bool = True
 
@@ -47,15 +51,19 @@ class Spelling:
 class Column:
     """One column: its name, type, unit and what a value must satisfy.
 
-    ``too_large_means`` explains values beyond ``largest_magnitude``. ``constant_allowed`` lets the setting
-    ``constants`` fill a missing column; ``estimable`` marks standard deviations that the setting ``estimate_std``
-    estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
+    ``too_large_means`` explains values beyond ``largest_magnitude``, ``too_small_means`` those that are not positive.
+    ``constant_allowed`` lets the setting ``constants`` fill a missing column; ``estimable`` marks standard deviations
+    that the setting ``estimate_std`` estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
     sensor position fill it.
     ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured value. ``carried``
     columns are truth or flags of an earlier step: checked for their type and copied, never passed to a method.
     ``of_circles`` marks flags that are only set in a scene with circles. ``earth_place`` names the location (see
     `EARTH_PLACES`) whose latitude and longitude can replace it. ``add`` is the name by which the setting ``add``
     requests a result column.
+    ``measured_at`` names the node where a direction is measured: ``sensor``, ``tx`` or ``rx``. A column with
+    ``only_with`` is used only in a file with one of these columns (without any: only by a step of reading).
+    ``scene_sensor`` is the column that names the sensor of the scene whose position can fill this one; it is also the
+    default of that name.
     ``every_run`` marks a result column that every run writes, but a file need not have.
     """
 
@@ -67,18 +75,28 @@ class Column:
     positive: bool = False
     largest_magnitude: float | None = None
     too_large_means: str = ""
+    too_small_means: str = ""
     nullable: bool = False
     constant_allowed: bool = False
     estimable: bool = False
     scene_axis: int | None = None
     names_reflector: bool = False
     measured: bool = False
+    measured_at: str = ""
+    only_with: tuple[str, ...] | None = None
+    scene_sensor: str = ""
     carried: bool = False
     of_circles: bool = False
     earth_place: str = ""
     add: str = ""
     every_run: bool = False
     spellings: tuple[Spelling, ...] = ()
+
+    @property
+    def heading_names(self) -> tuple[str, str]:
+        """The columns of the heading, and its standard deviation, of the node where it is measured."""
+        prefix = "" if self.measured_at == "sensor" else f"{self.measured_at}_"
+        return f"{prefix}heading_deg", f"{prefix}heading_std_deg"
 
     @property
     def usual_names(self) -> tuple[str, ...]:
@@ -108,6 +126,14 @@ class Table:
     measurement_name: str = ""
     together: tuple[tuple[tuple[str, ...], ...], ...] = ()
     covariances: tuple[tuple[str, str, str], ...] = ()
+
+    def used_columns(self, names: Collection[str]) -> tuple[Column, ...]:
+        """Return the columns that a file with the columns ``names`` can use."""
+        return tuple(
+            column
+            for column in self.columns
+            if column.only_with is None or any(other in names for other in column.only_with)
+        )
 
     def column(self, name: str) -> Column:
         """Return the column called ``name``; raise KeyError if it does not exist."""

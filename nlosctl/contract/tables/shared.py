@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 
-from nlosctl.contract.tables.columns import Column
+from nlosctl.contract.tables.columns import Column, Spelling
 
-__all__ = ["DEGREE", "EARLIER_FLAGS", "EARTH_PLACES", "SNAPSHOT", "TRUTH_POSITION", "on_earth"]
+__all__ = [
+    "DEGREE",
+    "EARLIER_FLAGS",
+    "EARTH_PLACES",
+    "SNAPSHOT",
+    "TRUTH_POSITION",
+    "angles",
+    "directions",
+    "headings",
+    "lengths",
+    "on_earth",
+]
 
 EARTH_PLACES = ("sensor", "truth", "prior", "tx", "rx")
 """Locations whose ``_x_m`` and ``_y_m`` may be replaced by ``_lat_deg`` and ``_lon_deg`` (WGS 84)."""
@@ -20,6 +33,93 @@ SNAPSHOT = Column(
     meaning="identifier of the snapshot: its rows are solved together; without the column a file is one snapshot",
 )
 """The column that groups rows into snapshots."""
+
+
+_LENGTHS = (("km", 1000.0, "kilometres"), ("cm", 0.01, "centimetres"), ("mm", 0.001, "millimetres"))
+_ANGLES = (("deg", DEGREE), ("mdeg", 1e-3 * DEGREE))
+
+
+def lengths(name: str, *, are_recent: bool) -> tuple[Spelling, ...]:
+    """Return the spellings of ``name`` (without its unit) in other units of length."""
+    return tuple(
+        Spelling(name=f"{name}_{unit}", scale=scale, meaning=meaning, usual=False, is_recent=are_recent)
+        for unit, scale, meaning in _LENGTHS
+    )
+
+
+def angles(name: str) -> tuple[Spelling, Spelling]:
+    """Return the spellings of the standard deviation ``name`` (without its unit) in degrees and thousandths."""
+    degrees = Spelling(name=f"{name}_deg", scale=DEGREE)
+    return degrees, Spelling(name=f"{name}_mdeg", scale=1e-3 * DEGREE, usual=False, is_recent=True)
+
+
+def directions(zeros: Sequence[tuple[str, str, bool]], relative: str) -> tuple[Spelling, ...]:
+    """Return the spellings of a direction in degrees: towards or back, in thousandths, and relative to a heading.
+
+    ``zeros`` are the names of absolute directions (without unit), each with its zero (``north`` or ``+x``) and whether
+    it is clockwise; ``relative`` is the name relative to the heading, clockwise (with ``_ccw``: counter-clockwise).
+    """
+    degrees = [_direction(*zero, back=back) for back in (False, True) for zero in zeros]
+    fine = [
+        dataclasses.replace(
+            known, name=known.name.replace("_deg", "_mdeg"), scale=1e-3 * known.scale, usual=False, is_recent=True
+        )
+        for known in degrees
+    ]
+    return (*degrees, *fine, *_relative_directions(relative))
+
+
+def _direction(name: str, zero: str, clockwise: bool, *, back: bool) -> Spelling:
+    sense, north = "clockwise" if clockwise else "counter-clockwise", zero == "north"
+    turned = ", from the source to the sensor" if back else ""
+    return Spelling(
+        name=f"{'back_' if back else ''}{name}_deg",
+        scale=-DEGREE if clockwise else DEGREE,
+        offset=(0.5 * math.pi if north else 0.0) + (math.pi if back else 0.0),
+        from_north=north,
+        is_compass=north and clockwise and not back,
+        meaning=f"{sense} from {zero}{turned}",
+        usual=not back and not name.endswith(("_cw", "_ccw")),
+    )
+
+
+def _relative_directions(name: str) -> tuple[Spelling, ...]:
+    return tuple(
+        Spelling(
+            name=f"{name}{sense}_{unit}",
+            scale=scale if sense else -scale,
+            offset=0.5 * math.pi,
+            is_relative=True,
+            is_recent=True,
+            meaning=f"{'counter-' if sense else ''}clockwise from the heading",
+            usual=False,
+        )
+        for sense in ("", "_ccw")
+        for unit, scale in (*_ANGLES, ("rad", 1.0))
+    )
+
+
+def headings(prefix: str, relative: str, what: str) -> tuple[Column, Column]:
+    """Return the columns of the heading, and its standard deviation, of ``what`` with relative directions."""
+    only_with = tuple(spelling.name for spelling in _relative_directions(relative))
+    return (
+        Column(
+            name=f"{prefix}heading_deg",
+            type="number",
+            unit="deg",
+            nullable=True,
+            only_with=only_with,
+            meaning=f"heading of {what} for relative directions, clockwise from +y; default: that of the scene",
+        ),
+        Column(
+            name=f"{prefix}heading_std_deg",
+            type="number",
+            unit="deg",
+            nullable=True,
+            only_with=only_with,
+            meaning="standard deviation of the heading, which adds to that of the direction; default: the scene's",
+        ),
+    )
 
 
 def on_earth(location: str, meaning: str) -> tuple[Column, Column]:

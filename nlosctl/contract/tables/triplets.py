@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from nlosctl.contract.tables.columns import Column, Spelling, Table
-from nlosctl.contract.tables.shared import DEGREE, EARLIER_FLAGS, SNAPSHOT, TRUTH_POSITION, on_earth
+from nlosctl.contract.tables.shared import (
+    EARLIER_FLAGS,
+    SNAPSHOT,
+    TRUTH_POSITION,
+    angles,
+    directions,
+    headings,
+    lengths,
+    on_earth,
+)
 
 __all__ = ["TRIPLETS"]
 
@@ -20,14 +30,26 @@ def _node(name: str, meaning: str) -> tuple[Column, ...]:
             unit="m",
             required=True,
             earth_place=name,
+            scene_sensor=name,
             meaning=f"{meaning} position, {axis} to the {side}",
+            spellings=lengths(f"{name}_{axis}", are_recent=True),
         )
         for axis, side in (("x", "east"), ("y", "north"))
     )
     return (*axes, *on_earth(name, f"{meaning} position"))
 
 
-def _direction(name: str, meaning: str) -> tuple[Column, Column]:
+def _node_name(name: str, meaning: str) -> Column:
+    return Column(
+        name=name,
+        type="identifier",
+        nullable=True,
+        only_with=(),
+        meaning=f"name of the {meaning}, a sensor of the scene, in place of its position; default: {name!r}",
+    )
+
+
+def _direction(name: str, node: str, meaning: str) -> tuple[Column, Column]:
     return (
         Column(
             name=f"{name}_rad",
@@ -38,16 +60,8 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
             largest_magnitude=2.0 * math.pi,
             too_large_means=f"they seem to be degrees: rename the column to {name}_deg",
             meaning=f"{meaning}, counter-clockwise from +x",
-            spellings=(
-                Spelling(name=f"{name}_deg", scale=DEGREE),
-                Spelling(
-                    name=f"back_{name}_deg",
-                    scale=DEGREE,
-                    offset=math.pi,
-                    meaning="turned by 180 degrees (an arrival: the direction of travel)",
-                    usual=False,
-                ),
-            ),
+            measured_at=node,
+            spellings=_spellings(name),
         ),
         Column(
             name=f"{name}_std_rad",
@@ -57,13 +71,42 @@ def _direction(name: str, meaning: str) -> tuple[Column, Column]:
             positive=True,
             constant_allowed=True,
             meaning=f"standard deviation of the {name.upper()} error",
-            spellings=(Spelling(name=f"{name}_std_deg", scale=DEGREE),),
+            spellings=angles(f"{name}_std"),
         ),
     )
 
 
-_DOD = _direction("dod", "direction of departure: from the transmitter along the first segment of the path")
-_DOA = _direction("doa", "direction of arrival: from the receiver towards the incoming wave")
+def _spellings(name: str) -> tuple[Spelling, ...]:
+    """Return the spellings of a direction; those that a compass shows are recent."""
+    known = directions(((name, "+x", False), (f"{name}_azimuth", "north", True)), f"relative_{name}")
+    meanings = {f"{name}_deg": "", f"back_{name}_deg": "turned by 180 degrees (an arrival: the direction of travel)"}
+    return tuple(
+        dataclasses.replace(
+            spelling,
+            meaning=meanings.get(spelling.name, spelling.meaning),
+            usual=spelling.name == f"{name}_deg",
+            is_recent=spelling.name not in meanings,
+        )
+        for spelling in known
+    )
+
+
+def _times(name: str) -> tuple[Spelling, ...]:
+    """Return the spellings of a length as a time of flight ``name`` (without its unit)."""
+    units = (("s", 1.0), ("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3))
+    return tuple(
+        Spelling(
+            name=f"{name}_{unit}",
+            scale=_SPEED_OF_LIGHT_M_S * scale,
+            usual=unit in ("s", "ns"),
+            is_recent=unit not in ("s", "ns"),
+        )
+        for unit, scale in units
+    )
+
+
+_DOD = _direction("dod", "tx", "direction of departure: from the transmitter along the first segment of the path")
+_DOA = _direction("doa", "rx", "direction of arrival: from the receiver towards the incoming wave")
 
 TRIPLETS = Table(
     name="triplets",
@@ -84,11 +127,10 @@ TRIPLETS = Table(
             unit="m",
             required=True,
             positive=True,
+            too_small_means="if delays are relative to the first path, add its delay to all (where that is the direct "
+            "path: the distance from transmitter to receiver over the speed of light)",
             meaning="length of the path from transmitter to receiver",
-            spellings=(
-                Spelling(name="toa_s", scale=_SPEED_OF_LIGHT_M_S),
-                Spelling(name="toa_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
-            ),
+            spellings=(*_times("toa"), *lengths("path_length", are_recent=True)),
         ),
         _DOD[1],
         _DOA[1],
@@ -100,10 +142,7 @@ TRIPLETS = Table(
             positive=True,
             constant_allowed=True,
             meaning="standard deviation of the path length error",
-            spellings=(
-                Spelling(name="toa_std_s", scale=_SPEED_OF_LIGHT_M_S),
-                Spelling(name="toa_std_ns", scale=_SPEED_OF_LIGHT_M_S * 1e-9),
-            ),
+            spellings=(*_times("toa_std"), *lengths("path_length_std", are_recent=True)),
         ),
         Column(
             name="target_radius_m",
@@ -121,5 +160,9 @@ TRIPLETS = Table(
             meaning="true flag: the path is indirect, with scatterers besides the target",
         ),
         *EARLIER_FLAGS,
+        _node_name("tx", "transmitter"),
+        _node_name("rx", "receiver"),
+        *headings("tx_", "relative_dod", "the transmitter's array"),
+        *headings("rx_", "relative_doa", "the receiver's array"),
     ),
 )

@@ -94,7 +94,7 @@ def imported_table(
     """
     types: dict[str, ColumnType] = {}
     for column in table.columns:
-        types.update(dict.fromkeys(column.accepted_names, column.type))
+        types.update({name: column.type for name in column.accepted_names if name not in extra})
     types.update(extra)
     columns: dict[str, list[Any]] = {name: [] for name in types}
     kept: dict[str, list[str | None]] = {}

@@ -31,7 +31,6 @@ __all__ = [
     "kind_of_columns",
     "kind_table",
     "plan_columns",
-    "rename",
 ]
 
 SNAPSHOT = "snapshot"
@@ -43,7 +42,7 @@ _DISTINCTIVE = {
     kind: [
         frozenset(column.accepted_names)
         for column in table.columns
-        if column.required and not column.constant_allowed and column.scene_axis is None
+        if column.required and not column.constant_allowed and column.scene_axis is None and not column.scene_sensor
     ]
     for kind, table in KINDS.items()
 }
@@ -58,13 +57,17 @@ _FILLABLE = {
 
 @dataclass(frozen=True, kw_only=True)
 class MappedColumn:
-    """A contract column and the file's column for it: ``contract's value = file's value * scale + offset``."""
+    """A contract column and the file's column for it: ``contract's value = file's value * scale + offset``.
+
+    A direction with ``is_relative`` is yet without the heading of its sensor.
+    """
 
     column: Column
     name: str
     scale: float = 1.0
     offset: float = 0.0
     from_north: bool = False
+    is_relative: bool = False
 
     @property
     def converted(self) -> bool:
@@ -98,6 +101,11 @@ class ColumnPlan:
         return tuple(column.name for column in self.table.columns if column.scene_axis in (0, 1))
 
     @property
+    def relative(self) -> list[str]:
+        """The names of the directions that are relative to a heading."""
+        return [name for name, mapped in self.mapped.items() if mapped.is_relative]
+
+    @property
     def types(self) -> dict[str, ColumnType]:
         """The contract's type of each column that the file has."""
         return {mapped.name: mapped.column.type for mapped in self.mapped.values()}
@@ -119,32 +127,6 @@ def kind_of_columns(names: Iterable[str], constants: Collection[str] = ()) -> st
         return missing, sum(given.union(constants).isdisjoint(accepted) for accepted in _FILLABLE[kind])
 
     return min(_DISTINCTIVE, key=unfit)
-
-
-def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file: str) -> tuple[str, ...]:
-    """Return the file's names with ``renames`` (contract's name -> file's name) applied.
-
-    Two columns may exchange their names. Raises UsageError for a name that the contract does not have, DataError if the
-    file does not have the column, or has the new name already.
-    """
-    if not renames:
-        return tuple(names)
-    known = [accepted for column in table.columns for accepted in column.accepted_names]
-    by_file_name = {}
-    for wanted, given in renames.items():
-        if wanted not in known:
-            raise UsageError(
-                f"`columns` {wanted}={given}: {table.name} have no column {wanted!r}{did_you_mean(wanted, known)}"
-            )
-        if given not in names:
-            raise DataError(
-                f"{file}: `columns` {wanted}={given}: no column {given!r}{did_you_mean(given, names)}. "
-                f"The file has: {', '.join(names)}"
-            )
-        if wanted in names and wanted not in renames.values():
-            raise DataError(f"{file}: `columns` {wanted}={given}: the file already has a column {wanted!r}")
-        by_file_name[given] = wanted
-    return tuple(by_file_name.get(name, name) for name in names)
 
 
 def coordinate_columns(names: Sequence[str], renames: Mapping[str, str], file: str) -> list[CoordinateColumns]:
@@ -179,22 +161,39 @@ def plan_columns(
     """
     if names and names[0].startswith("#") and names[0].lstrip("# ") in contract_names():
         raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {names[0].lstrip('# ')!r}")
-    matches = {column.name: _find(column, names, file) for column in table.columns}
+    matches = {column.name: _find(column, names, constants, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
     check_constants(table, constants, mapped, file)
     constants = {**unit_stds(table, mapped), **constants} if missing_std == "unit" else constants
     absent = [column for column in table.columns if column.required and column.name not in {*mapped, *constants}]
-    missing = [column for column in absent if column.scene_axis is None or not scene.sensors]
+    missing = [column for column in absent if not _is_in_scene(column, scene, names, mapped)]
     if missing:
         raise DataError(missing_message(missing, header, table, file, estimable=missing_std == "estimable"))
+    for name in {column.scene_sensor for column in absent} & set(names):
+        mapped[name] = MappedColumn(column=table.column(name), name=name)
     plan = ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
     for group in (*table.together, (plan.scene_axes,)):
         _check_group(group, mapped, file)
     return plan
 
 
-def _find(column: Column, names: Sequence[str], file: str) -> MappedColumn | None:
+def _is_in_scene(column: Column, scene: Scene, names: Sequence[str], mapped: Mapping[str, Any]) -> bool:
+    """Return whether the scene's sensors have the positions for a column that the file lacks."""
+    node = column.scene_sensor
+    if not node or not scene.sensors:
+        return column.scene_axis is not None and bool(scene.sensors)
+    half = not {f"{node}_x_m", f"{node}_y_m"}.isdisjoint(mapped)
+    return not half and (node in names or any(known.name == node for known in scene.sensors))
+
+
+def _find(column: Column, names: Sequence[str], constants: Collection[str], file: str) -> MappedColumn | None:
+    """Return the file's column for one of the contract; recent spellings give way to all that gave it before."""
+    if column.only_with is not None and not any(other in names for other in column.only_with):
+        return None
     spellings = [spelling for spelling in column.spellings if spelling.name in names]
+    elder = [spelling for spelling in spellings if not spelling.is_recent]
+    if elder or column.name in names or column.name in constants:
+        spellings = elder
     given = [*([column.name] if column.name in names else []), *(spelling.name for spelling in spellings)]
     if len(given) > 1:
         raise DataError(f"{file}: columns {given[0]!r} and {given[1]!r} are the same quantity; drop or rename one")
@@ -203,8 +202,8 @@ def _find(column: Column, names: Sequence[str], file: str) -> MappedColumn | Non
     if not spellings:
         return MappedColumn(column=column, name=column.name)
     other = spellings[0]
-    scale, offset = other.scale, other.offset
-    return MappedColumn(column=column, name=other.name, scale=scale, offset=offset, from_north=other.from_north)
+    attributes = ("name", "scale", "offset", "from_north", "is_relative")
+    return MappedColumn(column=column, **{name: getattr(other, name) for name in attributes})
 
 
 def _check_group(alternatives: Sequence[Sequence[str]], mapped: Mapping[str, MappedColumn], file: str) -> None:

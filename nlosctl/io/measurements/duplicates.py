@@ -17,7 +17,7 @@ from nlosctl.io.measurements.column_mapping import METHOD
 from nlosctl.io.measurements.returned_ids import APART
 from nlosctl.io.measurements.row_batch import RowBatch, RowTally
 from nlosctl.io.measurements.row_checks import BadRow, Problem
-from nlosctl.io.readers.base import plain
+from nlosctl.io.readers.base import plain, text_at
 
 __all__ = ["drop_duplicates", "find_duplicates", "refuse_several_methods"]
 
@@ -108,7 +108,8 @@ def drop_duplicates(batches: Sequence[RowBatch], whole: RowBatch, row_key: Seque
             column=None,
             fault=fault,
         )
-        rows.append(BadRow(problem=problem, values=whole.texts(index)))
+        values = {name: text_at(whole.table.column(name), index) for name in whole.table.column_names}
+        rows.append(BadRow(problem=problem, values=values))
     tally.log.add(rows, total=repeated.shape[0])
     tally.report.rows -= repeated.shape[0]
     tally.report.bad_rows += repeated.shape[0]

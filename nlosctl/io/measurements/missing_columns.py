@@ -11,6 +11,23 @@ from nlosctl.errors import did_you_mean
 
 __all__ = ["is_of_one_station", "missing_message", "named_like_degrees", "unit_stds"]
 
+_NO_UNITS = {
+    "std",
+    "sd",
+    "sigma",
+    "err",
+    "error",
+    "var",
+    "id",
+    "nr",
+    "no",
+    "name",
+    "type",
+    "flag",
+    "quality",
+    "true",
+    "truth",
+}
 _SPREAD = re.compile(r"std|sigma|sd|err|unc|acc|var", re.IGNORECASE)
 _LAT = re.compile(r"(?:.*[_. ])?(?:lat|latitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
 _LON = re.compile(r"(?:.*[_. ])?(?:lon|lng|long|longitude)(?:[_. ]?(?:deg|degrees|wgs84))?", re.IGNORECASE)
@@ -58,6 +75,13 @@ def missing_message(
     ``estimable`` is whether the run can estimate standard deviations.
     """
     free = [name for name in header if name not in contract_names()]
+    unknown = _unknown_unit(missing, free)
+    if unknown is not None:
+        name, unit, known = unknown
+        return (
+            f"{file}, column {name!r}: unknown unit {unit!r}, expected one of the suffixes {', '.join(known)}; "
+            f"convert it, or read another column with `columns` {name.rpartition('_')[0]}{known[0]}=HEADER"
+        )
     parts = []
     for column in missing:
         others = list(column.usual_names)
@@ -75,6 +99,27 @@ def missing_message(
         f"{', '.join(header) or 'no columns'}; "
         f"rename one with `columns` NAME=HEADER, or set another `kind` than {table.name}{comment}"
     )
+
+
+def _unknown_unit(missing: Sequence[Column], free: Sequence[str]) -> tuple[str, str, list[str]] | None:
+    """Return a name in ``free`` that states a measured quantity in an unknown unit, the unit, and the known suffixes.
+
+    If a measured value is missing, the quantities of all kinds are looked for: the file may be of another kind.
+    """
+    columns = [column for column in missing if column.unit]
+    if any(column.measured for column in missing):
+        columns += [column for table in KINDS.values() for column in table.columns if column.measured]
+    for column in columns:
+        for accepted in column.accepted_names:
+            quantity = accepted.rpartition("_")[0]
+            known = [
+                name.removeprefix(quantity) for name in column.accepted_names if name.rpartition("_")[0] == quantity
+            ]
+            for name in free:
+                before, _, unit = name.rpartition("_")
+                if before == quantity and unit.isalpha() and unit.lower() not in _NO_UNITS:
+                    return name, unit, known
+    return None
 
 
 def _near(column: Column, free: Sequence[str]) -> str:

@@ -24,7 +24,7 @@ from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots, id_type
 from nlosctl.io.measurements.survey import OpenTable
 from nlosctl.io.measurements.table_schemas import conformed
-from nlosctl.io.readers.base import RecordBatch, plain, text_at
+from nlosctl.io.readers.base import RecordBatch, plain
 
 __all__ = ["ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows"]
 
@@ -86,10 +86,6 @@ class RowBatch:
         falls = values[1:] <= values[:-1]
         falls[self.starts[1:] - 1] = False
         return not bool(falls.any())
-
-    def texts(self, index: int) -> dict[str, str | None]:
-        """Return the cells of a row as text, by column."""
-        return {name: text_at(self.table.column(name), index) for name in self.table.column_names}
 
 
 def join_rows(batches: Sequence[RowBatch]) -> RowBatch:
@@ -254,6 +250,8 @@ class RowConverter:
                 faults += indefinite_faults(entries, self._plan, columns)
         if any(name in mapped and batch.column(mapped[name].name).null_count for name in self._plan.scene_axes):
             self._scene_columns.half_positions(batch, faults)
+        if self._plan.relative:
+            self._scene_columns.add_headings(self._file, batch, columns, faults)
         if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():
             faults += missing_std_faults(self._plan, columns)
         return columns
@@ -263,6 +261,8 @@ class RowConverter:
     ) -> npt.NDArray[Any] | None:
         """Return one column (N,) of the contract, None for numbers that are absent; ``done`` are those before it."""
         mapped = self._plan.mapped.get(column.name)
+        if column.scene_sensor and mapped is None:
+            return self._scene_columns.node_positions(column, batch, faults)
         if column.scene_axis == _HEIGHT and mapped is None:
             return self._scene_columns.heights(done["sensor"])
         if column.scene_axis in (0, 1) and (mapped is None or batch.column(mapped.name).null_count):
@@ -283,7 +283,7 @@ class RowConverter:
             return self.checks.integers(mapped, cells, faults)
         numbers = self.checks.numbers(mapped, cells, faults)
         frame = self._scene.frame
-        return from_north(numbers, done, frame) if mapped.from_north and frame is not None else numbers
+        return from_north(numbers, done, column.measured_at, frame) if mapped.from_north and frame else numbers
 
     @cached_property
     def _scene_columns(self) -> SceneColumns:

@@ -224,6 +224,7 @@ def _check_bounds(mapped: MappedColumn, values: FloatArray, numbers: FloatArray,
         small = (values <= 0.0) | (numbers < LEAST_POSITIVE)
         if small.any():
             expected = f"a number larger than 0 (at least {LEAST_POSITIVE:g} {mapped.column.unit})"
+            expected += f"; {mapped.column.too_small_means}" if mapped.column.too_small_means else ""
             faults.append(Fault(mask=small, column=mapped.name, describe=got(values, expected)))
     if not np.abs(numbers).max() <= LARGEST_NUMBER:
         beyond = np.isfinite(values) & (np.abs(numbers) > LARGEST_NUMBER)

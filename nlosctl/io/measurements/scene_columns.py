@@ -45,7 +45,7 @@ class SceneColumns:
             absent = np.ones(batch.num_rows, dtype=np.bool_)
         else:
             cells = batch.column(mapped.name)
-            own = as_float64(cells)
+            own = as_float64(cells) * mapped.scale
             absent = null_mask(cells)
             filled = np.where(absent, filled, own)
             beyond = ~absent & ~(np.abs(own) <= LARGEST_NUMBER)
@@ -65,6 +65,34 @@ class SceneColumns:
         heights = {known.name: known.z_m for known in self._scene.sensors}
         axis = [np.nan if (z := heights.get(name)) is None else z for name in self._sensors.names]
         return np.array([*axis, np.nan])[sensor]
+
+    def node_positions(self, column: Column, batch: Any, faults: list[Fault]) -> FloatArray:
+        """Return a coordinate (N,) of a node that the scene has: the one that the row names, else the default."""
+        axis = 0 if column.name.endswith("_x_m") else 1
+        names = self._node_names(column.scene_sensor, batch)
+        found = np.array([self._positions_m.get(name, (np.nan, np.nan))[axis] for name in names])
+        if np.isnan(found).any():
+            known = self._positions_m
+            describe: Describe = lambda index: (  # noqa: E731
+                f"the scene has no sensor {names[index]!r}{did_you_mean(names[index], known)}"
+            )
+            faults.append(Fault(mask=np.isnan(found), column=column.scene_sensor, describe=describe))
+        return found
+
+    def add_headings(self, file: str, batch: Any, columns: dict[str, npt.NDArray[Any]], faults: list[Fault]) -> None:
+        """Add the headings of rows or of the scene to directions that are relative to them."""
+        from nlosctl.io.measurements.headings import add_headings, require_headings
+
+        require_headings(self._plan, self._scene, file)
+        nodes = [self._node_names(self._plan.mapped[name].column.measured_at, batch) for name in self._plan.relative]
+        add_headings(columns, self._plan, self._scene, nodes, faults)
+
+    def _node_names(self, node: str, batch: Any) -> list[str]:
+        """Return the names (N,) of sensors, transmitters or receivers: those of the rows, else the default."""
+        mapped = self._plan.mapped.get(node)
+        if mapped is None:
+            return [node] * batch.num_rows
+        return [node if name is None else str(name) for name in batch.column(mapped.name).to_pylist()]
 
     def _unknown_sensor(self, cells: Any) -> Describe:
         positions = self._positions_m
@@ -145,8 +173,8 @@ def _circle_fault(
     return Fault(mask=mask, column=column, describe=describe)
 
 
-def from_north(values: FloatArray, columns: Mapping[str, npt.NDArray[Any]], frame: EarthFrame) -> FloatArray:
-    """Return directions (N,) from true north as directions in the plane, by the sensor positions in ``columns``."""
-    north_rad = plane_of(frame).north_rad(columns["sensor_x_m"], columns["sensor_y_m"])
+def from_north(values: FloatArray, columns: Mapping[str, npt.NDArray[Any]], node: str, frame: EarthFrame) -> FloatArray:
+    """Return directions (N,) from true north as directions in the plane, by the positions of ``node``."""
+    north_rad = plane_of(frame).north_rad(columns[f"{node}_x_m"], columns[f"{node}_y_m"])
     turned: FloatArray = values + (north_rad - 0.5 * np.pi)
     return turned

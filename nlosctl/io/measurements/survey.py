@@ -23,10 +23,10 @@ from nlosctl.io.measurements.column_mapping import (
     kind_of_columns,
     kind_table,
     plan_columns,
-    rename,
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
 from nlosctl.io.measurements.missing_columns import is_of_one_station
+from nlosctl.io.measurements.renames import rename
 from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.base import closed_on_failure
@@ -234,13 +234,14 @@ def _planned(
     part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
     """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
-    if options.changes_rows:
+    derived: set[str] = set()
+    if options.changes_rows or "unit_x" in file.names or "unit_x" in options.columns:
         from nlosctl.io.row_steps.added_steps import add_row_steps
 
-        add_row_steps(file, options, part.name)
+        derived |= add_row_steps(file, options, part.name)
     pairs = coordinate_columns(file.names, options.columns, part.name)
+    derived |= {name for pair in pairs for name in (pair.x, pair.y)}
     coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
-    derived = {name for pair in pairs for name in (pair.x, pair.y)}
     header_names = {*file.names, *derived, *options.columns}
     one_station = "sensor" not in header_names and is_of_one_station(header_names, scene)
     if one_station:
@@ -257,17 +258,15 @@ def _planned(
     table = table or kind_table(
         kind_of_columns([*file.names, *options.columns], {*options.constants, *options.default_constants})
     )
-    names = rename(file.names, options.columns, table, part.name)
+    names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     constants = {**usable_defaults(options.default_constants, names, table), **options.constants}
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
     to_read = columns_to_read(names, plan, options.extra_columns)
     original = dict(zip(names, file.names, strict=True))
-    schema = file.start(
-        {original[name]: wanted for name, wanted in plan.types.items()},
-        None if to_read == names else [original[name] for name in to_read],
-    )
-    derived = {name for name in derived if not name.startswith("truth")}
+    columns = None if to_read == names else [original[name] for name in to_read]
+    schema = file.start({original[name]: wanted for name, wanted in plan.types.items()}, columns)
+    derived -= {name for name in derived if name.startswith("truth")}
     fields = [field.with_name(name) for name, field in zip(to_read, schema, strict=True) if name not in derived]
     opened = OpenTable(
         part=part,

@@ -43,6 +43,7 @@ class SensorEntry(Entry):
     name: str
     position: Place
     heading_deg: Number | None = None
+    heading_std_deg: Annotated[float, msgspec.Meta(ge=0.0, le=180.0)] | None = None
 
 
 class LineEntry(Entry, tag_field="kind", tag="line"):

@@ -101,7 +101,13 @@ def _expected(kind: Any) -> str:
 
 def _sensor(entry: SensorEntry) -> Sensor:
     x, y, *z = entry.position
-    return Sensor(name=entry.name, position=(x, y), heading_deg=entry.heading_deg, z_m=z[0] if z else None)
+    return Sensor(
+        name=entry.name,
+        position=(x, y),
+        heading_deg=entry.heading_deg,
+        heading_std_deg=entry.heading_std_deg,
+        z_m=z[0] if z else None,
+    )
 
 
 def _check_heights(file: str, sensors: Sequence[SensorEntry]) -> None:

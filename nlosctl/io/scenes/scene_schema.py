@@ -14,6 +14,7 @@ _MEANINGS = {
     "name": "name, by which rows refer to it; unique",
     "position": "x, y in metres, or x, y, z with the height (in all sensors of a scene, or none)",
     "heading_deg": "boresight, clockwise from +y",
+    "heading_std_deg": "standard deviation of the heading, which adds to that of relative directions",
     "kind": "line: an endless mirror; segment: a wall that reflects and blocks; circle: a mirror seen from inside",
     "point": "x, y in metres of a point of the line (with direction)",
     "direction": "direction of the line, of any length (with point)",

@@ -52,7 +52,10 @@ def _others(measured: Measured) -> list[Spelling]:
     """Return the other spellings of that column: first those turned by 180 degrees, then the usual ones."""
     given, column = _spelling(measured), KINDS[measured.kind].column(_VARIED[measured.kind])
     known = [*column.spellings, *([Spelling(name=column.name, scale=1.0, meaning="metres")] * (column.unit == "m"))]
-    others = [other for other in known if other.meaning and not _same(given, other)]
+    alike = [other for other in known if other.is_relative == given.is_relative]
+    if column.unit == "rad":  # in the same unit: thousandths of a degree are no mistake
+        alike = [other for other in alike if abs(other.scale) == abs(given.scale)]
+    others = [other for other in alike if other.meaning and not _same(given, other)]
     return sorted(others, key=lambda other: (not _is_turned(given, other), not other.usual))
 
 
@@ -102,9 +105,12 @@ def _snapshots(chunk: Chunk, wanted: npt.NDArray[Any]) -> Chunk:
 
 def _changes(columns: Columns, measured: Measured) -> Iterator[tuple[str, Columns]]:
     given, name = _spelling(measured), _VARIED[measured.kind]
-    stated = (columns[name] - given.offset) / given.scale
+    heading_rad: Any = 0.0
+    if given.is_relative:
+        heading_rad = columns[KINDS[measured.kind].column(name).heading_names[0].replace("_deg", "_rad")]
+    stated = (columns[name] + heading_rad - given.offset) / given.scale
     for other in _others(measured):
-        changed = {**columns, name: stated * other.scale + other.offset}
+        changed = {**columns, name: stated * other.scale + other.offset - heading_rad}
         if name == "range_m" and "range_std_m" not in measured.constants:
             changed["range_std_m"] = columns["range_std_m"] * (other.scale / given.scale)
         yield other.name, changed
