@@ -228,7 +228,15 @@ def plot(
         name = choose_view(files, view, one_snapshot=snapshot is not None)
         wanted = None if snapshot is None else str(snapshot)
         request = PlotRequest(
-            files=files, read=read, snapshot=wanted, x=x, y=y, linear=linear, title=title, size_in=size_in
+            files=files,
+            read=read,
+            snapshot=wanted,
+            by=read.by[0] if read.by else None,
+            x=x,
+            y=y,
+            linear=linear,
+            title=title,
+            size_in=size_in,
         )
         picture = draw_picture(request, name)
     return Plot(figure=picture.figure, view=name, notes=tuple(picture.notes))

@@ -82,9 +82,11 @@ def localize(
     height of the targets if ranges are slant. ``crs`` or ``origin`` (latitude and longitude in degrees) define the
     local plane on earth. ``wide`` (``azimuth_deg=az_*``), ``missing``, ``where`` (``snr_db >= 10``), each one or
     several, and ``declination_deg`` change the rows before anything else, as the flags of the command line do.
-    ``estimate_std`` estimates unknown standard deviations: one factor for each ``snapshot``, each ``sensor`` or the
-    whole ``file``. ``ellipse`` (a probability) and ``add`` (such as nees) add columns. ``sweep`` runs parameters
-    through several values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
+    ``window`` (``2s``, ``auto`` or ``all``), ``by``, ``window_keep`` and ``timezone`` make snapshots of the column
+    ``time_s`` or ``time``. ``estimate_std`` estimates unknown standard deviations: one factor for each
+    ``snapshot``, each ``sensor`` or the whole ``file``. ``ellipse`` (a probability) and ``add`` (such as nees) add
+    columns. ``sweep`` runs parameters through several values, recorded in columns ``sweep_KEY``; ``parameters`` are
+    those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """

@@ -19,6 +19,8 @@ from nlosctl.io.results.in_memory import gather, input_of_table, read_table
 
 __all__ = ["BadRows", "SceneLike", "TableSink", "input_options", "inputs_of", "names_of", "row_options", "set_aside"]
 
+_WINDOWS = ("window", "window_keep", "timezone", "max_sort_rows")
+
 SceneLike = Scene | str | PathLike[str] | None
 BadRows = bool | str | PathLike[str] | None
 
@@ -61,9 +63,12 @@ def input_options(
 
 
 def row_options(keywords: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that change rows (``wide missing where declination_deg``), removed from ``keywords``."""
-    given: dict[str, Any] = {}
-    for name in ("wide", "missing", "where"):
+    """Return the options that change rows and that make snapshots of times, removed from ``keywords``.
+
+    They are ``wide missing where declination_deg`` and ``window by window_keep timezone max_sort_rows``.
+    """
+    given: dict[str, Any] = {name: keywords.pop(name) for name in _WINDOWS if name in keywords}
+    for name in ("wide", "missing", "where", "by"):
         values = keywords.pop(name, ())
         given[name] = tuple(map(str, [values] if isinstance(values, str | int | float) else values))
     return given | {"declination_deg": keywords.pop("declination_deg", None)}

@@ -16,7 +16,8 @@ _CLEARLY_WIDER = 2.0
 def epoch_numbers(times_s: Sequence[float], sensors: Sequence[Hashable]) -> list[int]:
     """Return the epoch of each row, numbered from 0; the rows are in order of their times.
 
-    An epoch ends when a sensor reports again, or at a gap wider than the gaps within epochs (`_widest_within`).
+    An epoch ends when a sensor reports again at a later time, or at a gap wider than the gaps within epochs
+    (`_widest_within`).
     """
     return _cut(times_s, sensors, _widest_within(times_s, sensors)) if times_s else []
 
@@ -30,7 +31,7 @@ def _widest_within(times_s: Sequence[float], sensors: Sequence[Hashable]) -> flo
     latest: dict[Hashable, float] = {}
     again = []
     for time, sensor in zip(times_s, sensors, strict=True):
-        if sensor in latest:
+        if latest.get(sensor, time) < time:
             again.append(time - latest[sensor])
         latest[sensor] = time
     period = median(again) if again else 0.0
@@ -48,13 +49,13 @@ def _widest_within(times_s: Sequence[float], sensors: Sequence[Hashable]) -> flo
 def _cut(times_s: Sequence[float], sensors: Sequence[Hashable], widest_s: float) -> list[int]:
     """Return the epochs that end when a sensor reports again, or at a gap above ``widest_s``."""
     numbers: list[int] = []
-    seen: set[Hashable] = set()
+    seen: dict[Hashable, float] = {}
     number, before = 0, times_s[0]
     for time, sensor in zip(times_s, sensors, strict=True):
-        if sensor in seen or time - before > widest_s:
+        if seen.get(sensor, time) < time or time - before > widest_s:
             number += 1
             seen.clear()
-        seen.add(sensor)
+        seen[sensor] = time
         numbers.append(number)
         before = time
     return numbers

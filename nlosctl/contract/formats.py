@@ -40,12 +40,14 @@ class ForeignFile:
     """A file of another program: its name for messages, its bytes and its scene.
 
     ``more`` are the further files of the run, for an importer that makes one table of ``several``.
+    ``by`` are the columns that separate windows of time, in place of the groups of the importer's rows.
     """
 
     name: str
     stream: IO[bytes]
     scene: Scene
     more: Sequence[ForeignFile] = ()
+    by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

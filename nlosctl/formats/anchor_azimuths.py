@@ -65,7 +65,7 @@ def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
         return Row(line=line, epoch_s=epoch_s, group=group, values=values, kept=own.kept(cells))
 
     rows = open_table(file).rows(wanted, parse, wide)
-    yield from in_epochs(rows, parse_window(options.window, "importer 'anchor-azimuths'"))
+    yield from in_epochs(rows, parse_window(options.window, "importer 'anchor-azimuths'"), file, options.group or "tag")
 
 
 FORMAT = ImporterSpec(

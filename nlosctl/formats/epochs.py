@@ -1,52 +1,37 @@
-"""Grouping of log rows into snapshots: by time windows and group, or by rounds of the sensors."""
+"""Grouping of log rows into snapshots: by windows of time and group, or by rounds of the sensors."""
 
 from __future__ import annotations
 
-import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
-from nlosctl.contract.epochs import epoch_numbers
-from nlosctl.contract.formats import BadLine, Row
-from nlosctl.errors import DataError, UsageError
+import numpy as np
 
-__all__ = ["AUTO", "WINDOW_MEANING", "in_epochs", "in_rounds", "parse_window"]
+from nlosctl.arrays import IntArray
+from nlosctl.contract.formats import BadLine, ForeignFile, Row
+from nlosctl.contract.window_starts import first_times, microseconds, window_starts
+from nlosctl.contract.windows import TICKS_PER_SECOND, WINDOW_MEANING, Width, value_text, window_id
+from nlosctl.contract.windows import parse_window as _parse_window
+from nlosctl.errors import DataError, did_you_mean
 
-WINDOW_MEANING = (
-    "duration of a snapshot, such as 0.1s, 500ms, 2min; auto: the epochs of a periodic log; all: the whole file"
-)
-AUTO = 0.0
-"""The width of a window that ends when a sensor reports again, or at a gap between epochs."""
+__all__ = ["WINDOW_MEANING", "in_epochs", "in_rounds", "parse_window"]
 
-_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
-
-
-def parse_window(text: str, owner: str) -> float:
-    """Return a duration in seconds, infinity for ``all``, `AUTO` for ``auto``; raise UsageError for anything else."""
-    parts = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", text.strip())
-    if text in ("all", "auto"):
-        return math.inf if text == "all" else AUTO
-    try:
-        window = float(parts[1]) * _UNITS[parts[2]] if parts else math.nan
-    except (ValueError, KeyError):
-        window = math.nan
-    if not 0.0 < window < math.inf:
-        raise UsageError(
-            f"The 'window' parameter of {owner} must be a duration such as 0.1s or 2min, or 'all' or 'auto'. "
-            f"Got {text!r} instead."
-        )
-    return window
+_LONGEST_S = 4.6e12
 
 
-def in_epochs(rows: Iterable[Row | BadLine], window_s: float) -> Iterator[Row | BadLine]:
-    """Yield the rows with a ``snapshot``, sorted by window of ``epoch_s``, group and line.
+def parse_window(text: str, owner: str) -> Width:
+    """Return the width of windows in microseconds, `ALL` or `AUTO`; raise UsageError for anything else."""
+    return _parse_window(text, f"The 'window' parameter of {owner}")
 
-    Windows start at the earliest time of the file; empty ones are not counted. With `AUTO` each group has epochs of
-    its own (`nlosctl.contract.epochs`), and the snapshots are in order of their first rows. A snapshot is named by
-    its window's number, preceded by the group if the file has several. Times may be in any order: all rows are held
-    in memory. Raises DataError for times so far apart that their windows can't be counted.
+
+def in_epochs(rows: Iterable[Row | BadLine], width: Width, file: ForeignFile, by: str) -> Iterator[Row | BadLine]:
+    """Yield the rows with a ``snapshot``: the name of their window of ``epoch_s``, as of tables (`Width`).
+
+    Groups, or the values of the columns that the file is parted ``by``, have windows of their own; ``by`` names
+    the column of a group (or several, with commas). Rows are sorted by window, time, sensor and line; all rows are
+    held in memory. Raises DataError for a column that is absent, or times out of range.
     """
     good: list[Row] = []
     for row in rows:
@@ -56,44 +41,44 @@ def in_epochs(rows: Iterable[Row | BadLine], window_s: float) -> Iterator[Row | 
             good.append(row)
     if not good:
         return
-    times = [0.0 if row.epoch_s is None else row.epoch_s for row in good]
-    if window_s == AUTO:
-        yield from _with_snapshots(_in_auto_epochs(good, times))
-        return
-    first, last = min(times), max(times)
-    if not math.isfinite((last - first) / window_s):
-        raise DataError(
-            f"times from {first:g} s to {last:g} s span too many windows of {window_s:g} s; look for wrong times"
-        )
-    window = [0 if math.isinf(window_s) else math.floor((time - first) / window_s + 1e-9) for time in times]
-    groups = {group: index for index, group in enumerate(dict.fromkeys(row.group for row in good))}
-    numbers = {start: number for number, start in enumerate(sorted(set(window)))}
-    order = sorted(range(len(good)), key=lambda index: (window[index], groups[good[index].group], index))
-    several = len(groups) > 1
+    names = file.by or (tuple(by.split(",")) if any(row.group for row in good) else ())
+    values = [tuple(_value(row, name, file) for name in file.by) or _group(row, len(names)) for row in good]
+    times = np.array([0.0 if row.epoch_s is None else row.epoch_s for row in good])
+    if np.abs(times).max() > _LONGEST_S:
+        raise DataError(f"{file.name}: times from {times.min():g} to {times.max():g} s, expected seconds within 4.6e12")
+    ticks = microseconds(times)
+    known, parts = _numbered(values)
+    _, sensors = _numbered([str(row.values["sensor"]) for row in good])
+    start = window_starts(ticks, parts, first_times(ticks, parts), sensors, width)
+    column = "time" if "time" in good[0].values else "time_s"
+    scale = TICKS_PER_SECOND[column] // 10**6
+    order = np.lexsort((np.arange(len(good)), sensors, ticks, parts, start))
     yield from _with_snapshots(
-        (good[index], f"{good[index].group}_{numbers[window[index]]}" if several else numbers[window[index]])
-        for index in order
+        (good[index], window_id(list(zip(names, known[parts[index]], strict=True)), int(start[index]) * scale, column))
+        for index in order.tolist()
     )
 
 
-def _in_auto_epochs(rows: Sequence[Row], times: Sequence[float]) -> Iterator[tuple[Row, object]]:
-    """Yield the rows by the epochs of their groups, with the names of their snapshots."""
-    groups: dict[str, list[int]] = {}
-    for index in sorted(range(len(rows)), key=lambda index: (times[index], index)):
-        groups.setdefault(rows[index].group, []).append(index)
-    epochs: list[tuple[float, int, list[int]]] = []
-    for position, members in enumerate(groups.values()):
-        numbers = epoch_numbers([times[i] for i in members], [rows[i].values["sensor"] for i in members])
-        parts: list[list[int]] = [[] for _ in range(numbers[-1] + 1)]
-        for number, index in zip(numbers, members, strict=True):
-            parts[number].append(index)
-        epochs += [(times[part[0]], position, part) for part in parts]
-    counts: Counter[str] = Counter()
-    for number, (_, _, part) in enumerate(sorted(epochs)):
-        group = rows[part[0]].group
-        name: object = number if len(groups) == 1 else f"{group}_{counts[group]}"
-        counts[group] += 1
-        yield from ((rows[index], name) for index in part)
+def _group(row: Row, count: int) -> tuple[str, ...]:
+    """Return the group of a row as ``count`` values."""
+    values = tuple(row.group.split("/"))
+    return values if len(values) == count else (row.group, *[""] * (count - 1))[:count]
+
+
+def _value(row: Row, name: str, file: ForeignFile) -> str:
+    """Return the value of a column as text; raise DataError with those that there are."""
+    cells: Mapping[str, Any] = {**row.values, **row.kept}
+    if name not in cells:
+        near = did_you_mean(name, cells)
+        raise DataError(f"{file.name}: `by` {name}: no column {name!r}{near}; there are: {', '.join(cells)}")
+    return value_text(cells[name])
+
+
+def _numbered(values: Sequence[Any]) -> tuple[list[Any], IntArray]:
+    """Return the different values in order, and the index (N,) of each."""
+    known = sorted(set(values))
+    index = {value: number for number, value in enumerate(known)}
+    return known, np.array([index[value] for value in values], dtype=np.int64)
 
 
 def in_rounds(rows: Iterable[Row | BadLine]) -> Iterator[Row | BadLine]:

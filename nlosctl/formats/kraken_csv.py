@@ -38,8 +38,8 @@ _WORDS = {True: "clockwise", False: "counter-clockwise"}
 
 
 def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
-    window_s = parse_window(options.window, "importer 'kraken-csv'")
-    yield from in_epochs(iter(_readings(file, options)), window_s)
+    width = parse_window(options.window, "importer 'kraken-csv'")
+    yield from in_epochs(iter(_readings(file, options)), width, file, options.group or "frequency_hz")
 
 
 def _readings(file: ForeignFile, options: KrakenOptions) -> list[Row | BadLine]:

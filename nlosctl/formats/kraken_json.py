@@ -22,8 +22,8 @@ _NEEDED = ("station_id", "tStamp", "latitude", "longitude", "gpsBearing", "radio
 
 
 def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
-    window_s = parse_window(options.window, "importer 'kraken-json'")
-    yield from in_epochs(_readings(file, options), window_s)
+    width = parse_window(options.window, "importer 'kraken-json'")
+    yield from in_epochs(_readings(file, options), width, file, options.group or "frequency_hz")
 
 
 def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:

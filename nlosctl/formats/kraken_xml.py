@@ -69,8 +69,8 @@ class _Readings:
 
 
 def _rows(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:
-    window_s = parse_window(options.window, "importer 'kraken-xml'")
-    yield from in_epochs(_readings(file, options), window_s)
+    width = parse_window(options.window, "importer 'kraken-xml'")
+    yield from in_epochs(_readings(file, options), width, file, options.group or "frequency_hz")
 
 
 def _readings(file: ForeignFile, options: KrakenOptions) -> Iterator[Row | BadLine]:

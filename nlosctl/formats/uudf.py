@@ -77,7 +77,7 @@ def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
     if options.window == "round":
         yield from in_rounds(rows)
     else:
-        yield from in_epochs(rows, parse_window(options.window, "importer 'uudf'"))
+        yield from in_epochs(rows, parse_window(options.window, "importer 'uudf'"), file, options.group or "tag")
     if not events:
         raise DataError(f"{file.name}: no line contains {_EVENT!r}; not a u-connectLocate log")
     own.check(file)

@@ -87,7 +87,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
         return Row(line=line, epoch_s=epoch_s, group=group, values=values, kept=own.kept(cells))
 
     rows = table.rows(wanted, parse, wide)
-    yield from in_epochs(rows, parse_window(options.window, "importer 'uwb'"))
+    yield from in_epochs(rows, parse_window(options.window, "importer 'uwb'"), file, options.group or "tag")
 
 
 def _range_of(columns: Sequence[str]) -> str:

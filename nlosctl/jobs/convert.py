@@ -12,6 +12,7 @@ from typing import Any
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError, hide_secrets
 from nlosctl.io.conversion.table_copy import TableCopy
+from nlosctl.io.conversion.window_copy import WindowCopy
 from nlosctl.io.measurements.row_checks import ProblemLog
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat, Location, format_named, format_of_path, location
@@ -19,7 +20,7 @@ from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.io.row_steps.unused_rows import unused_rows_remark
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.io.writers.output_set import OutputSet, check_targets
-from nlosctl.jobs.files import bad_row_writer, naming_importer, open_inputs, open_output
+from nlosctl.jobs.files import bad_row_writer, naming_importer, open_inputs, open_output, require_window
 from nlosctl.pipeline.convert.importer import Import
 from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of
 from nlosctl.pipeline.engine.writing import file_metadata
@@ -40,7 +41,10 @@ class ConversionReport:
 
 @dataclass(frozen=True, kw_only=True)
 class _Source:
-    """An open input: the tables of its rows, their schema and metadata, and the log of its bad rows."""
+    """An open input: the tables of its rows, their schema and metadata, and the log of its bad rows.
+
+    ``remarks`` are complete after the last table.
+    """
 
     tables: Iterator[Any]
     schema: Any
@@ -48,6 +52,7 @@ class _Source:
     log: ProblemLog
     importer: str | None = None
     notes: tuple[str, ...] = ()
+    remarks: Sequence[str] = ()
     unused_rows: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -86,6 +91,7 @@ def convert(
     exporter = exporter or exporter_of(write.output, write.format)
     with OutputSet() as outputs:
         check_targets([write.output, write.scene_out, write.bad_rows], overwrite=write.overwrite, inputs=paths)
+        require_window(read)
         if importer is not None:
             opened = _imported([str(name) for name in inputs], importer, to_importer, read, write, outputs, paths)
         else:
@@ -120,7 +126,7 @@ def convert(
         bad_rows=source.log.total,
         loses_scene=loses_scene,
         importer=source.importer,
-        notes=(*source.notes, *unused),
+        notes=(*source.notes, *source.remarks, *unused),
     )
 
 
@@ -150,12 +156,19 @@ def _imported(
     """Read another program's file, or several, by an importer."""
     if read.input_format is not None:
         raise UsageError("`input_format` is for tables; `from` names the importer")
+    if read.window_keep != "all":
+        raise UsageError("`window_keep` is for tables; give it to the command that reads the table")
+    if read.window is not None:
+        if "window" in parameters:
+            raise UsageError("`param` window and `window` are the same; give one")
+        parameters = {**parameters, "window": read.window}
     job = Import(
         importer,
         parameters,
         scene_file=read.scene if isinstance(read.scene, str) else None,
         frame=read.frame,
         bad_rows=bad_row_writer(write, (), outputs, paths),
+        by=read.by,
     )
     imported = job.read(*names)
     content = {
@@ -196,7 +209,7 @@ def _table(
             raise UsageError(f"{error}; {hint}") from None
         if more:
             raise UsageError("convert takes one input; convert the files of a glob one by one, or name their folder")
-        copy = TableCopy(given, read)
+        copy = TableCopy(given, read) if read.window is None else WindowCopy(given, read)
     try:
         bad_rows = bad_row_writer(write, copy.schema.names, outputs, paths)
         if bad_rows is not None:
@@ -206,7 +219,8 @@ def _table(
             schema=copy.schema,
             metadata=copy.metadata,
             log=copy.log,
-            notes=(*given.remarks, *copy.remarks),
+            notes=given.remarks,
+            remarks=copy.remarks,
             unused_rows=copy.unused_rows,
         )
     finally:

@@ -26,6 +26,7 @@ __all__ = [
     "open_inputs",
     "open_measurements",
     "open_output",
+    "require_window",
     "write_report",
 ]
 
@@ -65,6 +66,12 @@ class Opened:
             self.reader.set_bad_rows_aside(sink)
 
 
+def require_window(read: InputOptions) -> None:
+    """Raise UsageError for columns that part the rows without windows."""
+    if read.by and read.window is None:
+        raise UsageError(f"`by` {read.by[0]} separates windows of time; set `window` too, such as 2s, auto or all")
+
+
 def open_inputs(inputs: Sequence[str] | Sequence[Input], input_format: str | None) -> list[Input]:
     """Return the inputs of names, folders and globs; inputs that are already open are returned unchanged."""
     opened = [given for given in inputs if isinstance(given, Input)]
@@ -94,6 +101,7 @@ def open_measurements(
     inputs: Sequence[str] | Sequence[Input], read: InputOptions, write: OutputOptions, destination: Destination
 ) -> Iterator[Opened]:
     """Open the inputs and check all targets before the first output is written."""
+    require_window(read)
     if write.bad_rows is not None:
         read = dataclasses.replace(read, extra_columns=None)
     with naming_importer(inputs):

@@ -8,6 +8,7 @@ from typing import Any
 
 from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.io.measurements.returned_ids import rejoined_remark
+from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.writers.output_set import OutputSet
 from nlosctl.jobs.console import Console, Silent
@@ -46,6 +47,7 @@ def validate(
             "columns": list(reader.column_names),
             "remarks": [
                 *reader.report.remarks,
+                *window_remarks(reader.report.windows, read.window),
                 *(rejoined_remark(reader.report.rejoined) if reader.report.rejoined else ()),
             ],
         }

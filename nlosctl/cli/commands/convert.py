@@ -46,15 +46,6 @@ def convert(
             help="Exporter of estimates; default: by the file extension.",
         ),
     ] = None,
-    window: Annotated[
-        str | None,
-        typer.Option(
-            "--window",
-            metavar="TIME",
-            rich_help_panel="Input",
-            help="Duration of a snapshot of an imported log: 0.1s, 2min, all.",
-        ),
-    ] = None,
     list_formats: Annotated[
         bool,
         typer.Option("--list", rich_help_panel="Method", help="List importers, exporters and table formats, and exit."),
@@ -85,11 +76,6 @@ def convert(
         raise UsageError(f"convert takes one input, got {len(inputs)}: convert them one by one, or name their folder")
     from nlosctl.jobs.convert import convert
 
-    parameters = dict(options.parameters)
-    if window is not None:
-        if "window" in parameters:
-            raise UsageError("--param window is given twice")
-        parameters["window"] = window
     with preview_sinks("table", write) as sinks:
         report = convert(
             inputs,
@@ -97,7 +83,7 @@ def convert(
             write,
             importer=source,
             exporter=target,
-            parameters=parameters,
+            parameters=dict(options.parameters),
             protected=[config],
             receiver=(lambda schema, metadata: sinks["table"](schema)) if sinks else None,
         )

@@ -86,15 +86,6 @@ def plot(
             help="Metric of evaluate or bound, or efficiency; default: rmse_m.",
         ),
     ] = None,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            "--by",
-            metavar="COLUMN",
-            rich_help_panel="Method",
-            help="Column of estimates that selects colour and track, such as a tag.",
-        ),
-    ] = None,
     target_z_m: Annotated[
         float | None,
         typer.Option(
@@ -161,7 +152,7 @@ def plot(
             paths=path,
             x=x,
             y=y,
-            by=by,
+            by=read.by[0] if read.by else None,
             target_z_m=target_z_m,
             linear=linear,
             title=title,

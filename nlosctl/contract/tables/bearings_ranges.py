@@ -9,6 +9,7 @@ from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import (
     EARLIER_FLAGS,
     SNAPSHOT,
+    TIMES,
     TRUTH_POSITION,
     angles,
     directions,
@@ -158,6 +159,7 @@ BEARINGS = Table(
         ),
     ),
     covariances=(("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2"),),
+    times=TIMES,
     columns=(
         SNAPSHOT,
         *_SENSOR,
@@ -200,6 +202,7 @@ BEARINGS = Table(
 RANGES = Table(
     name="ranges",
     title="Ranges: path lengths from targets to sensors, any number per sensor",
+    times=TIMES,
     columns=(
         SNAPSHOT,
         *_SENSOR,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 __all__ = ["SWEEP_PREFIX", "Column", "ColumnType", "Spelling", "Table", "is_swept"]
@@ -116,7 +116,8 @@ class Table:
     ``row_key`` names the columns that, with ``snapshot``, identify a measurement. ``measurement_name`` names the column
     that estimates of single measurements carry. ``together`` names alternative groups of optional columns: a
     file has all columns of one alternative or none of any, and so has every row. ``covariances`` names the entries xx,
-    xy, yy of matrices that must be positive definite.
+    xy, yy of matrices that must be positive definite. ``times`` are columns with the time of a row: they count among
+    ``columns`` only where times are needed (`with_times`), elsewhere columns of these names are copied as they are.
     """
 
     name: str
@@ -126,6 +127,11 @@ class Table:
     measurement_name: str = ""
     together: tuple[tuple[tuple[str, ...], ...], ...] = ()
     covariances: tuple[tuple[str, str, str], ...] = ()
+    times: tuple[Column, ...] = ()
+
+    def with_times(self) -> Table:
+        """Return the table with the times among its columns."""
+        return replace(self, columns=(*self.columns, *self.times), times=())
 
     def used_columns(self, names: Collection[str]) -> tuple[Column, ...]:
         """Return the columns that a file with the columns ``names`` can use."""

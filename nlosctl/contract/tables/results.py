@@ -105,6 +105,7 @@ ESTIMATES = Table(
             "at least this large (robust methods: of the inliers); null without spare scalars or a covariance",
         ),
         Column(name="status", type="text", required=True, meaning="outcome, one of the status words"),
+        Column(name="time_s", type="number", unit="s", nullable=True, meaning="mean time of the rows kept in a window"),
         Column(
             name="covariance_kind",
             type="text",

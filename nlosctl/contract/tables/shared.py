@@ -13,6 +13,7 @@ __all__ = [
     "EARLIER_FLAGS",
     "EARTH_PLACES",
     "SNAPSHOT",
+    "TIMES",
     "TRUTH_POSITION",
     "angles",
     "directions",
@@ -33,6 +34,23 @@ SNAPSHOT = Column(
     meaning="identifier of the snapshot: its rows are solved together; without the column a file is one snapshot",
 )
 """The column that groups rows into snapshots."""
+
+TIMES = (
+    Column(
+        name="time_s",
+        type="number",
+        unit="s",
+        carried=True,
+        meaning="time of the measurement in seconds from any origin; `window` makes snapshots of it",
+    ),
+    Column(
+        name="time",
+        type="identifier",
+        carried=True,
+        meaning="time of the measurement, ISO 8601 with offset or Z (without one: `timezone`), in place of time_s",
+    ),
+)
+"""The time of a row, in at most one column of a file; it is read as a time only where times are needed."""
 
 
 _LENGTHS = (("km", 1000.0, "kilometres"), ("cm", 0.01, "centimetres"), ("mm", 0.001, "millimetres"))

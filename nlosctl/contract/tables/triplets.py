@@ -9,6 +9,7 @@ from nlosctl.contract.tables.columns import Column, Spelling, Table
 from nlosctl.contract.tables.shared import (
     EARLIER_FLAGS,
     SNAPSHOT,
+    TIMES,
     TRUTH_POSITION,
     angles,
     directions,
@@ -113,6 +114,7 @@ TRIPLETS = Table(
     title="Triplets: direction of departure, direction of arrival and length of paths via a target",
     row_key=("path", "tx_x_m", "tx_y_m", "rx_x_m", "rx_y_m"),
     measurement_name="path",
+    times=TIMES,
     columns=(
         SNAPSHOT,
         Column(name="path", type="integer", required=True, meaning="number of the path in its snapshot"),

@@ -17,14 +17,17 @@ from nlosctl.io.measurements.column_mapping import SNAPSHOT, NameCodes, are_flag
 from nlosctl.io.measurements.duplicates import drop_duplicates, refuse_several_methods
 from nlosctl.io.measurements.part_boundaries import PartBoundaries
 from nlosctl.io.measurements.returned_ids import rejoined, returned_id
-from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows
-from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog
+from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows, split_whole
+from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog, refuse_no_rows
 from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SnapshotIndex, id_type, integer_ids, run_starts
 from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_inputs
+from nlosctl.io.measurements.windows.chunk_windows import WindowRows
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.parquet_arrow import parquet_end_value
 
-__all__ = ["Chunk", "MeasurementReader", "ReadReport", "refuse_no_rows"]
+__all__ = ["WHOLE", "Chunk", "MeasurementReader", "ReadReport", "refuse_no_rows"]
+
+WHOLE = -1  # the index of a part that stands for all parts of an input
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +37,8 @@ class Chunk:
     ``table`` has the good rows (N,) with the input's columns and types, renamed columns under their new names,
     ``snapshot`` (S,) the ids as an Arrow array, ``offsets`` (S+1,) the rows of each; ``columns`` are the contract's
     flat columns (N,) in its units: float64, or int64 codes for ``sensor``, ``path`` and ``reflector``. ``left_out``
-    (N,) marks rows that an earlier step flagged. ``source`` names the input.
+    (N,) marks rows that take no part: an earlier step flagged them, or a window does not keep them. ``source`` names
+    the input. ``windows`` is there if the snapshots are windows of time.
     """
 
     table: Any
@@ -43,6 +47,7 @@ class Chunk:
     columns: Mapping[str, npt.NDArray[Any]]
     left_out: BoolArray
     source: str
+    windows: WindowRows | None = None
 
     def snapshot_ids(self) -> IntArray | list[str]:
         """Return the snapshot ids as integers or text."""
@@ -54,11 +59,14 @@ class Chunk:
 class MeasurementReader:
     """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are known before the first chunk.
 
+    ``table_schema`` is the schema of the tables of chunks, with ``snapshot`` if windows make it.
+
     Bad rows go to the sink ``bad_rows``. Without it no chunk follows the first bad row, the rest is read for further
     problems, and a DataError lists them at the end. Raises DataError or UsageError for a fault of a whole file.
 
     ``survey`` is that of an earlier reader of the same inputs, which is not repeated. ``only`` (index of the
-    input, index of the part within) restricts the reader to snapshots that begin in that part.
+    input, index of the part within) restricts the reader to snapshots that begin in that part; with `WHOLE` as the part
+    to those of the input.
     """
 
     def __init__(
@@ -79,6 +87,8 @@ class MeasurementReader:
         self._tally = RowTally(log=ProblemLog(bad_rows), report=self.report)
         self.metadata, self.scene = self._survey.metadata, self._survey.scene
         self.schema: Any = self._survey.schema
+        named = self.options.window is not None
+        self.table_schema: Any = self.schema.insert(0, pa.field(SNAPSHOT, pa.string())) if named else self.schema
         self._names: dict[str, NameCodes] = {}
 
     @property
@@ -107,6 +117,11 @@ class MeasurementReader:
         return len(self._inputs) > 1
 
     @property
+    def log(self) -> ProblemLog:
+        """The log of the bad rows."""
+        return self._tally.log
+
+    @property
     def reads_one_part(self) -> bool:
         """Whether only the snapshots that begin in one part are read."""
         return self._only is not None
@@ -133,13 +148,16 @@ class MeasurementReader:
         """Yield the chunks of all inputs (or of one part), in order; call it once."""
         for given in self._inputs if self._only is None else (self._inputs[self._only[0]],):
             rows_before = self.report.rows_in_all
+            if self.options.window is not None:
+                yield from filter(self._is_wanted, self._windows(given))
+                self._require_rows(given, rows_before)
+                continue
             snapshots = _Snapshots(given, self._survey, self.options, self._tally, self._names)
             # no variable refers to a chunk or its rows while it is solved, so that one of them is in memory at a time
             yield from filter(self._is_wanted, map(snapshots.add, self._row_batches(given)))
             yield from filter(self._is_wanted, (snapshots.rest(),))
             self.spans.append(snapshots.span)
-            if self.report.rows_in_all == rows_before and self._only is None:
-                raise DataError(f"{given.name}: no rows: the file has columns only")
+            self._require_rows(given, rows_before)
         self._tally.log.raise_if_stopping()
         if self._only is None:
             refuse_no_rows(self._inputs, self.report.rows_taken, self.report)
@@ -147,12 +165,17 @@ class MeasurementReader:
         if self.report.snapshots_lost:
             self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
 
+    def _require_rows(self, given: Input, rows_before: int) -> None:
+        if self.report.rows_in_all == rows_before and self._only is None:
+            raise DataError(f"{given.name}: no rows: the file has columns only")
+
     def _is_wanted(self, chunk: Chunk | None) -> bool:
         """Return whether there is a chunk, and no fault so far that stops the run; count the chunk then."""
         if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
             return False
         self.report.snapshots += len(chunk.snapshot)
-        self.report.left_out_rows += int(chunk.left_out.sum())
+        left_out = chunk.left_out if chunk.windows is None else chunk.left_out & chunk.windows.leads
+        self.report.left_out_rows += int(left_out.sum())
         return True
 
     def _row_batches(self, given: Input) -> Iterator[RowBatch]:
@@ -168,6 +191,21 @@ class MeasurementReader:
             self._tally.lost = LostSnapshots(None if preceding is None else preceding.as_py())
             yield from others.rows(self._rows(given.parts[index], self._tally), preceding)
         self.report.snapshots_lost += self._tally.lost.count
+
+    def _windows(self, given: Input) -> Iterator[Chunk]:
+        """Yield the windows of an input, or those whose first row is in one part."""
+        from nlosctl.io.measurements.windows.window_rows import WindowedRows
+
+        own = None if self._only is None or self._only[1] == WHOLE else self._only[1]
+        self.spans.append(IdSpan(first=None, last=None, ordered=True))  # no window is in two parts
+        names = self._names.setdefault("sensor", NameCodes())
+        windows = WindowedRows(given, self._survey.time_column, self.options, self._tally, names)
+        batches = (
+            (index, rows)
+            for index, part in enumerate(given.parts)
+            for rows in (self._rows(part, self._tally) if own in (None, index) else self._uncounted_rows(part))
+        )
+        yield from windows.chunks(batches, self._survey.table.row_key, own)
 
     def _rows(self, part: Part, tally: RowTally) -> Iterator[RowBatch]:
         tally.report.rows_by_file.setdefault(part.name, 0)
@@ -192,14 +230,6 @@ class MeasurementReader:
             return None
         kind = id_type(self.schema)
         return pa.scalar(str(value) if pa.types.is_string(kind) else int(value), kind)
-
-
-def refuse_no_rows(inputs: Sequence[Input], rows: int, report: ReadReport) -> None:
-    """Raise DataError if none of the ``rows`` of all inputs is left by the options of reading."""
-    if not rows and report.unused_rows:
-        from nlosctl.io.row_steps.unused_rows import no_rows_left
-
-        raise DataError(no_rows_left(inputs[0].name, report.unused_rows))
 
 
 class _Snapshots:
@@ -227,7 +257,7 @@ class _Snapshots:
         if seen is not None:
             raise DataError(returned_id(rows, int(starts[seen.at]), seen, self._input, self._column))
         self._last = rows.ids[len(rows) - 1].as_py()
-        whole, self._pending = _split(self._pending, replace(rows, starts=starts))
+        whole, self._pending = split_whole(self._pending, replace(rows, starts=starts))
         chunk = self._chunk(whole) if whole else None
         if sum(batch.starts.shape[0] for batch in self._pending) <= 1:
             self._refuse_huge(sum(map(len, self._pending)))
@@ -268,18 +298,3 @@ class _Snapshots:
                 f"{self._input.name}: a snapshot has more than {self._most_rows} rows{reason}, expected at most "
                 f"max_snapshot_rows; raise `max_snapshot_rows` if that is meant"
             )
-
-
-def _split(pending: list[RowBatch], rows: RowBatch) -> tuple[list[RowBatch], list[RowBatch]]:
-    """Return the rows of snapshots that ``rows`` show to be complete, and those that wait for more rows."""
-    if not pending:
-        return [], [rows]
-    if rows.starts.shape[0] and rows.starts[0] == 0:
-        return pending, [rows]
-    last = max(number for number, batch in enumerate(pending) if batch.starts.shape[0])
-    batch = pending[last]
-    cut = int(batch.starts[-1])
-    if last == cut == 0:
-        return [], [*pending, rows]
-    whole = [*pending[:last], *([batch.slice(0, cut)] if cut else [])]
-    return whole, [batch.slice(cut, len(batch)), *pending[last + 1 :], rows]

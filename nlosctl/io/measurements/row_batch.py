@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,15 +17,18 @@ from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import log_bad_rows
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
-from nlosctl.io.measurements.row_checks import Fault, ProblemLog, ValueChecks, is_null, null_mask
+from nlosctl.io.measurements.row_checks import Fault, ReadReport, RowTally, ValueChecks, is_null, null_mask
 from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
-from nlosctl.io.measurements.snapshot_ids import LostSnapshots, id_type
+from nlosctl.io.measurements.snapshot_ids import id_type
 from nlosctl.io.measurements.survey import OpenTable
 from nlosctl.io.measurements.table_schemas import conformed
 from nlosctl.io.readers.base import RecordBatch, plain
 
-__all__ = ["ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows"]
+__all__ = ["TICKS", "ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows", "split_whole"]
+
+TICKS = "ticks"
+"""The column of a row batch with the times as whole numbers, see `nlosctl.contract.windows.TICKS_PER_SECOND`."""
 
 _HEIGHT = 2
 """The axis of the scene's positions that is a height."""
@@ -80,6 +82,19 @@ class RowBatch:
             starts=np.cumsum(keep)[self.starts] - 1 if self.starts.shape[0] else self.starts,
         )
 
+    def take(self, indices: IntArray) -> RowBatch:
+        """Return the rows at ``indices``, without the begins of snapshots."""
+        return replace(
+            self,
+            table=self.table.take(pa.array(indices)),
+            ids=self.ids.take(pa.array(indices)),
+            rows=self.rows[indices],
+            lines=None if self.lines is None else self.lines[indices],
+            columns={name: values[indices] for name, values in self.columns.items()},
+            left_out=self.left_out[indices],
+            starts=np.empty(0, dtype=np.int64),
+        )
+
     def rises(self, column: str) -> bool:
         """Return whether a column rises strictly within each snapshot, so that no row repeats another."""
         values = self.columns[column]
@@ -113,52 +128,19 @@ def join_rows(batches: Sequence[RowBatch]) -> RowBatch:
     )
 
 
-@dataclass(kw_only=True)
-class ReadReport:
-    """Counts of what has been read so far, and remarks for the summary.
-
-    ``rows`` are good (``left_out_rows`` of them are flagged by an earlier step), ``bad_rows`` are not.
-    ``snapshots`` have been returned; all rows of ``snapshots_lost`` are bad. ``rows_by_file`` counts good and bad rows.
-    ``rejoined`` are the snapshots across parts that may be several, see `nlosctl.io.measurements.returned_ids`.
-    ``unused_rows`` counts the rows left out by an option of reading, by its name.
-    """
-
-    rows: int = 0
-    bad_rows: int = 0
-    left_out_rows: int = 0
-    snapshots: int = 0
-    snapshots_lost: int = 0
-    rows_by_file: dict[str, int] = field(default_factory=dict)
-    rejoined: list[str] = field(default_factory=list)
-    unused_rows: Counter[str] = field(default_factory=Counter)
-    remarks: list[str] = field(default_factory=list)
-
-    @property
-    def rows_taken(self) -> int:
-        """The number of rows, good and bad, that no option leaves out."""
-        return self.rows + self.bad_rows
-
-    @property
-    def rows_in_all(self) -> int:
-        """The number of rows: good, bad and left out by an option."""
-        return self.rows_taken + self.unused_rows.total()
-
-    def unused_remarks(self) -> list[str]:
-        """Return a line on the rows left out by options of reading, if there are any."""
-        if not self.unused_rows:
-            return []
-        from nlosctl.io.row_steps.unused_rows import unused_rows_remark
-
-        return [unused_rows_remark(self.unused_rows)]
-
-
-@dataclass(kw_only=True)
-class RowTally:
-    """What is counted while rows are read: bad rows, snapshots without a good row, and all rows."""
-
-    log: ProblemLog
-    lost: LostSnapshots = field(default_factory=LostSnapshots)
-    report: ReadReport = field(default_factory=ReadReport)
+def split_whole(pending: list[RowBatch], rows: RowBatch) -> tuple[list[RowBatch], list[RowBatch]]:
+    """Return the rows of snapshots that ``rows`` show to be complete, and those that wait for more rows."""
+    if not pending:
+        return [], [rows]
+    if rows.starts.shape[0] and rows.starts[0] == 0:
+        return pending, [rows]
+    last = max(number for number, batch in enumerate(pending) if batch.starts.shape[0])
+    batch = pending[last]
+    cut = int(batch.starts[-1])
+    if last == cut == 0:
+        return [], [*pending, rows]
+    whole = [*pending[:last], *([batch.slice(0, cut)] if cut else [])]
+    return whole, [batch.slice(cut, len(batch)), *pending[last + 1 :], rows]
 
 
 class RowConverter:
@@ -181,13 +163,19 @@ class RowConverter:
         self._names, self._tally, self._all_rows = names, tally, all_rows
         self._file = opened.part.name
         self.checks = ValueChecks(opened.plan, self._file)
+        self._times: Any = None
+        if opened.time_column:
+            from nlosctl.io.measurements.windows.times import TimeColumn
+
+            own_name = opened.file_name_of[opened.time_column]
+            self._times = TimeColumn(opened.time_column, own_name, self._file, opened.timezone)
 
     def convert(self, record_batch: RecordBatch) -> RowBatch:
         """Return the good rows of a record batch."""
         batch = record_batch.table.rename_columns(list(self._opened.names))
         self.checks.rows += batch.num_rows
         ids, faults = self._ids(batch)
-        columns = self._columns(batch, faults)
+        columns = self._columns(batch, record_batch.row_numbers(), faults)
         any_bad = record_batch.line_faults or record_batch.cell_faults or faults
         bad = log_bad_rows(self._file, record_batch, faults, self._opened, self._tally.log) if any_bad else None
         self._count(batch.num_rows, 0 if bad is None else int(bad.sum()), record_batch)
@@ -229,10 +217,12 @@ class RowConverter:
             return ids, []
         return ids, [Fault(mask=null_mask(ids), column=SNAPSHOT, describe=is_null("text or an integer"))]
 
-    def _columns(self, batch: Any, faults: list[Fault]) -> dict[str, npt.NDArray[Any]]:
+    def _columns(self, batch: Any, rows: IntArray, faults: list[Fault]) -> dict[str, npt.NDArray[Any]]:
         """Return the contract's columns (N,) of an Arrow batch; adds to ``faults``."""
         columns: dict[str, npt.NDArray[Any]] = {}
         mapped = self._plan.mapped
+        if self._times is not None:
+            columns[TICKS] = self._times.ticks(batch.column(self._opened.time_column), rows, faults)
         for column in self._plan.table.columns:
             if column.carried or column.name == SNAPSHOT:
                 continue

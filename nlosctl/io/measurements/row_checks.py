@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
 from nlosctl.errors import DataError, GatheredError, printable
 from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn
-from nlosctl.io.readers.base import plain
+from nlosctl.io.measurements.snapshot_ids import LostSnapshots
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.readers.base import BadRow, Problem, plain
 
 __all__ = [
     "SHOWN_PROBLEMS",
@@ -24,11 +27,14 @@ __all__ = [
     "Fault",
     "Problem",
     "ProblemLog",
+    "ReadReport",
+    "RowTally",
     "ValueChecks",
     "as_float64",
     "got",
     "is_null",
     "null_mask",
+    "refuse_no_rows",
 ]
 
 SHOWN_PROBLEMS = 20
@@ -37,39 +43,6 @@ _SLACK = 1e-6
 _NO_LARGER = f"a finite number within {LARGEST_NUMBER:g}"
 _FEWEST_TOO_LARGE = 5
 _SHARE_TOO_LARGE = 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Problem:
-    """One fault of one row: ``row`` counts data rows from 1, ``line`` is its line in a text file.
-
-    ``row`` is None for a line of another program's file, which is not a row yet.
-    """
-
-    file: str
-    row: int | None
-    line: int | None
-    column: str | None
-    fault: str
-
-    def __str__(self) -> str:
-        """Return the problem as one line."""
-        if self.row is None:
-            line = f", line {self.line}" if self.line is not None else ""
-            field = f", field {self.column!r}" if self.column is not None else ""
-            return f"{self.file}{line}{field}: {self.fault}"
-        line = f" (line {self.line})" if self.line is not None and self.line != self.row else ""
-        column = f", column {self.column!r}" if self.column is not None else ""
-        return f"{self.file}, row {self.row}{line}{column}: {self.fault}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class BadRow:
-    """A row with a fault: its first problem, and its content, by column as text or as the raw line."""
-
-    problem: Problem
-    values: dict[str, str | None]
-    raw_line: str | None = None
 
 
 BadRowSink = Callable[[Sequence[BadRow]], None]
@@ -114,6 +87,56 @@ class ProblemLog:
         hidden = self.total - len(lines)
         more = f"... and {hidden} more; " if hidden else ""
         return "\n".join([*lines, f"{more}{self.total} bad rows in all; {hint}"])
+
+
+@dataclass(kw_only=True)
+class ReadReport:
+    """Counts of what has been read so far, and remarks for the summary.
+
+    ``rows`` are good (``left_out_rows`` of them are flagged by an earlier step), ``bad_rows`` are not.
+    ``snapshots`` have been returned; all rows of ``snapshots_lost`` are bad. ``rows_by_file`` counts good and bad rows.
+    ``rejoined`` are the snapshots across parts that may be several, see `nlosctl.io.measurements.returned_ids`.
+    ``unused_rows`` counts the rows left out by an option of reading, by its name; ``windows`` counts windows, see
+    `nlosctl.io.measurements.windows.window_tally`.
+    """
+
+    rows: int = 0
+    bad_rows: int = 0
+    left_out_rows: int = 0
+    snapshots: int = 0
+    snapshots_lost: int = 0
+    rows_by_file: dict[str, int] = field(default_factory=dict)
+    rejoined: list[str] = field(default_factory=list)
+    unused_rows: Counter[str] = field(default_factory=Counter)
+    remarks: list[str] = field(default_factory=list)
+    windows: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def rows_taken(self) -> int:
+        """The number of rows, good and bad, that no option leaves out."""
+        return self.rows + self.bad_rows
+
+    @property
+    def rows_in_all(self) -> int:
+        """The number of rows: good, bad and left out by an option."""
+        return self.rows_taken + self.unused_rows.total()
+
+    def unused_remarks(self) -> list[str]:
+        """Return a line on the rows left out by options of reading, if there are any."""
+        if not self.unused_rows:
+            return []
+        from nlosctl.io.row_steps.unused_rows import unused_rows_remark
+
+        return [unused_rows_remark(self.unused_rows)]
+
+
+@dataclass(kw_only=True)
+class RowTally:
+    """What is counted while rows are read: bad rows, snapshots without a good row, and all rows."""
+
+    log: ProblemLog
+    lost: LostSnapshots = field(default_factory=LostSnapshots)
+    report: ReadReport = field(default_factory=ReadReport)
 
 
 Describe = Callable[[int], str]
@@ -253,3 +276,11 @@ def is_null(expected: str) -> Describe:
 def got(values: FloatArray, expected: str) -> Describe:
     """Return the message for an unexpected number in ``values`` (N,)."""
     return lambda index: f"got {'NaN' if np.isnan(values[index]) else f'{values[index]:g}'}, expected {expected}"
+
+
+def refuse_no_rows(inputs: Sequence[Input], rows: int, report: ReadReport) -> None:
+    """Raise DataError if none of the ``rows`` of all inputs is left by the options of reading."""
+    if not rows and report.unused_rows:
+        from nlosctl.io.row_steps.unused_rows import no_rows_left
+
+        raise DataError(no_rows_left(inputs[0].name, report.unused_rows))

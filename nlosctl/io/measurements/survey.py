@@ -43,7 +43,8 @@ class OpenTable:
     ``file_names`` are the columns to be read, ``names`` the same after renaming. ``all_names`` are all columns of the
     file, after renaming, with the positions that its latitudes and longitudes give. Results have only true ones of
     these: ``own_names``, and of those to be read the Arrow schema ``schema``, are without the others. ``one_station``
-    marks a file without a column ``sensor``.
+    marks a file without a column ``sensor``. ``time_column`` is the column of times, empty if they are not needed;
+    ``timezone`` is that of times without an offset.
     """
 
     part: Part
@@ -55,6 +56,8 @@ class OpenTable:
     own_names: tuple[str, ...]
     schema: Any
     one_station: bool = False
+    time_column: str = ""
+    timezone: str | None = None
 
     @property
     def file_name_of(self) -> dict[str, str]:
@@ -78,6 +81,7 @@ class InputSurvey:
     column_names: tuple[str, ...] = ()
     open_tables: dict[str, OpenTable] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+    time_column: str = ""
     one_station: bool = False
     constants: dict[str, float] = field(default_factory=dict)
 
@@ -111,12 +115,15 @@ def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey
                 survey.remarks += unit_remarks(batch, opened.plan, opened.file_name_of, survey.scene, first.name)
         survey.keep_or_close(opened, only=len(parts) == 1)
         for given, part in parts[1:]:
-            opened = _open_next(given, part, options, survey, first)
+            from nlosctl.io.measurements.further_files import open_next
+
+            opened = open_next(given, part, options, survey, first)
             names.append(opened.own_names)
             schemas.append(opened.schema)
             stations.append(opened.one_station)
             survey.keep_or_close(opened, only=False)
-        _check_snapshots(survey, first.name, schemas)
+        if options.window is None:
+            _check_snapshots(survey, first.name, schemas)
         _check_stations(survey, first.name, stations)
         survey.remarks += _without_effect(survey, options, {name for own in names for name in own})
         survey.schema = schemas[0] if len(schemas) == 1 else unified_schema(schemas)
@@ -145,9 +152,9 @@ def _survey_first(
     """Open the first file, which determines the kind, the scene, and the plane on earth: the scene's, else its own."""
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
-        scene = _scene_of(given, part, file, options)
+        scene = scene_of(given, part, file, options)
         table = kind_table(options.kind) if options.kind else None
-        opened, coordinates = _planned(part, file, table, options, scene)
+        opened, coordinates = planned(part, file, table, options, scene)
         if coordinates is not None:
             if coordinates.frame is None:
                 coordinates.set_first_frame(file, part.name)
@@ -155,26 +162,11 @@ def _survey_first(
             scene = replace(scene, frame=coordinates.frame)
         constants = dict(opened.plan.constants)
         survey = InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata, constants=constants)
+        survey.time_column = opened.time_column
         return survey, opened, coordinates
 
 
-def _open_next(given: Input, part: Part, options: InputOptions, survey: InputSurvey, first: Part) -> OpenTable:
-    file = open_part(part, options.chunk_rows, options.use_threads)
-    with closed_on_failure(file):
-        if not isinstance(options.scene, str):
-            _check_scene(survey.scene, _scene_of(given, part, file, options), first, part)
-        opened, _ = _planned(part, file, survey.table, options, survey.scene)
-        survey.constants |= opened.plan.constants
-        kind = kind_of_columns(opened.all_names)
-        if options.kind is None and kind != survey.table.name:
-            raise DataError(
-                f"{part.name}: contains {kind}, but {first.name} contains {survey.table.name}; "
-                f"give files of one kind, or choose it by `kind`"
-            )
-        return opened
-
-
-def _scene_of(given: Input, part: Part, file: TableFile, options: InputOptions) -> Scene:
+def scene_of(given: Input, part: Part, file: TableFile, options: InputOptions) -> Scene:
     """Return the scene of one file: a part of a folder without a scene may have a scene itself."""
     if isinstance(options.scene, Scene):
         scene = options.scene
@@ -183,16 +175,6 @@ def _scene_of(given: Input, part: Part, file: TableFile, options: InputOptions) 
         if scene == Scene() and options.scene is None and part.path is not None:
             scene = find_scene(None, file.metadata, part.path)
     return scene if options.frame is None else replace(scene, frame=options.frame)
-
-
-def _check_scene(first: Scene, other: Scene, first_part: Part, part: Part) -> None:
-    if other.frame is None:
-        other = replace(other, frame=first.frame)
-    if other != first:
-        raise DataError(
-            f"{part.name}: its scene is not that of {first_part.name}; give one for all with `scene` FILE, "
-            f"or run once for each file"
-        )
 
 
 def _without_effect(survey: InputSurvey, options: InputOptions, names: Collection[str]) -> list[str]:
@@ -227,10 +209,10 @@ def open_table(part: Part, table: Table, options: InputOptions, scene: Scene) ->
     """Open a file of measurements; raise DataError if it is unreadable or lacks columns."""
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
-        return _planned(part, file, table, options, scene)[0]
+        return planned(part, file, table, options, scene)[0]
 
 
-def _planned(
+def planned(
     part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
     """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
@@ -258,11 +240,17 @@ def _planned(
     table = table or kind_table(
         kind_of_columns([*file.names, *options.columns], {*options.constants, *options.default_constants})
     )
+    table = table.with_times() if options.window is not None else table
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     constants = {**usable_defaults(options.default_constants, names, table), **options.constants}
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
-    to_read = columns_to_read(names, plan, options.extra_columns)
+    extra, time_column = options.extra_columns, ""
+    if options.window is not None:
+        from nlosctl.io.measurements.windows.window_columns import columns_of_windows
+
+        time_column, extra = columns_of_windows(names, options, part.name, header)
+    to_read = columns_to_read(names, plan, extra)
     original = dict(zip(names, file.names, strict=True))
     columns = None if to_read == names else [original[name] for name in to_read]
     schema = file.start({original[name]: wanted for name, wanted in plan.types.items()}, columns)
@@ -278,6 +266,8 @@ def _planned(
         own_names=tuple(name for name in names if name not in derived),
         schema=pa.schema(fields),
         one_station=one_station,
+        time_column=time_column,
+        timezone=options.timezone,
     )
     return opened, coordinates
 

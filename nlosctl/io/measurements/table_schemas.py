@@ -1,17 +1,20 @@
-"""One Arrow schema for the columns of several files, and tables converted to it."""
+"""What several files share: one Arrow schema for their columns, tables converted to it, and one scene."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import contract_names
 from nlosctl.errors import DataError
+from nlosctl.io.paths.inputs import Part
 from nlosctl.io.readers.base import as_text, plain, plain_type
 
-__all__ = ["conformed", "unified_schema"]
+__all__ = ["check_same_scene", "conformed", "unified_schema"]
 
 
 def unified_schema(schemas: Sequence[Any]) -> Any:
@@ -63,3 +66,14 @@ def _cast(cells: Any, column: Any, file: str, file_names: Mapping[str, str]) -> 
             f"{file}, column {file_names[column.name]!r}: contains {cells.type}, and a value of it "
             f"can't be {column.type} as in the other files; give the column one type in all of them"
         ) from error
+
+
+def check_same_scene(first: Scene, other: Scene, first_part: Part, part: Part) -> None:
+    """Raise DataError if the scene of another file is not that of the first."""
+    if other.frame is None:
+        other = replace(other, frame=first.frame)
+    if other != first:
+        raise DataError(
+            f"{part.name}: its scene is not that of {first_part.name}; give one for all with `scene` FILE, "
+            f"or run once for each file"
+        )

@@ -19,9 +19,11 @@ from nlosctl.contract.tables import ColumnType
 from nlosctl.errors import DataError
 
 __all__ = [
+    "BadRow",
     "CellFault",
     "FormatReader",
     "LineFault",
+    "Problem",
     "RecordBatch",
     "as_text",
     "closed_on_failure",
@@ -51,6 +53,39 @@ class LineFault:
     line: int
     fault: str
     text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """One fault of one row: ``row`` counts data rows from 1, ``line`` is its line in a text file.
+
+    ``row`` is None for a line of another program's file, which is not a row yet.
+    """
+
+    file: str
+    row: int | None
+    line: int | None
+    column: str | None
+    fault: str
+
+    def __str__(self) -> str:
+        """Return the problem as one line."""
+        if self.row is None:
+            line = f", line {self.line}" if self.line is not None else ""
+            field = f", field {self.column!r}" if self.column is not None else ""
+            return f"{self.file}{line}{field}: {self.fault}"
+        line = f" (line {self.line})" if self.line is not None and self.line != self.row else ""
+        column = f", column {self.column!r}" if self.column is not None else ""
+        return f"{self.file}, row {self.row}{line}{column}: {self.fault}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BadRow:
+    """A row with a fault: its first problem, and its content, by column as text or as the raw line."""
+
+    problem: Problem
+    values: dict[str, str | None]
+    raw_line: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -101,23 +101,24 @@ def carried_names(wanted: Sequence[str]) -> tuple[str, ...]:
     return (*_TRUTH, "scene", f"{SWEEP_PREFIX}*", *wanted)
 
 
-def carried_columns(input_names: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Return the input's columns that estimates carry: truth, ``scene``, ``sweep_*`` and the ``wanted`` ones.
+def carried_columns(input_names: Sequence[str], wanted: Sequence[str], by: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the input's columns that estimates carry: truth, ``scene``, ``sweep_*``, the ``wanted`` ones and ``by``.
 
     The truth is not carried if the rows are of several targets (``truth_target``). Raises DataError if a wanted column
     does not exist, UsageError if estimates have a column of that name.
     """
-    for name in wanted:
-        if name in _OWN - {"snapshot"}:
-            raise UsageError(f"`carry` {name}: estimates have a column {name!r} of their own")
+    for option, name in [*(("carry", name) for name in wanted), *(("by", name) for name in by)]:
+        if name in _OWN - {"snapshot", "time_s"}:
+            raise UsageError(f"`{option}` {name}: estimates have a column {name!r} of their own")
         if name not in input_names:
-            raise DataError(f"`carry` {name}: the input has no such column{did_you_mean(name, input_names)}")
+            raise DataError(f"`{option}` {name}: the input has no such column{did_you_mean(name, input_names)}")
     truth = () if "truth_target" in input_names else _TRUTH
-    chosen = {"scene", *truth, *wanted}
+    chosen = {"scene", *truth, *wanted, *by}
     return tuple(
         name
         for name in input_names
-        if (name in chosen or (name.startswith(SWEEP_PREFIX) and is_swept(name))) and name not in _OWN
+        if (name in chosen or (name.startswith(SWEEP_PREFIX) and is_swept(name)))
+        and (name not in _OWN or name == "time_s")
     )
 
 
@@ -156,7 +157,7 @@ class EstimatesLayout:
             fields.append(self.input_schema.field(self.measurement_name))
         if self.sweeps is not None:
             fields += self.sweeps.fields
-        fields += [self.input_schema.field(name) for name in self.carried]
+        fields += [self.input_schema.field(name) for name in self.carried if name not in self.optional]
         if self.with_source:
             fields.append(pa.field("source", pa.string()))
         return plain_schema(fields)
@@ -179,6 +180,8 @@ class EstimatesLayout:
             values[name] = pa.array(getattr(estimates, name))
         missing = pa.nulls(estimates.snapshot.shape[0])
         values |= dict.fromkeys(self.optional, missing)
+        if chunk.windows is not None:
+            values["time_s"] = pa.array(chunk.windows.time_s[estimates.snapshot])
         values |= {name: nullable(column) for name, column in estimates.columns.items()}
         if "covariance_kind" in self.optional:
             values["covariance_kind"] = pa.array(estimates.covariance_kind, pa.string())
@@ -187,7 +190,7 @@ class EstimatesLayout:
         if self.sweeps is not None:
             values |= {name: self.sweeps.take(name, estimates.method) for name in self.sweeps.names}
         first_rows = pa.array(estimates.first_rows(chunk))
-        for name in self.carried:
+        for name in set(self.carried) - self.optional:
             values[name] = chunk.table.column(name).take(first_rows)
         if self.measurement_name:
             single = pa.array(estimates.measurement, mask=estimates.measurement < 0)

@@ -59,8 +59,14 @@ class FlagsLayout:
         return plain_schema(fields)
 
     def table(self, flags: Sequence[Flags], chunk: Chunk) -> pa.Table:
-        """Return the table of a chunk's flags (N,): for each snapshot, the rows by the first method, then the next."""
+        """Return the table of a chunk's flags (N,): for each snapshot, the rows by the first method, then the next.
+
+        Rows of windows of time are in the order of the input instead, each by all methods.
+        """
         tables = [self._method_table(number, flag, chunk) for number, flag in enumerate(flags)]
+        if chunk.windows is not None:
+            order = np.argsort(np.tile(chunk.windows.origin, len(tables)), kind="stable")
+            return pa.concat_tables(tables).take(pa.array(order))
         if len(tables) == 1:
             return tables[0]
         counts = np.diff(chunk.offsets)

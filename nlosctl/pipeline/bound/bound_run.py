@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.io.paths.inputs import Input
 from nlosctl.pipeline.bound.bounds import (
     MapGrid,
@@ -34,6 +36,7 @@ class BoundReport:
     positions: int = 0
     bounded: int = 0
     notes: list[str] = field(default_factory=list)
+    windows: Counter[str] = field(default_factory=Counter)
 
     @property
     def snapshots(self) -> int:
@@ -42,12 +45,13 @@ class BoundReport:
 
     def counts(self) -> dict[str, Any]:
         """Return all counts as plain values, for `take`."""
-        return {"snapshots": self.positions, "bounded": self.bounded}
+        return {"snapshots": self.positions, "bounded": self.bounded, "windows": dict(self.windows)}
 
     def take(self, counts: Mapping[str, Any]) -> None:
         """Add the counts of another part of the run."""
         self.positions += counts["snapshots"]
         self.bounded += counts["bounded"]
+        self.windows.update(counts["windows"])
 
     def lines(self) -> list[str]:
         """Return the summary."""
@@ -106,12 +110,13 @@ class BoundRun:
             self.report.positions += table.num_rows
             self.report.bounded += table.num_rows - table.column("rms_m").null_count
             yield ChunkTables(named={"bound": table}, rows=table.num_rows)
+        self.report.windows = self.reader.report.windows
         if not self.reader.reads_one_part:
             self.add_notes(self.reader.report.remarks)
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add the remarks of the reader, and those on columns that the bound does not use, to the report."""
-        self.report.notes += remarks
+        self.report.notes += [*remarks, *window_remarks(self.report.windows, self.reader.options.window)]
         names = self.reader.column_names
         self.report.notes += heights_remark(names, self._options.target_z_m)
         if not self._options.use_ranges and (

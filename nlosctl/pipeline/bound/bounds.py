@@ -24,7 +24,8 @@ from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
-from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, with_sensor_heights
+from nlosctl.pipeline.solve.slant_ranges import with_sensor_heights
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 
 __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]
 
@@ -83,7 +84,7 @@ def parse_map(text: str) -> MapGrid:
 
 def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
     """Return the Arrow schema of the bounds."""
-    return bound_schema(reader.schema if grid is None else None)
+    return bound_schema(reader.table_schema if grid is None else None)
 
 
 def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterator[Any]:

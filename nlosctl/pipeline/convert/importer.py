@@ -41,7 +41,7 @@ class Imported:
 class Import:
     """Reads files by the importer ``name`` (``auto``: the one that recognizes the file).
 
-    ``bad_rows`` takes lines that can't be read, else they are errors.
+    ``bad_rows`` takes lines that can't be read, else they are errors; ``by`` are columns that separate windows.
     """
 
     def __init__(
@@ -52,8 +52,9 @@ class Import:
         scene_file: str | None = None,
         frame: EarthFrame | None = None,
         bad_rows: BadRowSink | None = None,
+        by: Sequence[str] = (),
     ) -> None:
-        self._name, self._parameters = name, parameters
+        self._name, self._parameters, self._by = name, parameters, tuple(by)
         self._scene_file, self._frame = scene_file, frame
         self.log = ProblemLog(bad_rows)
         if name != AUTO:
@@ -82,7 +83,7 @@ class Import:
             first, *more = [
                 ForeignFile(name=name, stream=stream, scene=scene) for name, stream in zip(names, streams, strict=True)
             ]
-            rows = _rows(spec, options, replace(first, more=tuple(more)))
+            rows = _rows(spec, options, replace(first, more=tuple(more), by=self._by))
             try:
                 table = imported_table(rows, KINDS[kind], spec.extra, first.name, self.log)
             except DataError as error:

@@ -7,16 +7,15 @@ from contextlib import closing
 from itertools import pairwise
 from typing import Any
 
-from nlosctl.contract.limits import size
 from nlosctl.errors import DataError, MethodError, UsageError
 from nlosctl.io.measurements.reader import MeasurementReader, refuse_no_rows
-from nlosctl.io.parts.part_files import part_names, sliced
+from nlosctl.io.parts.part_files import part_names
 from nlosctl.io.parts.run_folder import RunFolder
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.paths.locations import FileFormat
 from nlosctl.io.scenes.scene_file import scene_to_toml
 from nlosctl.pipeline.engine.parts import BAD_ROWS, PartWork
-from nlosctl.pipeline.engine.slices import Engine, IdOrder, SliceError, SliceWork, positions_of
+from nlosctl.pipeline.engine.slices import Engine, IdOrder, SliceError, SliceWork, positions_of, task_slices
 from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import Run, describe_inputs
 from nlosctl.version import __version__
@@ -171,7 +170,7 @@ def _made_by(engine: Engine, work: PartWork, numbers: Sequence[int]) -> Records:
 
     After a fault in a slice the part is solved as a whole, which raises the error.
     """
-    slices = sliced(work.inputs, size("task_rows"))
+    slices = task_slices(work.inputs, work.options)
     of_part = _slices_of_parts(work, slices)
     shared = [n for n in numbers if len(of_part[n]) > len(numbers) and BAD_ROWS not in work.roots]
     single = [number for number in numbers if number not in shared]

@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import NlosctlError
 from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.measurements.survey import InputSurvey
-from nlosctl.io.parts.part_files import sliced
 from nlosctl.io.paths.inputs import Input
-from nlosctl.pipeline.engine.slices import Engine, Work, absolute, parallel_slices, positions_of
+from nlosctl.pipeline.engine.slices import Engine, Work, absolute, parallel_slices, task_positions, task_slices
 from nlosctl.pipeline.engine.workers import map_in_processes
 
 __all__ = ["InputPasses", "Statistic"]
@@ -56,9 +54,9 @@ class InputPasses:
 
     def _parts(self, statistic: Statistic, columns: Sequence[str]) -> Iterator[ExactSums | None]:
         if self.engine is not None:
-            slices, engine = sliced(self.inputs, size("task_rows")), self.engine
+            slices, engine = task_slices(self.inputs, self.options), self.engine
         else:
-            slices, engine = parallel_slices(self.inputs, self.jobs), self._by_processes
+            slices, engine = parallel_slices(self.inputs, self.options, self.jobs), self._by_processes
         if not slices:
             yield self._pool_here(statistic, columns)
             return
@@ -101,7 +99,7 @@ class _PassWork:
     @property
     def positions(self) -> tuple[tuple[int, int], ...]:
         """The positions of the slices: index of the input, index of the slice within it."""
-        return positions_of(self.passes.inputs)
+        return task_positions(self.passes.inputs, self.passes.options)
 
     def make(self, number: int) -> ExactSums | None:
         """Return the sums of a slice; None: a fault."""

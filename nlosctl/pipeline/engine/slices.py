@@ -13,7 +13,7 @@ from typing import Any, NoReturn, Protocol
 from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import MethodError, NlosctlError, UsageError
-from nlosctl.io.measurements.reader import MeasurementReader, refuse_no_rows
+from nlosctl.io.measurements.reader import WHOLE, MeasurementReader, refuse_no_rows
 from nlosctl.io.measurements.survey import InputSurvey
 from nlosctl.io.parts.part_files import sliced
 from nlosctl.io.paths.inputs import Input
@@ -32,6 +32,8 @@ __all__ = [
     "parallel_slices",
     "positions_of",
     "refuse_streams",
+    "task_positions",
+    "task_slices",
 ]
 
 _SLICES_PER_JOB = 2
@@ -118,16 +120,16 @@ def local_tables(
 
     Otherwise, and if bad rows are set aside, this process reads and the others solve.
     """
-    slices = () if run.reader.sets_bad_rows_aside else parallel_slices(inputs, jobs)
+    slices = () if run.reader.sets_bad_rows_aside else parallel_slices(inputs, run.reader.options, jobs)
     if slices:
         yield from _tables(run, start, inputs, slices, lambda work, numbers: map_in_processes(work.make, numbers, jobs))
     else:
         yield from run.tables(jobs)
 
 
-def parallel_slices(inputs: Sequence[Input], jobs: int) -> tuple[Input, ...]:
+def parallel_slices(inputs: Sequence[Input], options: InputOptions, jobs: int) -> tuple[Input, ...]:
     """Return the slices that ``jobs`` processes read themselves; empty: they don't, this process reads."""
-    if jobs > 1 and CAN_FORK and _is_local_parquet(inputs):
+    if jobs > 1 and CAN_FORK and options.window is None and _is_local_parquet(inputs):
         slices = sliced(inputs, size("slice_rows"))
         if sum(len(given.parts) for given in slices) >= _SLICES_PER_JOB * jobs:
             return slices
@@ -141,7 +143,12 @@ def cluster_tables(
     refuse_streams(inputs)
     if run.reader.sets_bad_rows_aside:
         raise UsageError("`engine` dask with `bad_rows` FILE: set `output` and `bad_rows` to a folder each")
-    yield from _tables(run, start, inputs, sliced(inputs, size("task_rows")), engine)
+    yield from _tables(run, start, inputs, task_slices(inputs, run.reader.options), engine)
+
+
+def task_slices(inputs: Sequence[Input], options: InputOptions) -> tuple[Input, ...]:
+    """Return the inputs as tasks of an engine read them: in slices, or whole if windows need all rows."""
+    return tuple(inputs) if options.window is not None else sliced(inputs, size("task_rows"))
 
 
 def refuse_streams(inputs: Sequence[Input]) -> None:
@@ -160,7 +167,8 @@ def _tables(
     reader = run.reader
     options = replace(reader.options, use_threads=False)
     survey = reader.survey()
-    work = SliceWork(inputs=slices, options=options, survey=survey, start=start, positions=positions_of(slices))
+    positions = task_positions(slices, options)
+    work = SliceWork(inputs=slices, options=options, survey=survey, start=start, positions=positions)
     try:
         yield from work.tables(run, engine)
     except SliceError:
@@ -170,6 +178,11 @@ def _tables(
         _solve_at_once(work, inputs)
     refuse_no_rows(inputs, sum(rows.values()) - reader.report.unused_rows.total(), reader.report)
     run.add_notes([*reader.report.remarks, *reader.report.unused_remarks()])
+
+
+def task_positions(slices: Sequence[Input], options: InputOptions) -> tuple[tuple[int, int], ...]:
+    """Return the positions of the tasks on `task_slices`."""
+    return positions_of(slices) if options.window is None else tuple((group, WHOLE) for group in range(len(slices)))
 
 
 def _solve_at_once(work: SliceWork, inputs: Sequence[Input]) -> NoReturn:

@@ -12,7 +12,9 @@ from typing import Any, Protocol
 
 from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.measurements.windows.chunk_windows import WindowRows
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.input_order import InputOrder, row_indices
 from nlosctl.io.scenes.scene_file import SCENE_KEY, scene_to_toml
 from nlosctl.io.writers.table_writer import provenance_text
 from nlosctl.version import __version__
@@ -103,14 +105,25 @@ def write_tables(
 ) -> None:
     """Pass each table to the sink of its name, and at the end the metadata.
 
-    ``progress`` receives the number of rows of the input done so far.
+    Flags of windows of time are brought into the order of the input. ``progress`` receives the number of rows of the
+    input done so far.
     """
-    rows = 0
+    rows, order = 0, None
     for chunk in tables:
         for name, sink in sinks.items():
-            sink.write(chunk.named[name])
+            table = chunk.named[name]
+            if name != "flags" or chunk.windows is None:
+                sink.write(table)
+                continue
+            windows = chunk.windows
+            order = order or InputOrder()
+            indices = row_indices(windows, table.num_rows // windows.origin.shape[0])
+            for ordered in order.add(table, indices, windows.settled, windows.source):
+                sink.write(ordered)
         rows += chunk.rows
         progress(rows)
+    for ordered in () if order is None else order.rest():
+        sinks["flags"].write(ordered)
     final_metadata = metadata()
     for sink in sinks.values():
         sink.set_metadata(final_metadata)
@@ -118,10 +131,14 @@ def write_tables(
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkTables:
-    """The wanted Arrow tables of one chunk by name; ``rows`` is the number of rows of the chunk."""
+    """The wanted Arrow tables of one chunk by name; ``rows`` is the number of rows of the chunk.
+
+    ``windows`` are those of the chunk, if its snapshots are windows of time.
+    """
 
     named: Mapping[str, Any]
     rows: int
+    windows: WindowRows | None = None
 
 
 def read_settings(reader: MeasurementReader) -> dict[str, Any]:
@@ -132,6 +149,9 @@ def read_settings(reader: MeasurementReader) -> dict[str, Any]:
     settings |= {name: list(getattr(options, name)) for name in ("wide", "missing", "where")}
     if options.declination_deg is not None:
         settings["declination_deg"] = options.declination_deg
+    if options.window is not None:
+        settings |= {"window": options.window, "by": list(options.by), "timezone": options.timezone}
+        settings["window_keep"] = options.window_keep
     return {name: value for name, value in settings.items() if value}
 
 

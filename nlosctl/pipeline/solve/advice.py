@@ -6,13 +6,16 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from nlosctl import registry
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.report import RunReport, offers_mixture
+from nlosctl.pipeline.solve.report import RunReport
 
-__all__ = ["Measured", "advice"]
+__all__ = ["Measured", "advice", "offers_mixture"]
+
+_FEWEST_WITH_OUTLIER = 4
 
 _FEWEST_CONVINCING = 5
 _LENGTHS = "are positions and measurements in the units of their columns (metres; range_km, range_cm, range_mm)?"
@@ -112,3 +115,11 @@ def _of_status(runs: Sequence[MethodRun], report: RunReport, status: Status) -> 
             "method that trusts all rows (`method` ml)"
         )
     return _ADVICE.get((report.kind, status)) or _OF_ALL_KINDS.get(status, status.meaning)
+
+
+def offers_mixture(runs: Sequence[MethodRun], report: RunReport) -> bool:
+    """Return whether mixture-ml exists for the kind and job of the runs, did not run, and could find an outlier."""
+    if "mixture-ml" in {run.spec.name for run in runs} or report.largest_snapshot < _FEWEST_WITH_OUTLIER:
+        return False
+    known = [entry for entry in registry.entries() if entry.full_name == f"{report.kind}.mixture-ml"]
+    return any(registry.load(entry).job in {run.spec.job for run in runs} for entry in known)

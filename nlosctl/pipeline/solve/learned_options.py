@@ -26,7 +26,8 @@ from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.method_runs import LearnedOptions, MethodRun
-from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, keep_freed_memory, with_sensor_heights
+from nlosctl.pipeline.solve.slant_ranges import with_sensor_heights
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, keep_freed_memory
 
 __all__ = ["MOST_PASSES", "learn_options", "pass_batches"]
 

@@ -11,19 +11,18 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import erfc, gammaincc
 
-from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field, PolygonField, SensorsField
 from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.statuses import Status
+from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally, unused_columns
 from nlosctl.version import __version__
 
-__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks", "offers_mixture"]
+__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks"]
 
 _NEARLY_ALL = 0.9995
-_FEWEST_WITH_OUTLIER = 4
 _CLOSED_FORM_DEGREES = 40
 _CERTAIN = 800.0
 """Half a chi-square at which every p-value of few degrees of freedom is below the smallest number."""
@@ -36,8 +35,8 @@ class RunReport:
     ``flat_plane`` is the largest error of a plane on earth by unit, see `nlosctl.pipeline.solve.flat_plane`; ``refits``
     counts paths that fit after a change, see `nlosctl.pipeline.solve.likely_causes`; ``rejoined`` are
     snapshots across parts, see `nlosctl.io.measurements.returned_ids`; ``largest_snapshot`` is its number of rows that
-    take part; ``competing_rows`` are several paths of one sensor; ``learned`` are the options estimated
-    from the input.
+    take part; ``competing_rows`` are several paths of one sensor; ``windows`` counts windows of time
+    (`nlosctl.io.measurements.windows.window_tally`); ``learned`` are the options estimated from the input.
     """
 
     kind: str
@@ -53,6 +52,7 @@ class RunReport:
     flat_plane: dict[str, tuple[float, ...]] = field(default_factory=dict)
     refits: Counter[str] = field(default_factory=Counter)
     rejoined: list[str] = field(default_factory=list)
+    windows: Counter[str] = field(default_factory=Counter)
     learned: dict[str, LearnedOptions] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     settings: dict[str, Any] = field(default_factory=dict)
@@ -64,7 +64,8 @@ class RunReport:
         methods = {name: tally.counts() for name, tally in self.methods.items()}
         counted = {name: getattr(self, name) for name in self._COUNTED}
         further: dict[str, Any] = {"inputs": self.inputs, "flat_plane": self.flat_plane, "refits": dict(self.refits)}
-        further |= {"rejoined": self.rejoined, "largest_snapshot": self.largest_snapshot}
+        further |= {"rejoined": self.rejoined, "windows": dict(self.windows)}
+        further["largest_snapshot"] = self.largest_snapshot
         further["competing_rows"] = self.competing_rows
         return {**counted, "methods": methods, **further}
 
@@ -77,6 +78,7 @@ class RunReport:
         for unit, worst in counts["flat_plane"].items():
             self.flat_plane[unit] = max(tuple(worst), self.flat_plane.get(unit, tuple(worst)))
         self.refits.update(counts["refits"])
+        self.windows.update(counts["windows"])
         self.rejoined += counts["rejoined"]
         self.competing_rows += counts["competing_rows"]
         self.largest_snapshot = max(self.largest_snapshot, counts["largest_snapshot"])
@@ -183,6 +185,7 @@ def method_remarks(
     ``advised``: a line of advice states already why there is no fix.
     """
     return [
+        *(window_remarks(report.windows, report.settings.get("window")) if report.windows else ()),
         *unused_columns(runs, report.kind, columns),
         *_edge_remarks(runs, report, options.field, advised=advised),
         *_misses(report),
@@ -281,17 +284,11 @@ def _outlier_shares(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     bad = [(name, tally) for name, tally in report.methods.items() if tally.fits_badly]
+    if bad:
+        from nlosctl.pipeline.solve.advice import offers_mixture
     advice = "; try `method` mixture-ml" if bad and offers_mixture(runs, report) else ""
     return [
         f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} {_fits(report)} the residuals are larger than "
         f"their standard deviations explain{advice}"
         for name, tally in bad
     ]
-
-
-def offers_mixture(runs: Sequence[MethodRun], report: RunReport) -> bool:
-    """Return whether mixture-ml exists for the kind and job of the runs, did not run, and could find an outlier."""
-    if "mixture-ml" in {run.spec.name for run in runs} or report.largest_snapshot < _FEWEST_WITH_OUTLIER:
-        return False
-    known = [entry for entry in registry.entries() if entry.full_name == f"{report.kind}.mixture-ml"]
-    return any(registry.load(entry).job in {run.spec.job for run in runs} for entry in known)

@@ -25,7 +25,8 @@ from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_col
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally, heights_remark
 from nlosctl.pipeline.solve.report import RunReport, method_remarks
-from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, with_sensor_heights
+from nlosctl.pipeline.solve.slant_ranges import with_sensor_heights
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 
 __all__ = ["MeasurementRun"]
@@ -154,7 +155,7 @@ class MeasurementRun:
     def _optional_columns(self) -> frozenset[str]:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
         write = self._write
-        names: set[str] = set()
+        names: set[str] = set() if self.reader.options.window is None else {"time_s"}
         if write.ellipse is not None or write.add:
             names |= optional_columns(write.ellipse, write.add)
             check_added(write.add, self.reader, self._runs)
@@ -175,12 +176,12 @@ class MeasurementRun:
             refuse_swept_columns(sweeps.points, reader.column_names)
         shared: dict[str, Any] = {
             "methods": methods,
-            "input_schema": reader.schema,
+            "input_schema": reader.table_schema,
             "with_source": reader.has_several_sources,
             "sweeps": sweeps,
         }
         layouts: dict[str, Any] = {}
-        carried = carried_columns(reader.column_names, self._write.carry)
+        carried = carried_columns(reader.column_names, self._write.carry, reader.options.by)
         if "estimates" in self._wanted:
             layouts["estimates"] = EstimatesLayout(
                 **shared,
@@ -241,7 +242,8 @@ class MeasurementRun:
             named["flags"] = self._layouts["flags"].table(solution.flags, chunk)
         if solution.trace is not None:
             named["trace"] = self._layouts["trace"].table(solution.trace, chunk)
-        return ChunkTables(named=named, rows=int(chunk.offsets[-1])), self._counts(chunk, solution)
+        tables = ChunkTables(named=named, rows=int(chunk.offsets[-1]), windows=chunk.windows)
+        return tables, self._counts(chunk, solution)
 
     def _seeds(self, chunk: Chunk) -> SeedArray:
         if not any(run.spec.randomized for run in self._runs):
@@ -290,11 +292,9 @@ class MeasurementRun:
 
     def _finish(self) -> None:
         read = self.reader.report
-        self.report.snapshots = read.snapshots
-        self.report.rows_left_out = read.left_out_rows
-        self.report.bad_rows = read.bad_rows
-        self.report.snapshots_lost = read.snapshots_lost
-        self.report.rejoined = read.rejoined
+        self.report.snapshots, self.report.rows_left_out = read.snapshots, read.left_out_rows
+        self.report.bad_rows, self.report.snapshots_lost = read.bad_rows, read.snapshots_lost
+        self.report.rejoined, self.report.windows = read.rejoined, read.windows
         self.report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
         if not self.reader.reads_one_part:
             self.add_notes(read.remarks)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,16 +16,17 @@ from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.results import Estimates, Flags, Solution, Trace, Words, contract_violation
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.errors import MethodError, NlosctlError, UsageError, in_one_line
+from nlosctl.errors import MethodError, NlosctlError, in_one_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
+from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.report import fit_p_values
 
-__all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory", "with_sensor_heights"]
+__all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Solved = tuple[IntArray, IntArray, Solution]
@@ -125,7 +125,8 @@ class ChunkSolver:
         kinds = np.full(size, None, dtype=object)
         kinds[np.isfinite(estimates.covariance_m2[:, 0])] = estimates.covariance_kind
         single = estimates.measurement
-        searches = self.runs[method].spec.searches
+        searches, offsets = self.runs[method].spec.searches, chunk.offsets
+        counts = np.diff(offsets) if chunk.windows is None else chunk.windows.measurements(offsets)
         return ChunkEstimates(
             snapshot=snapshot[estimates.row],
             measurement=np.full(size, -1, dtype=np.int64) if single is None else row[estimates.row, single],
@@ -134,7 +135,7 @@ class ChunkSolver:
             alternative=estimates.alternative,
             position_m=estimates.position_m,
             covariance_m2=estimates.covariance_m2,
-            n_measurements=np.diff(chunk.offsets)[snapshot[estimates.row]],
+            n_measurements=counts[snapshot[estimates.row]],
             n_used=estimates.n_used,
             cost=estimates.cost,
             fit_p_value=fit_p_values(estimates),
@@ -171,7 +172,8 @@ class ChunkSolver:
             for name in (*own, "std_factor"):
                 if name in solution.flags.columns:
                     parts.setdefault(name, []).append((row, solution.flags.columns[name]))
-        return Flags(used=used, columns={name: _scatter(size, column) for name, column in parts.items()})
+        flags = Flags(used=used, columns={name: _scatter(size, column) for name, column in parts.items()})
+        return flags if chunk.windows is None else flags_of_windows(flags, chunk.windows.leader)
 
 
 def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterator[tuple[IntArray, IntArray]]:
@@ -228,23 +230,6 @@ def dense_batch(
         **arrays,
     )
     return batch
-
-
-def with_sensor_heights(chunk: Chunk, target_z_m: float) -> Chunk:
-    """Return the chunk with ``sensor_height_m``: the height of each sensor above the plane of the targets, in metres.
-
-    Raises UsageError without heights of all sensors, and for other measurements than ranges.
-    """
-    if "bearing_rad" in chunk.columns or "range_m" not in chunk.columns:
-        raise UsageError("`target_z_m` is for files of ranges, whose heights make them slant ranges; leave it out")
-    if "sensor_z_m" not in chunk.columns:
-        raise UsageError(
-            "`target_z_m` needs the height of each sensor: a column 'sensor_z_m', or position = [x, y, z] in the scene"
-        )
-    height = chunk.columns["sensor_z_m"] - target_z_m
-    if np.isnan(height).any():
-        raise UsageError("`target_z_m` needs the height of each sensor, and the scene lacks some sensors; add them")
-    return dataclasses.replace(chunk, columns={**chunk.columns, "sensor_height_m": height})
 
 
 @functools.cache

@@ -1,0 +1,52 @@
+"""The columns of a file that windows need: its times, and those that part the rows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from nlosctl.contract.run_options import InputOptions
+from nlosctl.contract.tables.shared import TIMES
+from nlosctl.errors import DataError, did_you_mean
+from nlosctl.io.measurements.column_mapping import SNAPSHOT
+
+__all__ = ["columns_of_windows", "time_column"]
+
+
+def columns_of_windows(
+    names: Sequence[str], options: InputOptions, file: str, header: Sequence[str]
+) -> tuple[str, Sequence[str] | None]:
+    """Return the column of times among a file's columns ``names`` (renamed), and the further columns to be read.
+
+    ``header`` are the file's own names. Raises DataError if one is absent, or there is a column ``snapshot`` already.
+    """
+    if options.window is not None and SNAPSHOT in names:
+        raise DataError(
+            f"{file}: has a column 'snapshot', so that `window` cannot make snapshots; leave `window` out, or drop the "
+            "column"
+        )
+    for name in options.by:
+        if name not in names:
+            raise DataError(
+                f"{file}: `by` {name}: no column {name!r}{did_you_mean(name, names)}. The file has: {', '.join(header)}"
+            )
+    extra, times = options.extra_columns, time_column(names, file, header)
+    return times, None if extra is None else (*extra, times, *options.by)
+
+
+def time_column(names: Sequence[str], file: str, header: Sequence[str]) -> str:
+    """Return which of the columns of times a file with the columns ``names`` has; raise DataError for none or both."""
+    given = [column.name for column in TIMES if column.name in names]
+    if len(given) > 1:
+        raise DataError(f"{file}: columns 'time_s' and 'time' are both times; drop or rename one")
+    if not given:
+        raise DataError(
+            f"{file}: no column 'time_s' or 'time'{_near(header)}, which times need; rename one with `columns` "
+            f"time_s=HEADER (seconds) or time=HEADER (ISO 8601). The file has: {', '.join(header)}"
+        )
+    return given[0]
+
+
+def _near(header: Sequence[str]) -> str:
+    near = next((name for name in header if re.search(r"time|stamp|date|epoch|utc", name, re.IGNORECASE)), None)
+    return f" (is {near!r} one?)" if near else ""
