@@ -366,3 +366,26 @@ def test_times_of_other_types(tmp_path: Path) -> None:
     assert all(result.equals(results[0]) for result in results)
     with pytest.raises(NlosctlError, match="expected an offset or Z"):
         nlosctl.localize({"time": stamps.cast(pa.timestamp("ns")), **shared}, window="10s")
+
+
+def test_bearings_at_other_times_are_no_rivals(tmp_path: Path) -> None:
+    """``mixture-ml`` takes bearings of a sensor at other times as those of two sensors; numbered paths are rivals."""
+    true = (40.0, 30.0)
+    places = {"A": (0.0, 0.0), "B": (90.0, 5.0), "C": (40.0, 80.0), "D": (0.0, 70.0)}
+    rows = [
+        (0.1 * number, name, *places[name], math.atan2(true[1] - places[name][1], true[0] - places[name][0]) + error)
+        for number, (name, error) in enumerate([("A", 0.01), ("B", -0.01), ("C", 0.02), ("D", 0.0), ("A", -0.02)])
+    ]
+
+    def fix(names: Sequence[str], paths: Sequence[str]) -> Any:
+        lines = ["time_s,sensor,sensor_x_m,sensor_y_m,bearing_rad,bearing_std_rad,path"]
+        for (time, _, x, y, bearing), name, path in zip(rows, names, paths, strict=True):
+            lines.append(f"{time},{name},{x},{y},{bearing!r},0.02,{path}")
+        (tmp_path / "in.csv").write_text("\n".join(lines) + "\n")
+        done = nlosctl.localize(tmp_path / "in.csv", window="all", method="mixture-ml")
+        return [done.estimates[name][0].as_py() for name in ("x_m", "y_m", "cov_xx_m2")]
+
+    repeated = fix("ABCDA", [""] * 5)
+    assert repeated == pytest.approx(fix("ABCDE", [""] * 5), rel=1e-12)
+    rivals = fix("ABCDA", ["0", "0", "0", "0", "1"])
+    assert rivals != pytest.approx(repeated, rel=1e-6)

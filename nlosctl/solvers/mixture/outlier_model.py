@@ -139,7 +139,9 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
 
 
 def _groups(batch: BearingBatch) -> PathGroups:
-    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector]
+    """Return the groups of paths; rows without a path number are measurements of other times, each by itself."""
+    alone = np.where(batch.path < 0, np.arange(batch.measurements), -1)
+    keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector, alone]
     return group_paths(keys, batch.path)
 
 
