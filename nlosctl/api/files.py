@@ -231,7 +231,7 @@ def plot(
             files=files,
             read=read,
             snapshot=wanted,
-            by=read.by[0] if read.by else None,
+            by=read.by[0] if read.by and read.window is None else None,
             x=x,
             y=y,
             linear=linear,

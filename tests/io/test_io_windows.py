@@ -389,3 +389,11 @@ def test_bearings_at_other_times_are_no_rivals(tmp_path: Path) -> None:
     assert repeated == pytest.approx(fix("ABCDE", [""] * 5), rel=1e-12)
     rivals = fix("ABCDA", ["0", "0", "0", "0", "1"])
     assert rivals != pytest.approx(repeated, rel=1e-6)
+
+
+def test_a_window_is_plotted(tmp_path: Path) -> None:
+    """``plot`` draws a window by its name, without a note that ``by`` has no effect."""
+    rows = [{"ticks": 1000 * k, "sensor": name, "tag": "t1", "range_m": 50.0} for k, name in enumerate("ABC")]
+    plot = nlosctl.plot(save(rows, tmp_path / "in.csv"), window="1s", by="tag", snapshot="tag-t1/0")
+    assert plot.view == "scene"
+    assert not any("by" in note for note in plot.notes)

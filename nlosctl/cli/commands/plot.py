@@ -152,7 +152,7 @@ def plot(
             paths=path,
             x=x,
             y=y,
-            by=read.by[0] if read.by else None,
+            by=read.by[0] if read.by and read.window is None else None,
             target_z_m=target_z_m,
             linear=linear,
             title=title,
