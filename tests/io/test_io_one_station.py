@@ -78,7 +78,9 @@ def test_ranges_are_repeated_measurements(tmp_path: Path) -> None:
     )
     rows = whole(read([path]))
     assert rows.table.column("sensor").to_pylist() == ["station"] * 4
-    assert run_here("localize", str(path), "-q").returncode == 0
+    done = run_here("localize", str(path), "-o", "-")
+    assert done.returncode == 0
+    assert b"all rows are of one station\n" in done.stderr
 
 
 def test_the_only_sensor_of_the_scene(tmp_path: Path) -> None:

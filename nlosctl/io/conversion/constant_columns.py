@@ -10,7 +10,7 @@ import pyarrow as pa
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.column_mapping import check_constants, kind_of_columns, kind_table
-from nlosctl.io.measurements.survey import measured_names, usable_defaults
+from nlosctl.io.measurements.missing_columns import measured_names, usable_defaults
 
 __all__ = ["new_constants", "with_constants"]
 

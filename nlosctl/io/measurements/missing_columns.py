@@ -1,9 +1,9 @@
-"""The message on columns that a file of measurements lacks: what is near, accepted or could replace them."""
+"""Columns that a file of measurements lacks: what is near, accepted or could replace them, and the message."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Column, Table, contract_names
@@ -143,3 +143,20 @@ def _places(missing: Sequence[Column], free: Sequence[str]) -> str:
     if degrees is None:
         return ""
     return f"; for degrees: `columns` {place}_lat_deg={degrees[0]} and `columns` {place}_lon_deg={degrees[1]}"
+
+
+def usable_defaults(defaults: Mapping[str, float], names: Sequence[str], table: Table) -> dict[str, float]:
+    """Return the constants among ``defaults`` that the table takes and a file with columns ``names`` lacks."""
+    wanted = {column.name: column for column in table.columns if column.constant_allowed}
+    return {
+        name: value
+        for name, value in defaults.items()
+        if name in wanted
+        and not set(wanted[name].accepted_names) & set(names)
+        and set(measured_names(name, table)) & set(names)
+    }
+
+
+def measured_names(std: str, table: Table) -> tuple[str, ...]:
+    """Return the names of the measured column whose standard deviation the column ``std`` is."""
+    return table.column(std.replace("_std_", "_")).accepted_names

@@ -25,7 +25,7 @@ from nlosctl.io.measurements.column_mapping import (
     plan_columns,
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
-from nlosctl.io.measurements.missing_columns import is_of_one_station
+from nlosctl.io.measurements.missing_columns import is_of_one_station, measured_names, usable_defaults
 from nlosctl.io.measurements.renames import rename
 from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
@@ -33,7 +33,7 @@ from nlosctl.io.readers.base import closed_on_failure
 from nlosctl.io.readers.open_file import TableFile, open_part
 from nlosctl.io.scenes.scene_file import find_scene, plane_of
 
-__all__ = ["InputSurvey", "OpenTable", "measured_names", "open_table", "survey_inputs", "usable_defaults"]
+__all__ = ["InputSurvey", "OpenTable", "open_table", "survey_inputs"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,7 +200,8 @@ def _check_snapshots(survey: InputSurvey, name: str, schemas: Sequence[Any]) -> 
 def _check_stations(survey: InputSurvey, name: str, stations: Sequence[bool]) -> None:
     survey.one_station = all(stations)
     if survey.one_station:
-        survey.remarks.append("without a 'sensor' column all rows are of one station; repeated readings are numbered")
+        numbered = "; repeated readings are numbered" if survey.table.row_key else ""
+        survey.remarks.append(f"without a 'sensor' column all rows are of one station{numbered}")
     elif any(stations):
         raise DataError(f"{name}: some of the files have a 'sensor' column and some don't; add it to the others")
 
@@ -216,22 +217,7 @@ def planned(
     part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
     """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
-    derived: set[str] = set()
-    if options.changes_rows or "unit_x" in file.names or "unit_x" in options.columns:
-        from nlosctl.io.row_steps.added_steps import add_row_steps
-
-        derived |= add_row_steps(file, options, part.name)
-    pairs = coordinate_columns(file.names, options.columns, part.name)
-    derived |= {name for pair in pairs for name in (pair.x, pair.y)}
-    coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
-    header_names = {*file.names, *derived, *options.columns}
-    one_station = "sensor" not in header_names and is_of_one_station(header_names, scene)
-    if one_station:
-        from nlosctl.io.measurements.one_station import OneStation
-
-        file.add_step(OneStation(scene))
-    if coordinates is not None:
-        file.add_step(coordinates)
+    coordinates, derived, one_station = _add_steps(part, file, options, scene)
     if not file.names:
         raise DataError(f"{part.name}: no rows: the file has neither columns nor rows")
     twice = sorted(name for name, count in Counter(file.names).items() if count > 1)
@@ -243,7 +229,8 @@ def planned(
     table = table.with_times() if options.window is not None else table
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
-    constants = {**usable_defaults(options.default_constants, names, table), **options.constants}
+    defaults = options.default_constants and usable_defaults(options.default_constants, names, table)
+    constants = {**defaults, **options.constants}
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
     extra, time_column = options.extra_columns, ""
     if options.window is not None:
@@ -272,18 +259,27 @@ def planned(
     return opened, coordinates
 
 
-def usable_defaults(defaults: Mapping[str, float], names: Sequence[str], table: Table) -> dict[str, float]:
-    """Return the constants among ``defaults`` that the table takes and a file with columns ``names`` lacks."""
-    wanted = {column.name: column for column in table.columns if column.constant_allowed}
-    return {
-        name: value
-        for name, value in defaults.items()
-        if name in wanted
-        and not set(wanted[name].accepted_names) & set(names)
-        and set(measured_names(name, table)) & set(names)
-    }
+def _add_steps(
+    part: Part, file: TableFile, options: InputOptions, scene: Scene
+) -> tuple[PlaneCoordinates | None, set[str], bool]:
+    """Add the steps that change rows, name a lone station, or place latitudes in the plane, in this order.
 
+    Return the last one, if there is one, the columns that they derive, and whether the rows are of one station.
+    """
+    derived: set[str] = set()
+    if options.changes_rows or "unit_x" in file.names or "unit_x" in options.columns:
+        from nlosctl.io.row_steps.added_steps import add_row_steps
 
-def measured_names(std: str, table: Table) -> tuple[str, ...]:
-    """Return the names of the measured column whose standard deviation the column ``std`` is."""
-    return table.column(std.replace("_std_", "_")).accepted_names
+        derived |= add_row_steps(file, options, part.name)
+    pairs = coordinate_columns(file.names, options.columns, part.name)
+    derived |= {name for pair in pairs for name in (pair.x, pair.y)}
+    coordinates = PlaneCoordinates(pairs, scene.frame) if pairs else None
+    names = {*file.names, *derived, *options.columns}
+    one_station = "sensor" not in names and is_of_one_station(names, scene)
+    if one_station:
+        from nlosctl.io.measurements.one_station import OneStation
+
+        file.add_step(OneStation(scene))
+    if coordinates is not None:
+        file.add_step(coordinates)
+    return coordinates, derived, one_station
