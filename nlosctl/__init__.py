@@ -1,9 +1,9 @@
 """Localize radio, acoustic and radar sources from measurements when some paths are not line of sight.
 
 The functions take tables (pyarrow, polars, pandas, dict) or paths, and return pyarrow tables. `localize`,
-`identify_los`, `detect_ip` and `bound` solve measurements; `read`, `validate`, `convert` and `simulate` make and check
-them; `evaluate` and `plot` show how good estimates are. They are the commands of ``nlosctl``, with the same options and
-results; see docs/python.md.
+`identify_los`, `detect_ip` and `bound` solve measurements; `read`, `describe`, `validate`, `convert` and `simulate`
+make and check them; `evaluate` and `plot` show how good estimates are. They are the commands of ``nlosctl``, with the
+same options and results; see docs/python.md.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         Plot,
         bound,
         convert,
+        describe,
         detect_ip,
         evaluate,
         identify_los,
@@ -39,6 +40,7 @@ __all__ = [
     "__version__",
     "bound",
     "convert",
+    "describe",
     "detect_ip",
     "evaluate",
     "identify_los",

@@ -24,6 +24,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "python.md"
 FUNCTIONS = [
     "bound",
     "convert",
+    "describe",
     "detect_ip",
     "evaluate",
     "identify_los",

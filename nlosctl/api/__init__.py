@@ -1,6 +1,6 @@
 """The jobs of the command line as functions on tables and files: what ``import nlosctl`` provides."""
 
-from nlosctl.api.files import Plot, convert, evaluate, plot, read, simulate, validate
+from nlosctl.api.files import Plot, convert, describe, evaluate, plot, read, simulate, validate
 from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
 from nlosctl.pipeline.evaluate.evaluate import Evaluation
 
@@ -11,6 +11,7 @@ __all__ = [
     "Plot",
     "bound",
     "convert",
+    "describe",
     "detect_ip",
     "evaluate",
     "identify_los",

@@ -13,13 +13,14 @@ from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptio
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
 from nlosctl.jobs import convert as convert_job
+from nlosctl.jobs import describe as describe_job
 from nlosctl.jobs import evaluate as evaluate_job
 from nlosctl.jobs import simulate as simulate_job
 from nlosctl.jobs import validate as validate_job
 from nlosctl.jobs.convert import ConversionReport
 from nlosctl.pipeline.evaluate.evaluate import Evaluation
 
-__all__ = ["Plot", "convert", "evaluate", "plot", "read", "simulate", "validate"]
+__all__ = ["Plot", "convert", "describe", "evaluate", "plot", "read", "simulate", "validate"]
 
 
 def read(
@@ -119,6 +120,25 @@ def validate(
     with set_aside(bad_rows) as aside:
         result = validate_job.validate(inputs_of(table), read, OutputOptions(**aside.options))
         return {**result, **{f"{name[:-1]}_table": value for name, value in aside.tables().items()}}
+
+
+def describe(
+    table: Any,
+    *,
+    scene: SceneLike = None,
+    kind: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    constants: Mapping[str, float] | None = None,
+    **stds: Any,
+) -> dict[str, Any]:
+    """Describe measurements, or a log of another program, as ``nlosctl describe --json`` does.
+
+    The arguments are those of `localize`. Raises DataError for a file that is neither.
+    """
+    read = input_options(columns, constants, scene, stds, kind=kind)
+    _refuse_more(stds, "describe")
+    given = [fspath(table)] if isinstance(table, str | PathLike) else inputs_of(table)
+    return describe_job.describe(given, read)
 
 
 def simulate(

@@ -18,6 +18,7 @@ import typer
 from nlosctl.cli.commands.bound import bound
 from nlosctl.cli.commands.config import config_app
 from nlosctl.cli.commands.convert import convert
+from nlosctl.cli.commands.describe import describe
 from nlosctl.cli.commands.evaluate import evaluate
 from nlosctl.cli.commands.methods import methods_app
 from nlosctl.cli.commands.plot import VIEWS_TEXT, plot
@@ -122,6 +123,7 @@ _COMMANDS = (
     ("plot", plot),
     ("reproduce", reproduce),
     ("convert", convert),
+    ("describe", describe),
     ("validate", validate),
     ("schema", schema),
 )

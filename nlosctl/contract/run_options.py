@@ -27,7 +27,8 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 
 _SOLVE = "localize detect-ip identify-los"
 _READ = f"{_SOLVE} bound validate"
-_MEASUREMENTS = f"{_READ} plot convert"
+_MEASUREMENTS = f"{_READ} plot convert describe"
+_CONSTANT = "localize validate plot convert describe"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
 _NOISES = ("gaussian", "laplace")
 _ENGINES = ("local", "dask")
@@ -62,26 +63,27 @@ class InputOptions:
 
     input_format: str | None = option(
         None, "--input-format", "Input", "Input format; default: detected from the name or contents.",
-        f"{_READ} convert evaluate plot", metavar="FORMAT", complete="format")
+        f"{_MEASUREMENTS} evaluate", metavar="FORMAT", complete="format")
     kind: str | None = option(
         None, "--kind", "Input", "Kind: bearings, ranges or triplets; default: detected from the columns.",
-        "localize bound validate plot", metavar="KIND", complete="kind")
+        "localize bound validate plot describe", metavar="KIND", complete="kind")
     columns: Mapping[str, str] = option(
         {}, "--column", "Input", "Read column HEADER of the file as NAME. Repeatable.",
-        f"{_READ} plot", metavar="NAME=HEADER", complete="column")
+        f"{_READ} plot describe", metavar="NAME=HEADER", complete="column")
     constants: Mapping[str, float] = with_flags(
         {},
-        std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", "localize bound validate plot convert"),
-        std_flag("--range-std-m", "range_std_m", "range", "localize identify-los bound validate plot convert"),
-        std_flag("--dod-std-deg", "dod_std_rad", "departure direction", "localize detect-ip validate plot convert"),
-        std_flag("--doa-std-deg", "doa_std_rad", "arrival direction", "localize detect-ip validate plot convert"),
-        std_flag("--toa-std-ns", "path_length_std_m", "delay", "localize detect-ip validate plot convert"),
-        std_flag("--path-length-std-m", "path_length_std_m", "path length", "localize detect-ip validate plot convert"))
+        std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", f"bound {_CONSTANT}"),
+        std_flag("--range-std-m", "range_std_m", "range", f"identify-los bound {_CONSTANT}"),
+        std_flag("--dod-std-deg", "dod_std_rad", "departure direction", f"detect-ip {_CONSTANT}"),
+        std_flag("--doa-std-deg", "doa_std_rad", "arrival direction", f"detect-ip {_CONSTANT}"),
+        std_flag("--toa-std-ns", "path_length_std_m", "delay", f"detect-ip {_CONSTANT}"),
+        std_flag("--path-length-std-m", "path_length_std_m", "path length", f"detect-ip {_CONSTANT}"))
     all_rows: bool = option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
         f"{_SOLVE} bound")
     max_snapshot_rows: int = option(
-        1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.", _READ,
+        1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.",
+        f"{_READ} describe",
         minimum=1, metavar="N")
     max_spool_bytes: int = option(
         10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
@@ -117,10 +119,11 @@ class InputOptions:
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
         f"{_MEASUREMENTS} simulate", metavar="FILE")
     crs: str | None = option(
-        None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} convert", metavar="CODE")
+        None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} convert describe",
+        metavar="CODE")
     origin: str | tuple[float, float] | None = option(
         None, "--origin", "Geometry", "Latitude and longitude of x = y = 0, in degrees (WGS 84).",
-        f"{_READ} convert", metavar="LAT,LON")
+        f"{_READ} convert describe", metavar="LAT,LON")
     default_constants: Mapping[str, float] = field(default_factory=dict)
     extra_columns: Sequence[str] | None = None
     missing_std: str = "error"

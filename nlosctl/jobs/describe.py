@@ -1,0 +1,174 @@
+"""Job: what is in a file, before anyone solves it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
+from itertools import combinations
+from pathlib import PurePath
+from typing import Any
+
+from nlosctl.contract.limits import size
+from nlosctl.contract.run_options import InputOptions
+from nlosctl.contract.tables import FLAGS, result_table
+from nlosctl.errors import DataError, NlosctlError, UsageError
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.readers.open_file import open_part
+from nlosctl.io.results.in_memory import input_of_table
+from nlosctl.jobs.console import Console, Silent
+from nlosctl.jobs.files import open_inputs
+from nlosctl.pipeline.convert.importer import Import, Imported
+from nlosctl.pipeline.convert.recognition import AUTO
+from nlosctl.pipeline.describe.commands import log_commands, table_commands
+from nlosctl.pipeline.describe.description import Description, description_of
+from nlosctl.pipeline.describe.suspicions import Suspicion
+
+__all__ = ["describe"]
+
+_MOST_RENAMES = 4
+_NOT_RECOGNIZED = "no importer recognizes it"
+_IN_DEGREES = re.compile(r"column '(\w+_rad)'.*they seem to be degrees")
+_STDS = {
+    "bearings": {"bearing_std_rad": 0.034906585039886591},
+    "ranges": {"range_std_m": 1.0},
+    "triplets": {"dod_std_rad": 0.017453292519943295, "doa_std_rad": 0.017453292519943295, "path_length_std_m": 1.0},
+}
+"""Standard deviations for a file that states none: 2 degrees, 1 m; of triplets 1 degree and 1 m."""
+
+
+def describe(
+    inputs: Sequence[str] | Sequence[Input], read: InputOptions, *, console: Console | None = None
+) -> dict[str, Any]:
+    """Return kind, counts, ranges of values, suspicious things and commands of a table or another program's log.
+
+    Raises DataError if it is neither, with the reason why it is not a table.
+    """
+    if len(inputs) != 1:
+        raise UsageError(f"describe takes one file, got {len(inputs)}")
+    name = inputs[0] if isinstance(inputs[0], str) else inputs[0].name
+    try:
+        given = open_inputs(inputs, read.input_format)
+        with (console or Silent()).progress("describe") as progress:
+            found, used = _of_table(given, read, lambda rows: progress(rows, None))
+    except (DataError, UsageError) as error:
+        if not isinstance(inputs[0], str) or name == "-":
+            raise
+        return _of_log(name, _imported(name, read, error), read)
+    return _as_dict(found, None, table_commands(name, used, found), _unstated(found.kind, read, used))
+
+
+def _of_table(
+    given: Sequence[Input], read: InputOptions, progress: Callable[[int], None]
+) -> tuple[Description, InputOptions]:
+    """Return the description of a table, and the options that read it: constants for stds that it lacks are added.
+
+    Columns of radians whose values are degrees are read as degrees. Raises DataError if it is not of measurements.
+    """
+    first: NlosctlError | None = None
+    for constants in _constants():
+        options = dataclasses.replace(read, constants={**constants, **read.constants})
+        for _ in range(_MOST_RENAMES):
+            try:
+                return _read(given, options, progress), options
+            except (DataError, UsageError) as error:
+                first = first or error
+                degrees = _IN_DEGREES.search(str(error))
+                if degrees is None:
+                    break
+                header = options.columns.get(degrees[1], degrees[1])
+                columns = {name: own for name, own in options.columns.items() if name != degrees[1]}
+                name = degrees[1].replace("_rad", "_deg")
+                options = dataclasses.replace(options, columns={**columns, name: header})
+    if given[0].parts[0].path is not None:
+        _refuse_results(given[0])
+    assert first is not None  # noqa: S101 - there is at least one attempt
+    raise first
+
+
+def _constants() -> Iterator[dict[str, float]]:
+    """Yield sets of constant standard deviations, small ones first: none, and all subsets of those of each kind."""
+    yield {}
+    for stds in _STDS.values():
+        for count in range(1, len(stds) + 1):
+            yield from map(dict, combinations(stds.items(), count))
+
+
+def _read(given: Sequence[Input], options: InputOptions, progress: Callable[[int], None]) -> Description:
+    inputs = [_again(source) for source in given]
+    with closing(MeasurementReader(inputs, options, lambda rows: None)) as reader:
+        return description_of(reader, progress)
+
+
+def _refuse_results(source: Input) -> None:
+    """Raise DataError for a table of results."""
+    part = source.parts[0].again()
+    with closing(open_part(part, size("chunk_rows"), False)) as file:
+        results = result_table(file.names)
+    if results is not None and results is not FLAGS:
+        raise DataError(
+            f"{source.name}: contains {results.name}, expected measurements; see 'nlosctl evaluate' and 'plot'"
+        )
+
+
+def _again(source: Input) -> Input:
+    return dataclasses.replace(source, parts=tuple(part.again() for part in source.parts))
+
+
+def _imported(name: str, read: InputOptions, why_no_table: Exception) -> Imported:
+    """Return the log that an importer recognizes; raises DataError, if none does with the reason ``why_no_table``."""
+    scene = read.scene if isinstance(read.scene, str) else None
+    try:
+        return Import(AUTO, {}, scene_file=scene, frame=read.frame, bad_rows=lambda rows: None).read(name)
+    except (DataError, UsageError) as error:
+        reason = why_no_table if _NOT_RECOGNIZED in str(error) else error
+        raise DataError(str(reason).splitlines()[0]) from error
+
+
+def _of_log(name: str, imported: Imported, read: InputOptions) -> dict[str, Any]:
+    """Return the description of a log that an importer has read; what it can't be solved for lacks commands."""
+    table = f"{PurePath(name).name}.parquet"
+    scene = dataclasses.replace(read, scene=imported.scene, kind=imported.kind)
+    found, used = None, read
+    with suppress(DataError, UsageError):
+        found, used = _of_table([input_of_table(imported.table)], scene, lambda rows: None)
+    commands = log_commands(name, imported.importer, table, dataclasses.replace(read, constants=used.constants), found)
+    found = found or Description(kind=imported.kind, rows=imported.table.num_rows)
+    notes = [Suspicion(what="note", column=None, rows=None, text=note) for note in imported.notes]
+    return _as_dict(found, imported.importer, commands, [*notes, *_unstated(found.kind, read, used)])
+
+
+def _unstated(kind: str, read: InputOptions, used: InputOptions) -> list[Suspicion]:
+    """Return what had to be assumed: standard deviations, and degrees in columns of radians."""
+    assumed = [name for name in used.constants if name not in read.constants]
+    found = []
+    if assumed:
+        text = f"there is no {' and no '.join(assumed)}: the commands assume values, put yours in their place"
+        found.append(Suspicion(what="no_std", column=None, rows=None, text=text))
+    for name, header in used.columns.items():
+        if name not in read.columns:
+            text = f"column {header!r} contains degrees, not radians: read it by `columns` {name}={header}"
+            found.append(Suspicion(what="degrees_as_radians", column=header, rows=None, text=text))
+    return found
+
+
+def _as_dict(
+    found: Description, importer: str | None, commands: Sequence[str], further: Sequence[Suspicion]
+) -> dict[str, Any]:
+    bad = []
+    if found.bad_rows:
+        text = f"{found.bad_rows} of {found.rows} rows are bad: 'nlosctl validate' lists them"
+        bad.append(Suspicion(what="bad_rows", column=None, rows=found.bad_rows, text=text))
+    return {
+        "kind": found.kind,
+        "importer": importer,
+        "rows": found.rows,
+        "snapshots": found.snapshots,
+        "sensors": found.sensors,
+        "time": found.times.as_dict(),
+        "columns": found.values.as_dict(),
+        "suspicions": [dataclasses.asdict(known) for known in (*bad, *further, *found.suspicions)],
+        "commands": list(commands),
+    }

@@ -1,0 +1,216 @@
+"""``nlosctl describe``: what is in a file, what is suspicious, and commands that run as they stand."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from cli_support import FIXTURES
+from conftest import Cli
+
+import nlosctl
+
+KEYS = ["kind", "importer", "rows", "snapshots", "sensors", "time", "columns", "suspicions", "commands"]
+GOOD = sorted(path.name for path in FIXTURES.glob("good_*") if not path.name.endswith(".toml"))
+
+
+def described(cli: Cli, *words: Any, stdin: bytes = b"") -> dict[str, Any]:
+    """Return the JSON of a description."""
+    done = cli("describe", *words, "--json", stdin=stdin)
+    assert done.code == 0, done.err
+    found: dict[str, Any] = json.loads(done.out)
+    assert list(found) == KEYS
+    return found
+
+
+def kinds_of(found: dict[str, Any]) -> list[str]:
+    """Return what is suspicious."""
+    return [suspicion["what"] for suspicion in found["suspicions"]]
+
+
+def run_all(cli: Cli, found: dict[str, Any]) -> None:
+    """Run the commands of a description in their order; each succeeds."""
+    assert found["commands"]
+    for command in found["commands"]:
+        program, *words = shlex.split(command)
+        assert program == "nlosctl"
+        done = cli(*words)
+        assert done.code == 0, (command, done.err)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_fixtures_are_described_and_their_commands_run(cli: Cli, name: str) -> None:
+    """Every good fixture has the counts of ``validate``, nothing suspicious but repeats, and commands that run."""
+    found = described(cli, FIXTURES / name)
+    checked = json.loads(cli(*shlex.split(found["commands"][0])[1:], "--json").out)
+    for key in ("kind", "rows", "snapshots"):
+        assert found[key] == checked[key]
+    assert not {"misfit", "bad_rows", "beyond_360", "all_zeros", "sensor_jumps"} & set(kinds_of(found))
+    run_all(cli, found)
+
+
+def test_ranges_of_values_are_those_of_the_file(cli: Cli) -> None:
+    """The ranges are those of the columns as numpy finds them."""
+    table = pyarrow.parquet.read_table(FIXTURES / "good_bearings.parquet")
+    found = described(cli, FIXTURES / "good_bearings.parquet")["columns"]
+    for name in ("bearing_rad", "sensor_x_m", "truth_y_m", "snapshot"):
+        values = np.array(table[name].to_pylist(), dtype=float)
+        assert found[name] == {"min": values.min(), "max": values.max()}
+
+
+def bearings(rows: int = 30, **columns: Any) -> Any:
+    """Return a table of bearings of three sensors to one source, one snapshot for three rows."""
+    place = {"a": (0.0, 0.0), "b": (1000.0, 0.0), "c": (0.0, 1000.0)}
+    sensors = ["abc"[row % 3] for row in range(rows)]
+    azimuth = [math.degrees(math.atan2(300.0 - place[s][0], 400.0 - place[s][1])) % 360.0 for s in sensors]
+    standard = {
+        "snapshot": [row // 3 for row in range(rows)],
+        "sensor": sensors,
+        "sensor_x_m": [place[sensor][0] for sensor in sensors],
+        "sensor_y_m": [place[sensor][1] for sensor in sensors],
+        "azimuth_deg": azimuth,
+    }
+    return pa.table({**standard, **columns})
+
+
+def write(table: Any, name: str) -> None:
+    """Write a CSV file in the folder of the test."""
+    pyarrow.csv.write_csv(table, name)
+
+
+def test_a_file_without_standard_deviations_has_commands_that_state_one(cli: Cli) -> None:
+    """The commands assume a standard deviation, and the description names the column that lacks."""
+    cli("--version")
+    write(bearings(), "b.csv")
+    found = described(cli, "b.csv")
+    assert (found["kind"], found["rows"], found["snapshots"], found["sensors"]) == ("bearings", 30, 10, 3)
+    assert kinds_of(found) == ["no_std"]
+    assert all("--bearing-std-deg 2" in command for command in found["commands"])
+    run_all(cli, found)
+
+
+def test_times_and_their_gaps(cli: Cli) -> None:
+    """Times as ISO 8601 and as seconds give the first, the last and the largest gap; repeats and leaps are counted."""
+    cli("--version")
+    seconds = [float(row // 3) for row in range(30)]
+    seconds[27:] = [60.0, 60.0, 60.0]
+    seconds[3] = 0.0
+    write(bearings(time_s=seconds), "s.csv")
+    found = described(cli, "s.csv")
+    assert found["time"] == {"first": 0.0, "last": 60.0, "largest_gap_s": 52.0}
+    assert {"duplicated_stamps"} <= set(kinds_of(found))
+    texts = [f"2024-06-10T06:00:{int(value) % 60:02d}+02:00" for value in seconds]
+    write(bearings(time=texts), "t.csv")
+    found = described(cli, "t.csv")
+    assert found["time"]["first"] == "2024-06-10T04:00:00Z"
+    assert "times_go_back" in kinds_of(found)
+
+
+@pytest.mark.parametrize(
+    ("columns", "what", "column"),
+    [
+        ({"azimuth_deg": [0.0] * 30}, "all_zeros", "azimuth_deg"),
+        ({"azimuth_deg": [45.0] * 30}, "constant", "azimuth_deg"),
+        ({"azimuth_deg": [400.0 + row for row in range(30)]}, "beyond_360", "azimuth_deg"),
+        ({"sensor_x_m": [0.0] * 30, "sensor_y_m": [0.0] * 30}, "all_zeros", "sensor_x_m"),
+        ({"azimuth_deg": [0.1 * row + 0.01 for row in range(30)]}, "radians_as_degrees", "azimuth_deg"),
+    ],
+)
+def test_suspicious_values(cli: Cli, columns: dict[str, Any], what: str, column: str) -> None:
+    """Zeros, constants, angles beyond a turn and radians in degrees are found, with their column."""
+    cli("--version")
+    write(bearings(**columns), "b.csv")
+    found = described(cli, "b.csv")
+    assert (what, column) in [(known["what"], known["column"]) for known in found["suspicions"]]
+
+
+def test_degrees_in_a_column_of_radians(cli: Cli) -> None:
+    """Degrees called radians are read as degrees, and the commands do so too."""
+    found = described(cli, FIXTURES / "bad_degrees_as_radians.csv")
+    assert "degrees_as_radians" in kinds_of(found)
+    assert all("--column bearing_deg=bearing_rad" in command for command in found["commands"])
+    run_all(cli, found)
+
+
+def test_a_sensor_that_jumps(cli: Cli) -> None:
+    """A sensor that is elsewhere for one row and back is named; one that drives is not."""
+    cli("--version")
+    x = bearings()["sensor_x_m"].to_pylist()
+    x[12] = 77_000.0
+    write(bearings(sensor_x_m=x), "jump.csv")
+    assert [known["text"] for known in described(cli, "jump.csv")["suspicions"] if known["what"] == "sensor_jumps"] == [
+        "sensor 'a' is elsewhere for 1 single rows and then back: are its positions right?"
+    ]
+    write(bearings(sensor_x_m=[10.0 * row for row in range(30)]), "drive.csv")
+    assert "sensor_jumps" not in kinds_of(described(cli, "drive.csv"))
+
+
+def test_counter_clockwise_azimuths(cli: Cli) -> None:
+    """Azimuths of the other sense are found by their intersections, with the option that reads them."""
+    cli("--version")
+    azimuth = [360.0 - value for value in bearings()["azimuth_deg"].to_pylist()]
+    write(bearings(azimuth_deg=azimuth), "ccw.csv")
+    found = described(cli, "ccw.csv")
+    texts = [known["text"] for known in found["suspicions"] if known["what"] == "misfit"]
+    assert len(texts) == 1
+    assert "--column azimuth_ccw_deg=azimuth_deg" in texts[0]
+
+
+def test_bad_rows_are_counted_and_set_aside_by_the_command(cli: Cli) -> None:
+    """A file with bad rows is described; its command sets them aside."""
+    cli("--version")
+    azimuth: list[Any] = bearings()["azimuth_deg"].to_pylist()
+    azimuth[4] = None
+    write(bearings(azimuth_deg=azimuth), "b.csv")
+    found = described(cli, "b.csv")
+    assert "bad_rows" in kinds_of(found)
+    run_all(cli, found)
+
+
+@pytest.mark.parametrize("text", [b"", b"hello\n", b"a,b\n1,2\n", b"\x00\x01\x02", b"{}\n"])
+def test_a_file_that_fits_nothing_is_one_line(cli: Cli, tmp_path: Path, text: bytes) -> None:
+    """A file that is neither a table of measurements nor a known log exits 1 with one line."""
+    for name in ("x.csv", "x.log", "x.parquet"):
+        (tmp_path / name).write_bytes(text)
+        done = cli("describe", name)
+        assert done.code == 1
+        assert len(done.err.splitlines()) == 1
+    assert cli("describe", "nowhere.csv").code == 1
+
+
+def test_estimates_are_not_measurements(cli: Cli) -> None:
+    """A table of results is refused in one line."""
+    done = cli("localize", "-m", "ml", FIXTURES / "good_bearings.csv", "-o", "e.csv", "-q")
+    assert done.code == 0
+    done = cli("describe", "e.csv")
+    assert done.code == 1
+    assert "contains estimates" in done.err
+
+
+def test_a_log_of_another_program(cli: Cli, tmp_path: Path) -> None:
+    """A log is recognized, converted by the first command and solved by the next."""
+    rows = []
+    for name, lat, lon, doa in (("N", 47.40, 8.55, 180), ("W", 47.37, 8.50, 90), ("E", 47.37, 8.60, 270)):
+        spectrum = ", ".join("1.0" if angle == doa else "0.0" for angle in range(360))
+        place = f"{name}, {lat}, {lon}, 0.0, 0.0, GPS, R, R, R, R"
+        rows.append(f"1718000000000, {doa}, 9.5, -35.2, 433920000, UCA, 100, {place}, {spectrum}")
+    (tmp_path / "kraken.csv").write_text("\n".join(rows) + "\n")
+    found = described(cli, "kraken.csv")
+    assert found["importer"] == "kraken-csv"
+    assert found["commands"][0].startswith("nlosctl convert kraken.csv --from kraken-csv")
+    run_all(cli, found)
+
+
+def test_the_function_gives_the_same(cli: Cli) -> None:
+    """``nlosctl.describe`` returns what the command prints as JSON."""
+    cli("--version")
+    write(bearings(bearing_std_deg=[2.0] * 30), "b.csv")
+    assert nlosctl.describe("b.csv") == described(cli, "b.csv")
