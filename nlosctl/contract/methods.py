@@ -50,7 +50,8 @@ class MethodSpec:
     `nlosctl.contract.options.option`) are the method's parameters, ``flags`` the columns that it adds to the flags
     besides ``used``, ``cost`` a description of its cost, ``minimum_measurements`` the smallest number of rows it can
     solve. ``covariance_kinds`` states what its covariance may account for other than the noise, ``estimate_columns``
-    the optional columns of the estimates that it fills, ``randomized`` whether it draws random numbers, ``traces``
+    the optional columns of the estimates that it fills
+    (``estimate_columns_with(options)`` those of an option), ``randomized`` whether it draws random numbers, ``traces``
     whether it can return its steps, ``searches`` whether it stays within the search region, ``reads`` the optional
     columns that it uses. ``details`` are further columns of the flags if the batch wants details,
     ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns, the input column without
@@ -59,8 +60,9 @@ class MethodSpec:
     nothing. ``learning`` is how it estimates options from the whole input, if it can. ``scales_std`` is whether it
     estimates the factor of unknown standard deviations, see `Batch.std`: then its fix does not depend on the
     factor, it returns the columns ``std_factor`` and ``std_dof`` in place of a chi-square, and
-    `Status.STD_NOT_ESTIMABLE` for a fix whose factor is not determined. ``direct_rows(batch, options)`` of a robust
-    method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there, NaN
+    `Status.STD_NOT_ESTIMABLE` for a fix whose factor is not determined. ``std_fault(options, pool)`` is why it can't
+    with some options for a ``pool`` of `SolveOptions.estimate_std`, empty if it can. ``direct_rows(batch, options)`` of
+    a robust method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there, NaN
     without a position: the weights of its residuals for unknown standard deviations.
     ``contract_version`` is the version of this contract that a plugin was written for; built-in methods leave it out.
     ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
@@ -82,6 +84,7 @@ class MethodSpec:
     estimates: bool = True
     covariance_kinds: tuple[str, ...] = ()
     estimate_columns: tuple[str, ...] = ()
+    estimate_columns_with: Callable[[Any], tuple[str, ...]] | None = None
     randomized: bool = False
     traces: bool = False
     searches: bool = False
@@ -90,6 +93,7 @@ class MethodSpec:
     exempt_from: frozenset[Law] = frozenset()
     learning: Learning | None = None
     scales_std: bool = False
+    std_fault: Callable[[Any, str], str] | None = None
     direct_rows: Callable[[Any, Any], tuple[FloatArray, FloatArray]] | None = None
     contract_version: int | None = None
 
@@ -106,6 +110,11 @@ class MethodSpec:
             for name in (*self.flags, *asked_for, *(self.details if details else ()))
             if (scene.has_circles or name not in of_circles) and (name not in needs or needs[name] in given)
         )
+
+    def all_estimate_columns(self, options: Any) -> tuple[str, ...]:
+        """Return the optional columns of the estimates that it fills under ``options``."""
+        further = () if self.estimate_columns_with is None else self.estimate_columns_with(options)
+        return (*self.estimate_columns, *further)
 
     @property
     def full_name(self) -> str:

@@ -21,6 +21,7 @@ from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha
 from nlosctl.solvers.mixture.outlier_model import OutlierModel, grouped_batch, has_several_paths, outlier_model
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, MixtureModeOptions
 from nlosctl.solvers.mixture.outside import OutsideSearch
+from nlosctl.solvers.mixture.path_groups import restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
 from nlosctl.solvers.optimization.split_batches import solve_parts, split_batch
@@ -96,14 +97,32 @@ def _modes(
     )
 
 
-def _count_outliers(batch: BearingBatch, options: MixtureOptions) -> FloatArray:
-    """Return the expected numbers (B, 2) of sensors without a direct row and of sensors.
+def _with_proper_density(options: MixtureOptions) -> MixtureOptions:
+    """Return options with outliers uniform over the full circle, or over a field of view below 180 degrees.
 
-    An outlier's bearing is uniform over the full circle, or over a field of view below 180 degrees: its density
-    integrates to one then, as a share that is estimated requires.
+    Their density integrates to one then, as a share or a standard deviation that is estimated requires.
     """
-    field_of_view = 360.0 if options.field_of_view_deg >= 180.0 else options.field_of_view_deg
-    options = replace(options, field_of_view_deg=field_of_view)
+    return replace(options, field_of_view_deg=360.0) if options.field_of_view_deg >= 180.0 else options
+
+
+def _direct_rows(batch: BearingBatch, options: MixtureOptions) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest position (B, 2) and the probability (B, K) of each row to be direct there, else NaN."""
+    options = _with_proper_density(options)
+    position, probability = np.full((batch.size, 2), np.nan), np.full(batch.bearing_rad.shape, np.nan, order="F")
+    for rows, part in split_batch(batch, has_several_paths(batch)):
+        grouped, groups = grouped_batch(part)
+        model = outlier_model(grouped, groups, options)
+        modes = _modes(model, _candidates(grouped, model, options), options, None)
+        fixes, direct = rank_modes(model.mixture, modes)
+        position[rows, 0] = fixes.x[:, 0] + model.lines.center_x
+        position[rows, 1] = fixes.y[:, 0] + model.lines.center_y
+        probability[rows] = restore_rows(direct, groups)
+    return position, probability
+
+
+def _count_outliers(batch: BearingBatch, options: MixtureOptions) -> FloatArray:
+    """Return the expected numbers (B, 2) of sensors without a direct row and of sensors."""
+    options = _with_proper_density(options)
     counts = np.empty((batch.size, 2))
     for rows, part in split_batch(batch, has_several_paths(batch)):
         grouped, groups = grouped_batch(part)
@@ -135,5 +154,6 @@ METHOD = MethodSpec(
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"range_m", "range_std_m", "path"}),
+    direct_rows=_direct_rows,
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

@@ -9,13 +9,16 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.bearings import sight_lines
+from nlosctl.errors import UsageError
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns
-from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
+from nlosctl.solvers.bearings.line_fits import LineFit, fit_focused, fit_least_squares
 from nlosctl.solvers.bearings.multistart import find_optima
 from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
+from nlosctl.solvers.bearings.von_mises import fit_von_mises
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 
@@ -43,6 +46,10 @@ class MaximumLikelihoodOptions:
     )
     use_ranges: bool = option(True, meaning="whether ranges enter the likelihood, where present")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
+    law: Literal["gaussian", "vonmises"] = option(
+        "gaussian",
+        meaning="distribution of bearing errors; vonmises: Lenth's estimate, with the concentration of the residuals",
+    )
 
 
 def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
@@ -59,6 +66,8 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
     ranges = range_columns(batch, options.use_ranges)
+    if options.law == "vonmises":
+        return _solve_von_mises(batch, lines, start, first.normal, options, with_ranges=ranges is not None)
     if ranges is not None:
         return fit_ranged_bearings(
             batch,
@@ -99,6 +108,44 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     )
 
 
+def _solve_von_mises(
+    batch: BearingBatch,
+    lines: SightLines,
+    start: LineFit,
+    normal: SymmetricMatrix,
+    options: MaximumLikelihoodOptions,
+    *,
+    with_ranges: bool,
+) -> Solution:
+    """Solve a batch by `fit_von_mises`; raises UsageError for what that has no model of."""
+    if with_ranges:
+        raise UsageError("law=vonmises is for bearings alone, but rows have ranges: set `parameters` use_ranges=false")
+    if lines.circles is not None:
+        raise UsageError("law=vonmises is not for rows that a circle reflects; leave out law=vonmises")
+    if options.feasible:
+        raise UsageError("law=vonmises can't be combined with feasible=true; leave out one of them")
+    return fit_von_mises(
+        batch,
+        lines,
+        start,
+        normal,
+        min_range_m=options.min_range_m,
+        ambiguous_within=_BEARINGS_ALONE if options.ambiguous_within is None else options.ambiguous_within,
+        max_iterations=options.max_iterations,
+    )
+
+
+def _std_columns(options: MaximumLikelihoodOptions) -> tuple[str, ...]:
+    return ("std_factor", "std_dof") if options.law == "vonmises" else ()
+
+
+def _std_fault(options: MaximumLikelihoodOptions, pool: str) -> str:
+    """Return why the standard deviations of a ``pool`` can't be estimated, empty if they can."""
+    if options.law == "vonmises" and pool != "snapshot":
+        return "law=vonmises has a concentration for each snapshot: set `estimate_std` to snapshot"
+    return ""
+
+
 METHOD = MethodSpec(
     name="ml",
     kind="bearings",
@@ -112,5 +159,7 @@ METHOD = MethodSpec(
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
     scales_std=True,
+    std_fault=_std_fault,
+    estimate_columns_with=_std_columns,
     reads=frozenset({"range_m", "range_std_m"}),
 )

@@ -19,7 +19,7 @@ from nlosctl.solvers.mixture.feasible_modes import prefer_feasible_modes
 from nlosctl.solvers.mixture.modes import Modes, find_modes
 from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha, next_bias_mean_m
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
-from nlosctl.solvers.mixture.path_groups import PathGroups
+from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.range_rows import (
     BiasLaw,
@@ -146,6 +146,14 @@ def _search(
     return groups, model, candidates, modes
 
 
+def _direct_rows(batch: RangeBatch, options: RangeMixtureOptions) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest position (B, 2) and the probability (B, K) of each row to be direct there, else NaN."""
+    groups, model, _, modes = _search(batch, options)
+    fixes, direct = rank_modes(model.mixture, modes)
+    center = (model.circles.center_x, model.circles.center_y)
+    return np.stack([fixes.x[:, 0] + center[0], fixes.y[:, 0] + center[1]], axis=1), restore_rows(direct, groups)
+
+
 def _count_outliers(batch: RangeBatch, options: RangeMixtureOptions) -> FloatArray:
     """Return the sums that `_next_options` needs, of each snapshot."""
     _, model, candidates, modes = _search(batch, options)
@@ -181,6 +189,7 @@ METHOD = MethodSpec(
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"reflector", "path"}),
+    direct_rows=_direct_rows,
     learning=Learning(
         options=("alpha", "bias_mean_m"), statistics=_count_outliers, update=_next_options, refusal=_refusal
     ),

@@ -88,11 +88,12 @@ class CoordinateColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnPlan:
-    """The sources of the contract's columns in one file; ``types`` are by the file's (renamed) columns."""
+    """The sources of the contract's columns in one file; ``units`` are those of unknown standard deviations, 1."""
 
     table: Table
     mapped: Mapping[str, MappedColumn]
     constants: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, float] = field(default_factory=dict)
     has_snapshot: bool = True
 
     @property
@@ -164,14 +165,15 @@ def plan_columns(
     matches = {column.name: _find(column, names, constants, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
     check_constants(table, constants, mapped, file)
-    constants = {**unit_stds(table, mapped), **constants} if missing_std == "unit" else constants
-    absent = [column for column in table.columns if column.required and column.name not in {*mapped, *constants}]
+    units = unit_stds(table, {*mapped, *constants}) if missing_std == "unit" else {}
+    given = {*mapped, *constants, *units}
+    absent = [column for column in table.columns if column.required and column.name not in given]
     missing = [column for column in absent if not _is_in_scene(column, scene, names, mapped)]
     if missing:
         raise DataError(missing_message(missing, header, table, file, estimable=missing_std == "estimable"))
     for name in {column.scene_sensor for column in absent} & set(names):
         mapped[name] = MappedColumn(column=table.column(name), name=name)
-    plan = ColumnPlan(table=table, mapped=mapped, constants=constants, has_snapshot=SNAPSHOT in mapped)
+    plan = ColumnPlan(table=table, mapped=mapped, constants=constants, units=units, has_snapshot=SNAPSHOT in mapped)
     for group in (*table.together, (plan.scene_axes,)):
         _check_group(group, mapped, file)
     return plan

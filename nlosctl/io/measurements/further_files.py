@@ -5,6 +5,7 @@ from __future__ import annotations
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
+from nlosctl.io.measurements.missing_columns import refuse_mixed_stds
 from nlosctl.io.measurements.survey import InputSurvey, OpenTable, planned, scene_of
 from nlosctl.io.measurements.table_schemas import check_same_scene
 from nlosctl.io.paths.inputs import Input, Part
@@ -22,6 +23,7 @@ def open_next(given: Input, part: Part, options: InputOptions, survey: InputSurv
             check_same_scene(survey.scene, scene_of(given, part, file, options), first, part)
         opened, _ = planned(part, file, survey.table, options, survey.scene)
         survey.constants |= opened.plan.constants
+        refuse_mixed_stds(survey.units, opened.plan.units, part.name)
         if opened.time_column != survey.time_column:
             raise DataError(
                 f"{part.name}: times in {opened.time_column!r}, those of {first.name} are not; give one kind"

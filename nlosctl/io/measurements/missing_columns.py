@@ -7,9 +7,16 @@ from collections.abc import Collection, Mapping, Sequence
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Column, Table, contract_names
-from nlosctl.errors import did_you_mean
+from nlosctl.errors import DataError, did_you_mean
 
-__all__ = ["is_of_one_station", "missing_message", "named_like_degrees", "unit_stds"]
+__all__ = [
+    "is_of_one_station",
+    "measured_names",
+    "missing_message",
+    "named_like_degrees",
+    "refuse_mixed_stds",
+    "unit_stds",
+]
 
 _NO_UNITS = {
     "std",
@@ -65,6 +72,20 @@ def unit_stds(table: Table, given: Collection[str]) -> dict[str, float]:
     """Return a standard deviation of 1 for each that a table requires and that is not among the columns ``given``."""
     required = [column.name for column in table.columns if column.required and column.constant_allowed]
     return {name: 1.0 for name in required if name not in given}
+
+
+def measured_names(std: str, table: Table) -> tuple[str, ...]:
+    """Return the names of the measured column whose standard deviation the column ``std`` is."""
+    return table.column(std.replace("_std_", "_")).accepted_names
+
+
+def refuse_mixed_stds(first: Mapping[str, float], other: Mapping[str, float], file: str) -> None:
+    """Raise DataError if ``file`` lacks other standard deviations than the first one: their weights don't compare."""
+    if other != first:
+        raise DataError(
+            f"{file}: some of the files have standard deviations and some don't, so that their rows can't be weighed; "
+            "add them to all, or drop them from all"
+        )
 
 
 def missing_message(

@@ -258,8 +258,9 @@ class RowConverter:
         if column.scene_axis in (0, 1) and (mapped is None or batch.column(mapped.name).null_count):
             return self._scene_columns.positions(column, mapped, batch, done["sensor"], faults)
         if mapped is None:
-            if column.name in self._plan.constants:
-                return np.full(batch.num_rows, self._plan.constants[column.name])
+            constants = {**self._plan.units, **self._plan.constants}
+            if column.name in constants:
+                return np.full(batch.num_rows, constants[column.name])
             return None if column.type == "number" else np.full(batch.num_rows, NULL_CODE, dtype=np.int64)
         cells = batch.column(mapped.name)
         if column.names_reflector:

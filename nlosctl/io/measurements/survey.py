@@ -71,7 +71,7 @@ class InputSurvey:
 
     ``metadata`` are those of the first file; ``column_names`` are the columns of all files, after renaming.
     ``open_tables`` are files that stay open, by name: streams, and a single file. ``one_station``: the files lack a
-    column ``sensor``. ``constants`` are those that some file needs, by column.
+    column ``sensor``. ``constants`` are those that some file needs, by column; ``units`` are unknown std.
     """
 
     table: Table
@@ -84,6 +84,7 @@ class InputSurvey:
     time_column: str = ""
     one_station: bool = False
     constants: dict[str, float] = field(default_factory=dict)
+    units: Mapping[str, float] = field(default_factory=dict)
 
     def keep_or_close(self, opened: OpenTable, *, only: bool) -> None:
         """Keep a stream open, and an ``only`` file; close any other file."""
@@ -160,8 +161,8 @@ def _survey_first(
                 coordinates.set_first_frame(file, part.name)
             plane_of(coordinates.frame)  # raises an error if there is no such plane
             scene = replace(scene, frame=coordinates.frame)
-        constants = dict(opened.plan.constants)
-        survey = InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata, constants=constants)
+        survey = InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata, units=opened.plan.units)
+        survey.constants |= opened.plan.constants
         survey.time_column = opened.time_column
         return survey, opened, coordinates
 

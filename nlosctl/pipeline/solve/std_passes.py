@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl import registry
-from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.scene import Scene
@@ -28,11 +27,11 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.sensor_texts import sensor_texts
-from nlosctl.models.scaled_residuals import SCALED_RESIDUALS, leverages
 from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.learned_options import MOST_PASSES, pass_batches
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.unknown_std import StdEstimate, StdFactor, uses_ranges, with_std_factors
+from nlosctl.pipeline.solve.row_squares import row_squares, weighted_rows, with_std_factors
+from nlosctl.pipeline.solve.unknown_std import StdEstimate, StdFactor
 
 __all__ = ["estimate_stds"]
 
@@ -207,7 +206,7 @@ def _file_sums(run: MethodRun, batch: Any) -> FloatArray:
     file = None if std is None else std.file
     if spec.direct_rows is not None and file is not None:
         factors = np.full(next(iter(_stds(batch))).shape, file.value)
-        squares, weight, _ = _weighted_rows(spec, run.options, batch, factors)
+        squares, weight, _ = weighted_rows(spec, run.options, batch, factors)
         spare = np.maximum(sum_measurements(weight) - 2.0, 0.0)
         return np.stack([sum_measurements(squares), spare], axis=1)
     if spec.direct_rows is not None:
@@ -248,7 +247,7 @@ def _row_sums(run: MethodRun, batch: Any, factors: FloatArray) -> tuple[FloatArr
     """Return the squared residual over stated std (B, K) of each row of fixes with spare scalars, and its degrees."""
     spec = run.spec
     if spec.direct_rows is not None:
-        squares, weight, degrees = _weighted_rows(spec, run.options, batch, factors)
+        squares, weight, degrees = weighted_rows(spec, run.options, batch, factors)
         spare = (sum_measurements(weight) > 2.0)[:, None]
         return np.where(spare, squares, 0.0), np.where(spare, degrees, 0.0)
     scaled = with_std_factors(batch, factors)
@@ -257,31 +256,4 @@ def _row_sums(run: MethodRun, batch: Any, factors: FloatArray) -> tuple[FloatArr
     position = np.full((batch.size, estimates.position_m.shape[1]), np.nan)
     position[estimates.row[chosen]] = estimates.position_m[chosen]
     weight = np.asfortranarray(np.broadcast_to(np.isfinite(position[:, :1]), factors.shape).astype(np.float64))
-    return _squares(spec, run.options, scaled, position, weight, factors)[0::2]
-
-
-def _weighted_rows(
-    spec: MethodSpec, options: Any, batch: Any, factors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the weighted squares, the weights and the degrees of freedom (B, K) of the rows of a robust method."""
-    assert spec.direct_rows is not None  # noqa: S101 - the caller's case
-    scaled = with_std_factors(batch, factors)
-    position, weight = spec.direct_rows(scaled, options)
-    weight = np.asfortranarray(np.where(np.isfinite(position[:, :1]), weight, 0.0))
-    return _squares(spec, options, scaled, position, weight, factors)
-
-
-def _squares(
-    spec: MethodSpec, options: Any, scaled: Any, position: FloatArray, weight: FloatArray, factors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return weighted squares over stated std, weights and degrees of freedom of rows (B, K), over their scalars."""
-    scalars = SCALED_RESIDUALS[spec.kind](scaled, position, with_ranges=uses_ranges(spec, options))
-    _, shares = leverages(scalars, weight)
-    squares, weights, degrees = (np.zeros(weight.shape, order="F") for _ in range(3))
-    with ignoring_invalid():
-        for scalar, leverage in zip(scalars, shares, strict=True):
-            squares += weight * (scalar.residual * factors) ** 2
-            weights += weight * scalar.measured
-            degrees += weight * scalar.measured * (1.0 - leverage)
-    sound = np.isfinite(degrees) & np.isfinite(squares)
-    return np.where(sound, squares, 0.0), weights, np.where(sound, np.maximum(degrees, 0.0), 0.0)
+    return row_squares(spec, run.options, scaled, position, weight, factors)[0::2]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl import registry
-from nlosctl.arrays import FloatArray, IntArray, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import Batch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Estimates, Flags, Solution, has_covariance
@@ -21,9 +21,10 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
 from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.row_squares import snapshot_factors, uses_ranges, with_std_factors
 from nlosctl.solvers.optimization.split_batches import take_snapshots
 
-__all__ = ["StdEstimate", "StdFactor", "uses_ranges", "with_std_factors", "with_unknown_std"]
+__all__ = ["StdEstimate", "StdFactor", "with_unknown_std"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +87,12 @@ class StdEstimate:
         self, spec: MethodSpec, batch: Batch, options: Any, rows: tuple[FloatArray, FloatArray] | None
     ) -> Solution:
         """Solve a batch; ``rows`` are the `row_factors` (B, K) of its rows, None without."""
+        if self.pool == "snapshot" and spec.direct_rows is not None:
+            factors, degrees, determined = snapshot_factors(spec, batch, options)
+            solution = spec.solve(with_std_factors(batch, factors[:, None]), options)
+            row = solution.estimates.row
+            solution = _with_columns(solution, factors[row], degrees[row])
+            return dataclasses.replace(solution, estimates=_without_covariance(solution.estimates, ~determined[row]))
         if self.pool == "snapshot":
             return spec.solve(dataclasses.replace(batch, std="unknown"), options)
         if self.file is None:
@@ -99,7 +106,7 @@ class StdEstimate:
         return _with_sensor_columns(solution, spec, batch, options, factors, degrees)
 
 
-def with_unknown_std(runs: Sequence[MethodRun], kind: str) -> list[MethodRun]:
+def with_unknown_std(runs: Sequence[MethodRun], kind: str, pool: str) -> list[MethodRun]:
     """Return the runs with a factor of the standard deviations for each snapshot.
 
     Raises UsageError for a kind or method that can't have one, or an option that is to be estimated, too.
@@ -108,6 +115,9 @@ def with_unknown_std(runs: Sequence[MethodRun], kind: str) -> list[MethodRun]:
         spec = run.spec
         if not (spec.scales_std or spec.direct_rows is not None):
             raise UsageError(f"`estimate_std` is not for {spec.name} on {kind}; it is for {_capable()}")
+        fault = "" if spec.std_fault is None else spec.std_fault(run.options, pool)
+        if fault:
+            raise UsageError(f"method {spec.name!r}: {fault}")
         if run.open_options:
             raise UsageError(
                 f"`estimate_std` can't be combined with {run.open_options[0]}=estimate of {spec.name}: either explains "
@@ -126,30 +136,21 @@ def _capable() -> str:
     return "; ".join(f"{kind}: {', '.join(sorted(known))}" for kind, known in sorted(names.items()))
 
 
-def with_std_factors(batch: Batch, factors: FloatArray | float) -> Any:
-    """Return the batch with its standard deviations times factors, (B, K) or one."""
-    arrays = {name: getattr(batch, name) for name in batch.STDS}
-    scaled = {name: np.asfortranarray(array * factors) for name, array in arrays.items() if array is not None}
-    return dataclasses.replace(batch, std="estimated", **scaled)  # type: ignore[arg-type]
+def _without_covariance(estimates: Estimates, which: BoolArray | None = None) -> Estimates:
+    """Return the estimates, ``which`` (all) of those with a covariance as ones whose std can't be estimated."""
+    undone = has_covariance(estimates.status) if which is None else which & has_covariance(estimates.status)
 
+    def without(values: Any) -> Any:
+        return None if values is None else np.where(undone, np.nan, values)
 
-def uses_ranges(spec: MethodSpec, options: Any) -> bool:
-    """Return whether a method uses the ranges beside bearings, where present."""
-    return "range_m" in spec.reads and bool(getattr(options, "use_ranges", False))
-
-
-def _without_covariance(estimates: Estimates) -> Estimates:
-    """Return the estimates, those with a covariance as ones whose standard deviations can't be estimated."""
-    certain = has_covariance(estimates.status)
-    status = np.where(certain, np.uint8(Status.STD_NOT_ESTIMABLE), estimates.status)
-    nothing = np.full(status.shape, np.nan)
+    nothing = np.full(undone.shape, np.nan)
+    stds = {name: without(estimates.columns.get(name, nothing)) for name in ("std_factor", "std_dof")}
     return dataclasses.replace(
         estimates,
-        status=status,
-        covariance_m2=np.full(estimates.covariance_m2.shape, np.nan),
-        chi_square=nothing,
-        degrees_of_freedom=np.zeros(status.shape, dtype=np.int64),
-        columns={**estimates.columns, "std_factor": nothing, "std_dof": nothing},
+        status=np.where(undone, np.uint8(Status.STD_NOT_ESTIMABLE), estimates.status),
+        covariance_m2=np.where(undone[:, None], np.nan, estimates.covariance_m2),
+        chi_square=without(estimates.chi_square),
+        columns={**estimates.columns, **stds},
     )
 
 
