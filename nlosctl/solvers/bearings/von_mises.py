@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import i0e, i1e
 
-from nlosctl.arrays import FloatArray, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution
 from nlosctl.contract.statuses import Status
@@ -167,7 +167,7 @@ def _two_best(
     return _taken(end, first * size + every), _taken(end, second * size + every)
 
 
-def _taken(end: Minimum, index: FloatArray) -> Minimum:
+def _taken(end: Minimum, index: IntArray) -> Minimum:
     return Minimum(
         tuple(part[index] for part in end.point),
         end.cost[index],
