@@ -176,8 +176,3 @@ def usable_defaults(defaults: Mapping[str, float], names: Sequence[str], table: 
         and not set(wanted[name].accepted_names) & set(names)
         and set(measured_names(name, table)) & set(names)
     }
-
-
-def measured_names(std: str, table: Table) -> tuple[str, ...]:
-    """Return the names of the measured column whose standard deviation the column ``std`` is."""
-    return table.column(std.replace("_std_", "_")).accepted_names
