@@ -11,7 +11,21 @@ from doc_pages import ROOT, Page, read_page, run_shell
 pytestmark = pytest.mark.process
 
 TUTORIALS = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))]
-EXAMPLES = ["conventions", "earth", "echoes", "outliers", "over-the-horizon", "plotting", "settings", "windows"]
+TRADES = [
+    path.relative_to(ROOT / "docs").with_suffix("").as_posix()
+    for path in sorted((ROOT / "docs" / "trades").glob("*.md"))
+]
+EXAMPLES = [
+    *TRADES,
+    "conventions",
+    "earth",
+    "echoes",
+    "outliers",
+    "over-the-horizon",
+    "plotting",
+    "settings",
+    "windows",
+]
 
 
 def run_page(name: str, folder: Path) -> Page:
