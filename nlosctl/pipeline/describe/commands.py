@@ -52,9 +52,10 @@ def log_commands(name: str, importer: str, table: str, read: InputOptions, found
 def read_words(read: InputOptions, command: str) -> list[str]:
     """Return the flags of ``command`` that set the options of reading."""
     words: list[str] = []
+    plain = InputOptions()
     for option, flag in flags_of(InputOptions):
         value = getattr(read, option.name)
-        if command not in flag.commands.split() or option.name in ("max_snapshot_rows", "max_spool_bytes"):
+        if command not in flag.commands.split() or value == getattr(plain, option.name):
             continue
         if flag.key:
             if flag.key in value and flag.name != "--toa-std-ns":
