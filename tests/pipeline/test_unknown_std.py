@@ -346,6 +346,23 @@ def test_a_mixture_finds_the_std_of_its_direct_rows(share):
     assert again.equals(done.estimates)
 
 
+@pytest.mark.parametrize("pool", ["snapshot", "file", "sensor"])
+def test_a_mixture_finds_the_std_where_ml_has_no_fix(pool):
+    """One drive with 30 % outliers, on which ``ml`` is ``behind``: the factor is within three of its stds."""
+    rng = np.random.default_rng(2)
+    turn = np.arange(60) * np.pi / 30
+    x, y = 900.0 * np.cos(turn), 900.0 * np.sin(turn)
+    bearing = np.arctan2(-700.0 - y, -x) + np.radians(6.0) * rng.normal(size=60)
+    bearing = np.where(rng.uniform(size=60) < 0.3, rng.uniform(-np.pi, np.pi, 60), bearing)
+    table = {"snapshot": np.zeros(60, dtype=np.int64), "sensor": ["van"] * 60, "sensor_x_m": x, "sensor_y_m": y}
+    table |= {"bearing_rad": np.angle(np.exp(1j * bearing)), "path": np.arange(60)}
+    assert nlosctl.localize(table, estimate_std=pool).estimates.column("status").to_pylist() == ["behind"]
+    row = nlosctl.localize(table, method="mixture-ml", estimate_std=pool).estimates.to_pylist()[0]
+    assert row["status"] == "ok"
+    assert row["std_factor"] == pytest.approx(np.radians(6.0), rel=3.0 / np.sqrt(2.0 * row["std_dof"]))
+    assert np.hypot(row["x_m"], row["y_m"] + 700.0) < 50.0
+
+
 def test_a_mixture_finds_the_std_of_ranges():
     """With outliers among ranges the factor of the file is within 8 % of the true one."""
     rng = np.random.default_rng(2)

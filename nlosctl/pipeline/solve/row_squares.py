@@ -40,15 +40,15 @@ def snapshot_factors(spec: MethodSpec, batch: Any, options: Any) -> tuple[FloatA
     """Return the factor of each snapshot (B,) of a robust method, its degrees of freedom, and whether it is determined.
 
     f^2 = sum w r^2 / (sum w - p) over the rows, with their probabilities w to be direct at that f: solved again until
-    f stays, from the factor of ``ml``, which trusts all rows. Where nothing determines it, the last that was.
+    f stays, from the factor of ``ml``, which trusts all rows, or 1 if outliers leave ``ml`` without a fix. Where
+    nothing determines it, the last that was.
     """
     trusting = registry.resolve("ml", spec.kind, "localize")
     first = trusting.solve(dataclasses.replace(batch, std="unknown", want_flags=False), trusting.options()).estimates
     factors, degrees = np.ones(batch.size), np.zeros(batch.size)
     best = (first.alternative == 0) & np.isfinite(first.columns["std_factor"])
     factors[first.row[best]] = first.columns["std_factor"][best]
-    determined = np.zeros(batch.size, dtype=bool)
-    determined[first.row[best]] = True
+    determined = np.full(batch.size, getattr(batch, batch.STDS[0]).shape[1] > _UNKNOWNS)
     moving = determined.copy()
     for _ in range(_MOST_ROUNDS):
         if not moving.any():

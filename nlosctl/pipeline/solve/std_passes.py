@@ -44,6 +44,9 @@ _SETTLED = 1e-4
 _SPARE = 1e-6
 """A sensor with fewer degrees of freedom than this is only in snapshots without spare rows."""
 
+_START = StdFactor(value=1.0, degrees=1.0)
+"""The first factor of a robust method where outliers leave `ml` without a fix."""
+
 _POOLED = (Status.OK, Status.AMBIGUOUS)
 
 
@@ -110,6 +113,8 @@ class _Iteration:
             return
         squares, degrees = sums.get(None, (0.0, 0.0))
         before, after = self._std.file, _factor(squares, degrees)
+        if before is None and after is None and self.run.spec.direct_rows is not None:
+            after = _START
         self._put(StdEstimate(pool="file", file=after))
         if after is None:
             self.settled = True
@@ -209,11 +214,13 @@ def _file_sums(run: MethodRun, batch: Any) -> FloatArray:
         squares, weight, _ = weighted_rows(spec, run.options, batch, factors)
         spare = np.maximum(sum_measurements(weight) - 2.0, 0.0)
         return np.stack([sum_measurements(squares), spare], axis=1)
-    if spec.direct_rows is not None:
+    starts = spec.direct_rows is not None  # a starting value only: outliers make any status of `ml`
+    if starts:
         spec = registry.resolve("ml", spec.kind, "localize")
     scaled = dataclasses.replace(batch, std="unknown") if file is None else with_std_factors(batch, file.value)
     estimates = spec.solve(scaled, run.options if spec is run.spec else spec.options()).estimates
-    return _in_batch(estimates, batch.size, _squares_of_fits(estimates, file))
+    chosen = _with_spare_scalars(estimates) if starts else _pooled(estimates)
+    return _in_batch(estimates, batch.size, _squares_of_fits(estimates, file), chosen)
 
 
 def _squares_of_fits(estimates: Estimates, file: StdFactor | None) -> FloatArray:
@@ -228,19 +235,24 @@ def _stds(batch: Any) -> Iterator[FloatArray]:
     return (getattr(batch, name) for name in batch.STDS)
 
 
-def _in_batch(estimates: Estimates, size: int, squares: FloatArray) -> FloatArray:
+def _in_batch(estimates: Estimates, size: int, squares: FloatArray, chosen: IntArray) -> FloatArray:
     assert estimates.degrees_of_freedom is not None  # noqa: S101 - part of the contract of such methods
-    chosen = _pooled(estimates)
     sums = np.zeros((size, 2))
     sums[estimates.row[chosen]] = np.stack([squares, estimates.degrees_of_freedom], axis=1)[chosen]
     return sums
 
 
 def _pooled(estimates: Estimates) -> IntArray:
-    """Return the indices of the best fixes with spare scalars: a wrong minimum would ruin a pooled factor."""
+    """Return the indices of the usual fixes with spare scalars: a wrong minimum would ruin a pooled factor."""
+    spare = _with_spare_scalars(estimates)
+    return spare[np.isin(estimates.status[spare], _POOLED)]
+
+
+def _with_spare_scalars(estimates: Estimates) -> IntArray:
+    """Return the indices of the best fixes with spare scalars."""
     assert estimates.degrees_of_freedom is not None  # noqa: S101 - part of the contract of such methods
-    usual = np.isin(estimates.status, _POOLED) & (estimates.alternative == 0)
-    return np.flatnonzero(usual & (estimates.degrees_of_freedom > 0))
+    best = np.isfinite(estimates.position_m[:, 0]) & (estimates.alternative == 0)
+    return np.flatnonzero(best & (estimates.degrees_of_freedom > 0))
 
 
 def _row_sums(run: MethodRun, batch: Any, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
