@@ -17,6 +17,7 @@ TRADES = [
 ]
 EXAMPLES = [
     *TRADES,
+    "columns",
     "conventions",
     "earth",
     "echoes",
@@ -24,6 +25,7 @@ EXAMPLES = [
     "over-the-horizon",
     "plotting",
     "settings",
+    "unknown-std",
     "windows",
 ]
 
