@@ -1,1 +1,1 @@
-"""Tables and figures of the four papers, one room per paper, and the Monte-Carlo loop that runs them."""
+"""Tables and figures of the five papers, one room per paper, and the Monte-Carlo loop that runs them."""

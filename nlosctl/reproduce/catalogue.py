@@ -18,6 +18,7 @@ _ITEMS = {
     "madhow": ("fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "fig11"),
     "liang": ("fig2", "fig3", "fig4", "table1", "table2"),
     "shen": ("fig4", "fig5", "fig6", "fig7", "fig8", "table1", "table3", "table4", "table5"),
+    "lenth": ("coverage",),
 }
 """Figures and tables by paper, in the order of the paper."""
 _SHARED_MODULES = {
