@@ -34,9 +34,9 @@ def make_outliers(path: Path, snapshots: int) -> None:
         raise RuntimeError(f"nlosctl {' '.join(words)} failed")
 
 
-def localize(method: str, source: Path, target: Path, jobs: int = 1) -> None:
+def localize(method: str, source: Path, target: Path, *extra: str, jobs: int = 1) -> None:
     """Run the command in this process, so that start-up does not count."""
-    words = ["localize", "-m", method, str(source), "-o", str(target), "--overwrite", "-q", "--jobs", str(jobs)]
+    words = ["localize", "-m", method, str(source), "-o", str(target), "--overwrite", "-q", "--jobs", str(jobs), *extra]
     if run(words) != 0:
         raise RuntimeError(f"nlosctl {' '.join(words)} failed")
 
@@ -63,6 +63,18 @@ def peak_memory_mb(method: str, source: Path, target: Path) -> float:
     words = ["localize", "-m", method, str(source), "-o", str(target), "--overwrite", "-q", "--jobs", "1"]
     done = subprocess.run([sys.executable, "-c", _PRINT_PEAK, *words], check=True, capture_output=True, text=True)
     return int(done.stdout) / 1024.0
+
+
+def unknown_std(source: Path, target: Path) -> list[str]:
+    """Return the lines of the table: `ml` with standard deviations from each snapshot's residuals over `ml` without."""
+    seconds = best_of(
+        5, lambda: localize("ml", source, target), lambda: localize("ml", source, target, "--estimate-std", "snapshot")
+    )
+    lines = ["## Unknown standard deviations: `ml`, the same file", "", "| options | seconds | times without |"]
+    lines.append("|---|---|---|")
+    for options, time in zip(("none", "`--estimate-std snapshot`"), seconds, strict=True):
+        lines.append(f"| {options} | {time:.2f} | {time / seconds[0]:.2f} |")
+    return [*lines, ""]
 
 
 def report(folder: Path, snapshots: int, slow_snapshots: int, memory: list[int]) -> list[str]:
@@ -100,7 +112,8 @@ def report(folder: Path, snapshots: int, slow_snapshots: int, memory: list[int])
         )
         lines.append(f"| `nlosctl localize -m {method}` | {ours:.2f} | {alone:.2f} | {ours / alone:.1f} |")
         gains.append(f"| `{method}` | {ours:.2f} | {shared:.2f} | {ours / shared:.2f} |")
-    lines += [*gains, "", "## Peak memory of a process of its own, `stansfield`", "", "| snapshots | MB |", "|---|---|"]
+    lines += [*gains, "", *unknown_std(plain, target)]
+    lines += ["## Peak memory of a process of its own, `stansfield`", "", "| snapshots | MB |", "|---|---|"]
     for count in memory:
         source = folder / f"bearings_{count}.parquet"
         if not source.exists():
