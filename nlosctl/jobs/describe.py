@@ -13,7 +13,9 @@ from typing import Any
 from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.tables import FLAGS, result_table
+from nlosctl.contract.windows import AUTO as AUTO_WINDOW
 from nlosctl.errors import DataError, NlosctlError, UsageError
+from nlosctl.io.measurements.column_mapping import SNAPSHOT
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.readers.open_file import open_part
@@ -22,7 +24,7 @@ from nlosctl.jobs.console import Console, Silent
 from nlosctl.jobs.files import open_inputs
 from nlosctl.pipeline.convert.importer import Import, Imported
 from nlosctl.pipeline.convert.recognition import AUTO
-from nlosctl.pipeline.describe.commands import log_commands, table_commands
+from nlosctl.pipeline.describe.commands import estimates_std, log_commands, table_commands
 from nlosctl.pipeline.describe.description import Description, description_of
 from nlosctl.pipeline.describe.suspicions import Suspicion
 
@@ -57,7 +59,8 @@ def describe(
         if not isinstance(inputs[0], str) or name == "-":
             raise
         return _of_log(name, _imported(name, read, error), read)
-    return _as_dict(found, None, table_commands(name, used, found), _unstated(found.kind, read, used))
+    commands = table_commands(name, used, found, _assumed(read, used))
+    return _as_dict(found, None, commands, _unstated(found, read, used))
 
 
 def _of_table(
@@ -72,7 +75,7 @@ def _of_table(
         options = dataclasses.replace(read, constants={**constants, **read.constants})
         for _ in range(_MOST_RENAMES):
             try:
-                return _read(given, options, progress), options
+                return _read(given, options, progress)
             except (DataError, UsageError) as error:
                 first = first or error
                 degrees = _IN_DEGREES.search(str(error))
@@ -96,10 +99,21 @@ def _constants() -> Iterator[dict[str, float]]:
             yield from map(dict, combinations(stds.items(), count))
 
 
-def _read(given: Sequence[Input], options: InputOptions, progress: Callable[[int], None]) -> Description:
-    inputs = [_again(source) for source in given]
-    with closing(MeasurementReader(inputs, options, lambda rows: None)) as reader:
-        return description_of(reader, progress)
+def _read(
+    given: Sequence[Input], options: InputOptions, progress: Callable[[int], None]
+) -> tuple[Description, InputOptions]:
+    """Return the description, and the options with the window ``auto`` where times make snapshots of several rows."""
+    with closing(MeasurementReader([_again(source) for source in given], options, lambda rows: None)) as reader:
+        names = reader.column_names
+        if options.window is not None or SNAPSHOT in names or not {"time", "time_s"} & {*names}:
+            return description_of(reader, progress), options
+    windowed = dataclasses.replace(options, window=AUTO_WINDOW)
+    with suppress(DataError, UsageError):
+        found, _ = _read(given, windowed, progress)
+        if found.largest > 1 and not found.bad_rows:
+            return found, windowed
+    with closing(MeasurementReader([_again(source) for source in given], options, lambda rows: None)) as reader:
+        return description_of(reader, progress), options
 
 
 def _refuse_results(source: Input) -> None:
@@ -134,18 +148,25 @@ def _of_log(name: str, imported: Imported, read: InputOptions) -> dict[str, Any]
     found, used = None, read
     with suppress(DataError, UsageError):
         found, used = _of_table([input_of_table(imported.table)], scene, lambda rows: None)
-    commands = log_commands(name, imported.importer, table, dataclasses.replace(read, constants=used.constants), found)
+    options = dataclasses.replace(read, constants=used.constants, window=used.window)
+    commands = log_commands(name, imported.importer, table, options, found, _assumed(read, used))
     found = found or Description(kind=imported.kind, rows=imported.table.num_rows)
     notes = [Suspicion(what="note", column=None, rows=None, text=note) for note in imported.notes]
-    return _as_dict(found, imported.importer, commands, [*notes, *_unstated(found.kind, read, used)])
+    return _as_dict(found, imported.importer, commands, [*notes, *_unstated(found, read, used)])
 
 
-def _unstated(kind: str, read: InputOptions, used: InputOptions) -> list[Suspicion]:
+def _assumed(read: InputOptions, used: InputOptions) -> list[str]:
+    return [name for name in used.constants if name not in read.constants]
+
+
+def _unstated(description: Description, read: InputOptions, used: InputOptions) -> list[Suspicion]:
     """Return what had to be assumed: standard deviations, and degrees in columns of radians."""
-    assumed = [name for name in used.constants if name not in read.constants]
-    found = []
+    assumed, found = _assumed(read, used), []
     if assumed:
-        text = f"there is no {' and no '.join(assumed)}: the commands assume values, put yours in their place"
+        cure = "the commands assume values, put yours in their place"
+        if estimates_std(description):
+            cure = "`estimate_std` estimates it from the residuals; 'nlosctl validate' assumes a value"
+        text = f"there is no {' and no '.join(assumed)}: {cure}"
         found.append(Suspicion(what="no_std", column=None, rows=None, text=text))
     for name, header in used.columns.items():
         if name not in read.columns:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -86,15 +87,52 @@ def write(table: Any, name: str) -> None:
     pyarrow.csv.write_csv(table, name)
 
 
-def test_a_file_without_standard_deviations_has_commands_that_state_one(cli: Cli) -> None:
-    """The commands assume a standard deviation, and the description names the column that lacks."""
+def test_a_file_without_standard_deviations_has_commands_that_estimate_one(cli: Cli) -> None:
+    """Spare rows give the standard deviation; ``validate`` assumes one, and the description names the column."""
     cli("--version")
     write(bearings(), "b.csv")
     found = described(cli, "b.csv")
     assert (found["kind"], found["rows"], found["snapshots"], found["sensors"]) == ("bearings", 30, 10, 3)
     assert kinds_of(found) == ["no_std"]
-    assert all("--bearing-std-deg 2" in command for command in found["commands"])
+    assert "--estimate-std estimates it from the residuals" in found["suspicions"][0]["text"]
+    assert found["commands"] == [
+        "nlosctl validate b.csv --bearing-std-deg 2",
+        "nlosctl localize -m ml b.csv --estimate-std file",
+    ]
     run_all(cli, found)
+
+
+def test_without_spare_rows_a_standard_deviation_is_assumed(cli: Cli) -> None:
+    """Two bearings a snapshot determine a position and nothing else: the commands assume 2 degrees."""
+    cli("--version")
+    write(bearings().filter([row % 3 < 2 for row in range(30)]), "pairs.csv")
+    found = described(cli, "pairs.csv")
+    assert found["commands"][-1] == "nlosctl localize -m ml pairs.csv --bearing-std-deg 2"
+    assert "put yours in their place" in found["suspicions"][0]["text"]
+    run_all(cli, found)
+
+
+@pytest.mark.parametrize("column", ["time_s", "time"])
+def test_times_without_snapshots_are_cut_into_epochs(cli: Cli, column: str) -> None:
+    """The snapshots are those of ``--window auto``, which the commands state; one station's drive stays whole."""
+    cli("--version")
+    seconds = [10 * (row // 3) + row % 3 for row in range(30)]
+    values = {"time_s": seconds, "time": [f"2024-06-10T06:{s // 60:02d}:{s % 60:02d}Z" for s in seconds]}[column]
+    table = bearings(**{column: values}).drop_columns(["snapshot"])
+    write(table, "log.csv")
+    found = described(cli, "log.csv")
+    assert (found["rows"], found["snapshots"], found["sensors"]) == (30, 10, 3)
+    assert found["time"]["largest_gap_s"] == 8.0
+    assert all("--window auto" in command for command in found["commands"])
+    run_all(cli, found)
+    write(table.take(list(range(29, -1, -1))), "backwards.csv")
+    found = described(cli, "backwards.csv")
+    assert found["snapshots"] == 10
+    assert [known["rows"] for known in found["suspicions"] if known["what"] == "times_go_back"] == [29]
+    write(table.set_column(0, "sensor", pa.array(["car"] * 30)), "drive.csv")
+    found = described(cli, "drive.csv")
+    assert found["snapshots"] == 1
+    assert not any("--window" in command for command in found["commands"])
 
 
 def test_times_and_their_gaps(cli: Cli) -> None:
@@ -162,6 +200,29 @@ def test_counter_clockwise_azimuths(cli: Cli) -> None:
     texts = [known["text"] for known in found["suspicions"] if known["what"] == "misfit"]
     assert len(texts) == 1
     assert "--column azimuth_ccw_deg=azimuth_deg" in texts[0]
+
+
+@pytest.mark.parametrize(
+    ("changed", "name"),
+    [
+        (lambda azimuth: (360.0 - azimuth) % 360.0, "azimuth_ccw_deg"),
+        (lambda azimuth: (90.0 - azimuth) % 360.0, "bearing_deg"),
+        (lambda azimuth: (azimuth + 180.0) % 360.0, "back_azimuth_deg"),
+    ],
+)
+def test_bearings_that_do_not_lead_to_the_truth(cli: Cli, changed: Callable[[float], float], name: str) -> None:
+    """A single row a snapshot is enough where the truth is there; one outlier of 30 bearings does not matter."""
+    cli("--version")
+    azimuth = [changed(value) for value in bearings()["azimuth_deg"].to_pylist()]
+    azimuth[7] = (azimuth[7] + 77.0) % 360.0
+    truth = {"truth_x_m": [300.0] * 30, "truth_y_m": [400.0] * 30}
+    write(bearings(snapshot=list(range(30)), azimuth_deg=azimuth, **truth), "turned.csv")
+    (known,) = [known for known in described(cli, "turned.csv")["suspicions"] if known["what"] == "misfit"]
+    assert (known["column"], known["rows"]) == ("azimuth_deg", 30)
+    assert known["text"].startswith("29 of 30 bearings lead to the true positions (0 as given) if 'azimuth_deg' is")
+    assert f"--column {name}=azimuth_deg" in known["text"]
+    write(bearings(snapshot=list(range(30)), **truth), "right.csv")
+    assert "misfit" not in kinds_of(described(cli, "right.csv"))
 
 
 def test_bad_rows_are_counted_and_set_aside_by_the_command(cli: Cli) -> None:

@@ -2,35 +2,55 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import PurePath
 
 from nlosctl.contract.run_options import InputOptions, flags_of
 from nlosctl.contract.scene import Scene
 from nlosctl.pipeline.describe.description import Description
 
-__all__ = ["log_commands", "table_commands"]
+__all__ = ["estimates_std", "log_commands", "table_commands"]
 
 _METHODS = {"bearings": ("localize", "ml"), "ranges": ("localize", "ml"), "triplets": ("detect-ip", "chi2")}
+_UNKNOWNS = 2
 _OPTIONS_OF_CONVERT = ("wide", "missing", "where", "declination_deg", "crs", "origin", "scene")
 
 
-def table_commands(name: str, read: InputOptions, found: Description) -> list[str]:
-    """Return the commands that check and solve a table; none for one without a good row."""
+def estimates_std(found: Description) -> bool:
+    """Return whether the proposed command can estimate unknown standard deviations: a snapshot has spare rows."""
+    return _method(found) == ("localize", "ml") and found.largest > _UNKNOWNS
+
+
+def table_commands(name: str, read: InputOptions, found: Description, assumed: Collection[str] = ()) -> list[str]:
+    """Return the commands that check and solve a table; none for one without a good row.
+
+    The constants ``assumed`` of ``read`` are estimated where that is possible.
+    """
     if found.bad_rows >= found.rows:
         return []
-    command, method = _METHODS[found.kind]
-    if found.kind == "ranges" and found.repeats:
-        command, method = "identify-los", "assignment"
+    command, method = _method(found)
     aside = ["--bad-rows", f"{PurePath(name).name}.bad_rows.csv", "--overwrite"] if found.bad_rows else []
-    solving = ["nlosctl", command, "-m", method, name, *read_words(read, command), *aside]
+    solved, estimating = read, []
+    if assumed and estimates_std(found):
+        kept = {key: value for key, value in read.constants.items() if key not in assumed}
+        solved, estimating = dataclasses.replace(read, constants=kept), ["--estimate-std", "file"]
+    solving = ["nlosctl", command, "-m", method, name, *read_words(solved, command), *estimating, *aside]
     checking = [] if aside else [shlex.join(["nlosctl", "validate", name, *read_words(read, "validate")])]
     return [*checking, shlex.join(solving)]
 
 
-def log_commands(name: str, importer: str, table: str, read: InputOptions, found: Description | None) -> list[str]:
+def _method(found: Description) -> tuple[str, str]:
+    if found.kind == "ranges" and found.repeats:
+        return "identify-los", "assignment"
+    return _METHODS[found.kind]
+
+
+def log_commands(
+    name: str, importer: str, table: str, read: InputOptions, found: Description | None, assumed: Collection[str] = ()
+) -> list[str]:
     """Return the commands that convert a log to the file ``table`` and, if it can be solved, solve that."""
     options = InputOptions(**{key: getattr(read, key) for key in _OPTIONS_OF_CONVERT})
     words = [
@@ -44,8 +64,8 @@ def log_commands(name: str, importer: str, table: str, read: InputOptions, found
         table,
         "--overwrite",
     ]
-    rest = InputOptions(constants=read.constants)
-    solved = [] if found is None else table_commands(table, rest, found)
+    rest = InputOptions(constants=read.constants, window=read.window, by=read.by)
+    solved = [] if found is None else table_commands(table, rest, found, assumed)
     return [shlex.join(words), *solved]
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.plot_inputs import as_array
 from nlosctl.pipeline.describe.sensor_jumps import SensorJumps
-from nlosctl.pipeline.describe.suspicions import Suspicion, of_causes, of_remarks
+from nlosctl.pipeline.describe.suspicions import Suspicion, of_cause, of_remarks
 from nlosctl.pipeline.describe.times import RowTimes
+from nlosctl.pipeline.describe.truth_directions import TruthDirections
 from nlosctl.pipeline.describe.value_ranges import ValueRanges
 from nlosctl.pipeline.solve.advice import Measured
 from nlosctl.pipeline.solve.likely_causes import cause_remarks, fit_after_changes
@@ -28,7 +29,8 @@ _LARGEST_SNAPSHOT = 1000
 class Description:
     """The counts of measurements of one ``kind``, their values, times and suspicious things.
 
-    ``repeats`` is the number of rows whose sensor has an earlier row, without a path number, in their snapshot.
+    ``repeats`` is the number of rows whose sensor has an earlier row, without a path number, in their snapshot,
+    ``largest`` that of the rows in the largest snapshot.
     """
 
     kind: str
@@ -37,9 +39,11 @@ class Description:
     snapshots: int = 0
     sensors: int = 0
     repeats: int = 0
+    largest: int = 0
     values: ValueRanges = field(default_factory=ValueRanges)
     times: RowTimes = field(default_factory=RowTimes)
     jumps: SensorJumps = field(default_factory=SensorJumps)
+    truth: TruthDirections = field(default_factory=TruthDirections)
     suspicions: list[Suspicion] = field(default_factory=list)
 
 
@@ -53,26 +57,33 @@ def description_of(reader: MeasurementReader, progress: Callable[[int], None]) -
     for chunk in reader.chunks():
         progress(reader.report.rows_in_all)
         columns = {name: as_array(chunk.table.column(name)) for name in chunk.table.column_names}
+        order = np.arange(len(chunk.left_out)) if chunk.windows is None else np.argsort(chunk.windows.origin)
         found.values.add(columns)
         sensors = _sensors(chunk, reader)
-        found.times.add(columns, sensors)
+        in_file = {name: columns[name][order] for name in ("time", "time_s") if name in columns}
+        found.times.add(in_file, [sensors[row] for row in order.tolist()])
         if "sensor_x_m" in chunk.columns:
             found.jumps.add(chunk.columns["sensor_x_m"], chunk.columns["sensor_y_m"], sensors)
         if found.kind == "triplets":
             places = np.stack([chunk.columns[name] for name in ("tx_x_m", "tx_y_m", "rx_x_m", "rx_y_m")], axis=1)
             nodes |= {tuple(place) for pair in np.unique(places, axis=0).tolist() for place in (pair[:2], pair[2:])}
         found.repeats += _repeats(chunk)
+        found.largest = max(found.largest, int(np.diff(chunk.offsets).max()))
+        found.truth.add(chunk, reader)
         if tried["tried"] < _ENOUGH_TRIED and np.diff(chunk.offsets).max() <= _LARGEST_SNAPSHOT:
             tried.update(fit_after_changes(chunk, reader))
     report = reader.report
     found.rows, found.bad_rows, found.snapshots = report.rows_taken, report.bad_rows, report.snapshots
     found.sensors = len(nodes) if found.kind == "triplets" else len(reader.sensor_names)
+    measured = Measured.of(reader)
+    causes = [] if found.truth.rows else cause_remarks(tried, measured)
     found.suspicions = [
         *found.values.suspicions(found.kind, found.sensors),
         *of_remarks(report.remarks, found.rows),
         *found.times.suspicions(),
         *found.jumps.suspicions(),
-        *of_causes(cause_remarks(tried, Measured.of(reader))),
+        *found.truth.suspicions(measured),
+        *map(of_cause, causes),
     ]
     return found
 

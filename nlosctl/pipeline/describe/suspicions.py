@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Suspicion", "of_causes", "of_remarks"]
+__all__ = ["Suspicion", "of_cause", "of_remarks"]
 
 _REMARKS = (
     ("probably radians", "radians_as_degrees"),
@@ -34,8 +34,7 @@ def of_remarks(remarks: Sequence[str], rows: int) -> Iterator[Suspicion]:
                 yield Suspicion(what=what, column=None if column is None else column[1], rows=rows, text=remark)
 
 
-def of_causes(causes: Sequence[str]) -> Iterator[Suspicion]:
-    """Yield a suspicion for each change of all rows after which most snapshots fit."""
-    for cause in causes:
-        column = re.search(r"if '([^']+)' is read", cause)
-        yield Suspicion(what="misfit", column=None if column is None else column[1], rows=None, text=cause)
+def of_cause(cause: str, rows: int | None = None) -> Suspicion:
+    """Return the suspicion of a change of all rows after which most of them fit."""
+    column = re.search(r"if '([^']+)' is read", cause)
+    return Suspicion(what="misfit", column=None if column is None else column[1], rows=rows, text=cause)

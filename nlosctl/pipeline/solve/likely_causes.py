@@ -22,7 +22,7 @@ from nlosctl.pipeline.solve.method_runs import method_runs
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch
 from nlosctl.solvers.triplets.target_fits import fit_paths
 
-__all__ = ["cause_remarks", "fit_after_changes"]
+__all__ = ["cause_remarks", "change_text", "changes", "fit_after_changes"]
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -84,7 +84,7 @@ def fit_after_changes(chunk: Chunk, reader: MeasurementReader) -> dict[str, int]
         return {}
     part = _snapshots(chunk, wanted)
     counts = {_TRIED: wanted.size, _PAIRS: wanted.size * pairs, _AS_GIVEN: _fitting(part, measured)}
-    for name, columns in _changes(part.columns, measured):
+    for name, columns in changes(part.columns, measured):
         counts[name] = _fitting(replace(part, columns=columns), measured)
     return counts
 
@@ -103,7 +103,8 @@ def _snapshots(chunk: Chunk, wanted: npt.NDArray[Any]) -> Chunk:
     )
 
 
-def _changes(columns: Columns, measured: Measured) -> Iterator[tuple[str, Columns]]:
+def changes(columns: Columns, measured: Measured) -> Iterator[tuple[str, Columns]]:
+    """Yield the columns with the measured values read under each other name of them, with that name."""
     given, name = _spelling(measured), _VARIED[measured.kind]
     heading_rad: Any = 0.0
     if given.is_relative:
@@ -134,9 +135,9 @@ def _fits_of_paths(chunk: Chunk, measured: Measured) -> dict[str, int]:
     """Return the counts of paths, each fitted by itself, and of those that are shorter than their baseline."""
     rows = np.flatnonzero(~chunk.left_out)[:_LARGEST_CHUNK, None]
     exchanged = {**chunk.columns, **{name: chunk.columns[other] for name, other in _EXCHANGE.items()}}
-    changes = {_AS_GIVEN: chunk.columns, **dict(_changes(chunk.columns, measured)), _EXCHANGED: exchanged}
+    ways = {_AS_GIVEN: chunk.columns, **dict(changes(chunk.columns, measured)), _EXCHANGED: exchanged}
     counts = {_TRIED: rows.size}
-    for name, columns in changes.items():
+    for name, columns in ways.items():
         batch: Any = dense_batch("triplets", columns, rows, scene=Scene())
         p_value = erfc(np.sqrt(fit_paths(path_rows(batch)).cost))
         counts[name] = int(np.count_nonzero(p_value >= _BAD_P_VALUE))
@@ -157,15 +158,16 @@ def cause_remarks(counts: Mapping[str, int], measured: Measured) -> list[str]:
             "relative to the first path? Add its delay to all, or give path_length_m"
         ]
     pairs = counts.get(_PAIRS, 0) > _MOST * tried
-    changes = [other.name for other in _others(measured)] + [_EXCHANGED] * (measured.kind == "triplets")
-    best = max(changes, key=lambda name: counts.get(name, 0))
+    names = [other.name for other in _others(measured)] + [_EXCHANGED] * (measured.kind == "triplets")
+    best = max(names, key=lambda name: counts.get(name, 0))
     if counts.get(best, 0) > (_NEARLY_ALL if pairs else _MOST) * tried and not (pairs and tried < _FEWEST_PAIRS):
         what = "paths" if measured.kind == "triplets" else "snapshots"
-        return [f"{counts[best]} of {tried} {what} fit ({counts[_AS_GIVEN]} as given) {_change(best, measured)}"]
+        return [f"{counts[best]} of {tried} {what} fit ({counts[_AS_GIVEN]} as given) {change_text(best, measured)}"]
     return []
 
 
-def _change(name: str, measured: Measured) -> str:
+def change_text(name: str, measured: Measured) -> str:
+    """Return what the change ``name`` of `changes` is and the setting for it, after 'fit'."""
     given = _spelling(measured).name
     if name == _EXCHANGED:
         dod = given.replace("doa", "dod")
