@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from itertools import combinations
 from pathlib import PurePath
 from typing import Any
@@ -18,6 +18,7 @@ from nlosctl.errors import DataError, NlosctlError, UsageError
 from nlosctl.io.measurements.column_mapping import SNAPSHOT
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
+from nlosctl.io.paths.spooled import spooled
 from nlosctl.io.readers.open_file import open_part
 from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.jobs.console import Console, Silent
@@ -52,8 +53,11 @@ def describe(
         raise UsageError(f"describe takes one file, got {len(inputs)}")
     name = inputs[0] if isinstance(inputs[0], str) else inputs[0].name
     try:
-        given = open_inputs(inputs, read.input_format)
-        with (console or Silent()).progress("describe") as progress:
+        opened = open_inputs(inputs, read.input_format)
+        with spooled(opened, read.max_spool_bytes) as given, (console or Silent()).progress("describe") as progress:
+            for part in given[0].parts:
+                if part.stream is not None and part.reopen is not None:
+                    part.stream.close()  # each reading opens its own
             found, used = _of_table(given, read, lambda rows: progress(rows, None))
     except (DataError, UsageError) as error:
         if not isinstance(inputs[0], str) or name == "-":
@@ -103,7 +107,7 @@ def _read(
     given: Sequence[Input], options: InputOptions, progress: Callable[[int], None]
 ) -> tuple[Description, InputOptions]:
     """Return the description, and the options with the window ``auto`` where times make snapshots of several rows."""
-    with closing(MeasurementReader([_again(source) for source in given], options, lambda rows: None)) as reader:
+    with _reading(given, options) as reader:
         names = reader.column_names
         if options.window is not None or SNAPSHOT in names or not {"time", "time_s"} & {*names}:
             return description_of(reader, progress), options
@@ -112,8 +116,19 @@ def _read(
         found, _ = _read(given, windowed, progress)
         if found.largest > 1 and not found.bad_rows:
             return found, windowed
-    with closing(MeasurementReader([_again(source) for source in given], options, lambda rows: None)) as reader:
+    with _reading(given, options) as reader:
         return description_of(reader, progress), options
+
+
+@contextmanager
+def _reading(given: Sequence[Input], options: InputOptions) -> Iterator[MeasurementReader]:
+    """Provide a reader of the inputs from their start; streams are opened again for it and closed after it."""
+    inputs = [dataclasses.replace(source, parts=tuple(part.again() for part in source.parts)) for source in given]
+    with ExitStack() as streams:
+        for part in (part for source in inputs for part in source.parts if part.reopen is not None):
+            if part.stream is not None:
+                streams.callback(part.stream.close)
+        yield streams.enter_context(closing(MeasurementReader(inputs, options, lambda rows: None)))
 
 
 def _refuse_results(source: Input) -> None:
@@ -125,10 +140,6 @@ def _refuse_results(source: Input) -> None:
         raise DataError(
             f"{source.name}: contains {results.name}, expected measurements; see 'nlosctl evaluate' and 'plot'"
         )
-
-
-def _again(source: Input) -> Input:
-    return dataclasses.replace(source, parts=tuple(part.again() for part in source.parts))
 
 
 def _imported(name: str, read: InputOptions, why_no_table: Exception) -> Imported:

@@ -102,6 +102,15 @@ def test_a_file_without_standard_deviations_has_commands_that_estimate_one(cli: 
     run_all(cli, found)
 
 
+def test_standard_input_is_described_like_the_file(cli: Cli) -> None:
+    """Standard input without standard deviations and snapshots, which takes several readings."""
+    cli("--version")
+    write(bearings(time_s=[10 * (row // 3) + row % 3 for row in range(30)]).drop_columns(["snapshot"]), "b.csv")
+    found = described(cli, "-", stdin=Path("b.csv").read_bytes())
+    assert {**found, "commands": []} == {**described(cli, "b.csv"), "commands": []}
+    assert found["snapshots"] == 10
+
+
 def test_without_spare_rows_a_standard_deviation_is_assumed(cli: Cli) -> None:
     """Two bearings a snapshot determine a position and nothing else: the commands assume 2 degrees."""
     cli("--version")
