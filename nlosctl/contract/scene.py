@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
+from datetime import datetime
 
 from nlosctl.errors import UsageError
 
@@ -27,7 +28,8 @@ class Sensor:
     """A sensor at ``position`` (x, y in metres); ``heading_deg`` is its boresight, clockwise from +y.
     ``heading_std_deg`` is the standard deviation of the heading, which adds to that of relative directions.
 
-    ``z_m`` is its height, which all sensors of a scene have, or none.
+    ``z_m`` is its height, which all sensors of a scene have, or none. The entry is valid from ``start`` up to, not
+    including, ``end``: moments with an offset, or seconds of ``time_s``; None is without limit.
     """
 
     name: str
@@ -35,6 +37,13 @@ class Sensor:
     heading_deg: float | None = None
     heading_std_deg: float | None = None
     z_m: float | None = None
+    start: datetime | float | None = None
+    end: datetime | float | None = None
+
+    @property
+    def limits(self) -> list[datetime | float]:
+        """Those of ``start`` and ``end`` that are given."""
+        return [limit for limit in (self.start, self.end) if limit is not None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +142,10 @@ def _number(text: str) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Sensors and reflectors with unique names, and the frame of the plane on earth; all may be absent."""
+    """Sensors and reflectors with unique names, and the frame of the plane on earth; all may be absent.
+
+    Several sensors of one name are entries that are valid at different times.
+    """
 
     sensors: tuple[Sensor, ...] = ()
     reflectors: tuple[Reflector, ...] = field(default=())
@@ -143,6 +155,26 @@ class Scene:
     def has_heights(self) -> bool:
         """Whether the sensors have heights."""
         return any(sensor.z_m is not None for sensor in self.sensors)
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """The distinct names of the sensors."""
+        return tuple(dict.fromkeys(sensor.name for sensor in self.sensors))
+
+    @property
+    def time_column(self) -> str:
+        """The column of times that the validity of sensors refers to, empty if all are valid at any time."""
+        limit = next((limit for sensor in self.sensors for limit in sensor.limits), None)
+        return "" if limit is None else "time" if isinstance(limit, datetime) else "time_s"
+
+    def stationary_sensors(self, purpose: str) -> dict[str, Sensor]:
+        """Return the sensors by name; raise UsageError, which names ``purpose``, if one is valid for a time only."""
+        for sensor in self.sensors:
+            if sensor.limits:
+                raise UsageError(
+                    f"{purpose} takes scene sensors without 'from' and 'to'. Got sensor {sensor.name!r} with one."
+                )
+        return {sensor.name: sensor for sensor in self.sensors}
 
     @property
     def has_circles(self) -> bool:

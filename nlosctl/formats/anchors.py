@@ -16,7 +16,7 @@ def anchors_of(file: ForeignFile) -> dict[str, Sensor]:
             f"{file.name}: directions from a boresight need a scene with the anchors: `scene` FILE with [[sensor]], "
             f"name, position and heading_deg"
         )
-    return {sensor.name: sensor for sensor in file.scene.sensors}
+    return file.scene.stationary_sensors("the importer")
 
 
 def anchor_values(anchors: dict[str, Sensor], name: str, clockwise_deg: float, field: str) -> dict[str, object]:

@@ -79,7 +79,7 @@ def _rows(file: ForeignFile, options: OdasOptions) -> Iterator[Row | BadLine]:
 
 def _array(file: ForeignFile, options: OdasOptions) -> Sensor:
     name = options.sensor or PurePath(file.name).stem
-    known = {sensor.name: sensor for sensor in file.scene.sensors}
+    known = file.scene.stationary_sensors("importer 'odas'")
     if name not in known:
         raise DataError(
             f"{file.name}: the scene has no sensor {name!r}{did_you_mean(name, known)}: name the file or `parameters` "

@@ -51,7 +51,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
     if sum(value is not None for value in (options.std, options.variance, options.range_std_m)) > 1:
         raise UsageError("importer 'uwb' takes only one of the parameters std, variance and range_std_m")
     own, clock = OwnFields(options.group, options.keep), Clock(_SECONDS[options.time_unit])
-    sensors = {sensor.name: sensor for sensor in file.scene.sensors}
+    sensors = file.scene.stationary_sensors("importer 'uwb'")
     metres = _METRES[options.range_unit]
     table = open_table(file)
     time_name = options.time or ("timestamp" if "timestamp" in table.columns else "time")

@@ -130,7 +130,8 @@ def _towers(file: ForeignFile, options: WhiteGarrottOptions) -> dict[str, tuple[
                 f"{file.name}: has no positions of the towers: `parameters` towers=FILE with x,y in each line, or "
                 "`scene` FILE with [[sensor]], name = the tower's number, and position"
             )
-        return {sensor.name: (sensor.position[0], sensor.position[1]) for sensor in file.scene.sensors}
+        sensors = file.scene.stationary_sensors("importer 'white-garrott'")
+        return {name: sensor.position for name, sensor in sensors.items()}
     try:
         texts = Path(options.towers).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -95,7 +95,8 @@ def scene_paths(options: SceneOptions, scene: Scene, generator: np.random.Genera
     """
     if not scene.sensors:
         raise UsageError("`scene` has no sensors; add a table [[sensor]] with name and position for each")
-    positions = np.array([sensor.position for sensor in scene.sensors])
+    sensors = scene.stationary_sensors("the simulation")
+    positions = np.array([sensor.position for sensor in sensors.values()])
     reflectors = [*([-1] if options.direct else []), *(range(len(scene.reflectors)) if options.reflected else [])]
     ways = [(s, r) for s in range(len(positions)) for r in reflectors if _is_inside(scene, positions[s], r)]
     if not ways:

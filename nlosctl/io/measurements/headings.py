@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import ColumnPlan, MappedColumn
@@ -33,20 +33,20 @@ def add_headings(
     columns: dict[str, npt.NDArray[Any]],
     plan: ColumnPlan,
     scene: Scene,
-    nodes: Sequence[Sequence[str]],
+    nodes: Sequence[tuple[Sequence[str], IntArray]],
     faults: list[Fault],
 ) -> None:
-    """Add the headings to the relative directions in ``columns``; ``nodes`` has the names (N,) of each one's nodes.
+    """Add the headings to the relative directions in ``columns``; ``nodes`` has the names (N,) of each one's nodes and
+    their entries (N,) in the scene, -1 for none.
 
     A heading is that of the row, else that of the scene's sensor; a row without one is a fault. The variance of a
     heading adds to that of the direction. ``columns`` keeps the heading in radians, for other readings of the angle.
     """
-    for name, names in zip(plan.relative, nodes, strict=True):
+    for name, (names, entries) in zip(plan.relative, nodes, strict=True):
         mapped = plan.mapped[name]
         heading_name, std_name = mapped.column.heading_names
-        known = {sensor.name: (sensor.heading_deg, sensor.heading_std_deg) for sensor in scene.sensors}
-        of_scene = [[np.nan if value is None else value for value in known.get(node, (None, None))] for node in names]
-        scene_deg, scene_std_deg = np.array(of_scene, dtype=np.float64).reshape(-1, 2).T
+        scene_deg = np.array([*(known.heading_deg for known in scene.sensors), None], dtype=np.float64)[entries]
+        scene_std_deg = np.array([*(known.heading_std_deg for known in scene.sensors), None], dtype=np.float64)[entries]
         own_deg = columns.pop(heading_name, scene_deg)
         heading_deg = np.where(np.isnan(own_deg), scene_deg, own_deg)
         own_std_deg = columns.pop(std_name, scene_std_deg)

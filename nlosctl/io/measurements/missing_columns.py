@@ -54,7 +54,7 @@ def is_of_one_station(names: Collection[str], scene: Scene) -> bool:
     """Return whether a file with these columns has bearings or ranges of one station, whose position is known."""
     if "sensor" in names or _MEASURED.isdisjoint(names) or any(map(_named_like_sensor, names)):
         return False
-    return "sensor_x_m" in names or len(scene.sensors) == 1
+    return "sensor_x_m" in names or len(scene.sensor_names) == 1
 
 
 def _named_like_sensor(name: str) -> bool:

@@ -29,7 +29,7 @@ class OneStation:
     replaces: Sequence[str] = ()
 
     def __init__(self, scene: Scene) -> None:
-        self._name = scene.sensors[0].name if len(scene.sensors) == 1 else _NAME
+        self._name = scene.sensors[0].name if len(scene.sensor_names) == 1 else _NAME
 
     def request(
         self, types: Mapping[str, ColumnType], columns: list[str] | None

@@ -18,7 +18,7 @@ from nlosctl.io.measurements.duplicates import drop_duplicates, refuse_several_m
 from nlosctl.io.measurements.part_boundaries import PartBoundaries
 from nlosctl.io.measurements.returned_ids import rejoined, returned_id
 from nlosctl.io.measurements.row_batch import ReadReport, RowBatch, RowConverter, RowTally, join_rows, split_whole
-from nlosctl.io.measurements.row_checks import BadRowSink, ProblemLog, refuse_no_rows
+from nlosctl.io.measurements.row_checks import TICKS, BadRowSink, ProblemLog, refuse_no_rows
 from nlosctl.io.measurements.snapshot_ids import IdSpan, LostSnapshots, SnapshotIndex, id_type, integer_ids, run_starts
 from nlosctl.io.measurements.survey import InputSurvey, open_table, survey_inputs
 from nlosctl.io.measurements.windows.chunk_windows import WindowRows
@@ -161,7 +161,7 @@ class MeasurementReader:
         self._tally.log.raise_if_stopping()
         if self._only is None:
             refuse_no_rows(self._inputs, self.report.rows_taken, self.report)
-            self.report.remarks += self.report.unused_remarks()
+            self.report.remarks += self.report.remarks_on_all(self.scene)
         if self.report.snapshots_lost:
             self.report.remarks.append(f"all rows of {self.report.snapshots_lost} snapshots are bad: they are left out")
 
@@ -286,7 +286,7 @@ class _Snapshots:
             table=whole.table,
             snapshot=whole.ids.take(pa.array(whole.starts)),
             offsets=np.append(whole.starts, len(whole)),
-            columns=whole.columns,
+            columns={name: values for name, values in whole.columns.items() if name != TICKS},
             left_out=whole.left_out,
             source=self._input.name,
         )

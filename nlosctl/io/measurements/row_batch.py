@@ -17,7 +17,7 @@ from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import log_bad_rows
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
-from nlosctl.io.measurements.row_checks import Fault, ReadReport, RowTally, ValueChecks, is_null, null_mask
+from nlosctl.io.measurements.row_checks import TICKS, Fault, ReadReport, RowTally, ValueChecks, is_null, null_mask
 from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
 from nlosctl.io.measurements.snapshot_ids import id_type
@@ -25,10 +25,7 @@ from nlosctl.io.measurements.survey import OpenTable
 from nlosctl.io.measurements.table_schemas import conformed
 from nlosctl.io.readers.base import RecordBatch, plain
 
-__all__ = ["TICKS", "ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows", "split_whole"]
-
-TICKS = "ticks"
-"""The column of a row batch with the times as whole numbers, see `nlosctl.contract.windows.TICKS_PER_SECOND`."""
+__all__ = ["ReadReport", "RowBatch", "RowConverter", "RowTally", "join_rows", "split_whole"]
 
 _HEIGHT = 2
 """The axis of the scene's positions that is a height."""
@@ -240,6 +237,9 @@ class RowConverter:
                 faults += indefinite_faults(entries, self._plan, columns)
         if any(name in mapped and batch.column(mapped[name].name).null_count for name in self._plan.scene_axes):
             self._scene_columns.half_positions(batch, faults)
+        if self._times is not None and self._scene.time_column:
+            valid = self._scene_columns.check_times(self._opened.time_column, batch, columns, faults)
+            self._tally.report.valid_sensors |= valid
         if self._plan.relative:
             self._scene_columns.add_headings(self._file, batch, columns, faults)
         if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():
@@ -252,11 +252,11 @@ class RowConverter:
         """Return one column (N,) of the contract, None for numbers that are absent; ``done`` are those before it."""
         mapped = self._plan.mapped.get(column.name)
         if column.scene_sensor and mapped is None:
-            return self._scene_columns.node_positions(column, batch, faults)
+            return self._scene_columns.node_positions(column, batch, done, faults)
         if column.scene_axis == _HEIGHT and mapped is None:
-            return self._scene_columns.heights(done["sensor"])
+            return self._scene_columns.heights(done)
         if column.scene_axis in (0, 1) and (mapped is None or batch.column(mapped.name).null_count):
-            return self._scene_columns.positions(column, mapped, batch, done["sensor"], faults)
+            return self._scene_columns.positions(column, mapped, batch, done, faults)
         if mapped is None:
             constants = {**self._plan.units, **self._plan.constants}
             if column.name in constants:

@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.limits import LARGEST_NUMBER, LEAST_POSITIVE
+from nlosctl.contract.scene import Scene
 from nlosctl.errors import DataError, GatheredError, printable
 from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn
 from nlosctl.io.measurements.snapshot_ids import LostSnapshots
@@ -21,6 +22,7 @@ from nlosctl.io.readers.base import BadRow, Problem, plain
 
 __all__ = [
     "SHOWN_PROBLEMS",
+    "TICKS",
     "BadRow",
     "BadRowSink",
     "Describe",
@@ -37,6 +39,8 @@ __all__ = [
     "refuse_no_rows",
 ]
 
+TICKS = "ticks"
+"""The times of a row batch as whole numbers, see `nlosctl.contract.windows.TICKS_PER_SECOND`."""
 SHOWN_PROBLEMS = 20
 _LARGEST_INTEGER = 2**63 - 1
 _SLACK = 1e-6
@@ -97,7 +101,8 @@ class ReadReport:
     ``snapshots`` have been returned; all rows of ``snapshots_lost`` are bad. ``rows_by_file`` counts good and bad rows.
     ``rejoined`` are the snapshots across parts that may be several, see `nlosctl.io.measurements.returned_ids`.
     ``unused_rows`` counts the rows left out by an option of reading, by its name; ``windows`` counts windows, see
-    `nlosctl.io.measurements.windows.window_tally`.
+    `nlosctl.io.measurements.windows.window_tally`. ``valid_sensors`` are those of a scene with times that are valid at
+    the time of some row.
     """
 
     rows: int = 0
@@ -110,6 +115,7 @@ class ReadReport:
     unused_rows: Counter[str] = field(default_factory=Counter)
     remarks: list[str] = field(default_factory=list)
     windows: Counter[str] = field(default_factory=Counter)
+    valid_sensors: set[str] = field(default_factory=set)
 
     @property
     def rows_taken(self) -> int:
@@ -121,13 +127,16 @@ class ReadReport:
         """The number of rows: good, bad and left out by an option."""
         return self.rows_taken + self.unused_rows.total()
 
-    def unused_remarks(self) -> list[str]:
-        """Return a line on the rows left out by options of reading, if there are any."""
+    def remarks_on_all(self, scene: Scene) -> list[str]:
+        """Return lines on the rows left out by options of reading, and on sensors that are valid at no row's time."""
+        timed = [sensor.name for sensor in scene.sensors if sensor.start is not None or sensor.end is not None]
+        never = [name for name in dict.fromkeys(timed) if name not in self.valid_sensors]
+        remarks = [f"sensors of the scene that are valid for no time of the input: {', '.join(never)}"] if never else []
         if not self.unused_rows:
-            return []
+            return remarks
         from nlosctl.io.row_steps.unused_rows import unused_rows_remark
 
-        return [unused_rows_remark(self.unused_rows)]
+        return [unused_rows_remark(self.unused_rows), *remarks]
 
 
 @dataclass(kw_only=True)

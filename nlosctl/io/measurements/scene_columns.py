@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,15 @@ from nlosctl.contract.scene import EarthFrame, Scene
 from nlosctl.contract.tables import Column
 from nlosctl.errors import did_you_mean
 from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn, NameCodes
-from nlosctl.io.measurements.row_checks import Describe, Fault, as_float64, got, is_null, null_mask
+from nlosctl.io.measurements.row_checks import TICKS, Describe, Fault, as_float64, got, is_null, null_mask
 from nlosctl.io.readers.base import text_at
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.models.circle_rows import circle_table, misplaced_sensors
 
 __all__ = ["SceneColumns", "from_north"]
+
+Columns = Mapping[str, npt.NDArray[Any]]
+"""The columns (N,) of a row batch by name, as far as they are known."""
 
 
 class SceneColumns:
@@ -31,15 +34,60 @@ class SceneColumns:
     def __init__(self, scene: Scene, plan: ColumnPlan, sensors: NameCodes) -> None:
         self._scene, self._plan, self._sensors = scene, plan, sensors
         self._reflectors = NameCodes(scene.reflector_names, grows=False)
-        self._positions_m = {sensor.name: sensor.position for sensor in scene.sensors}
+        # numbers of sensors are their entries in the scene, unless some are valid for a time
+        names = scene.sensor_names if scene.time_column else [known.name for known in scene.sensors]
+        self._numbers = {name: number for number, name in enumerate(names)}
+        axes_m = [*((*known.position, known.z_m) for known in scene.sensors), (None,) * 3]
+        self._axes_m = np.array(axes_m, dtype=np.float64).T
+        self._times: Any = None
+        if scene.time_column:
+            from nlosctl.io.measurements.windows.sensor_times import SensorTimes
+
+            self._times = SensorTimes(scene)
+
+    def _entries(self, numbers: IntArray, done: Columns) -> IntArray:
+        """Return the entries (N,) of the scene for sensors ``numbers`` (N,) at the times of the rows, -1 for none."""
+        entries: IntArray = numbers if self._times is None else self._times.entries(numbers, done[TICKS])
+        return entries
+
+    def _sensor_numbers(self, sensor: IntArray) -> IntArray:
+        """Return the numbers (N,) in the scene of the sensors with the codes ``sensor`` (N,), -1 for none."""
+        return np.array([*(self._numbers.get(name, -1) for name in self._sensors.names), -1])[sensor]
+
+    def _node_numbers(self, names: Sequence[str]) -> IntArray:
+        """Return the numbers (N,) in the scene of nodes with these names (N,), -1 for none."""
+        return np.array([self._numbers.get(name, -1) for name in names], dtype=np.int64)
+
+    def check_times(self, time_column: str, batch: Any, columns: Columns, faults: list[Fault]) -> set[str]:
+        """Add the faults of rows at a time without an entry of their sensor; return the sensors valid at some time."""
+        nodes = dict.fromkeys(column.scene_sensor for column in self._plan.table.columns if column.scene_sensor)
+        numbers = [self._node_numbers(self._node_names(node, batch)) for node in nodes]
+        if "sensor" in columns:
+            numbers.append(self._sensor_numbers(columns["sensor"]))
+        for known in numbers:
+            outside = (known >= 0) & (self._entries(known, columns) < 0)
+            if outside.any():
+                faults.append(
+                    Fault(mask=outside, column=time_column, describe=self._outside(known, batch, time_column))
+                )
+        valid: set[str] = self._times.valid(columns[TICKS])
+        return valid
+
+    def _outside(self, numbers: IntArray, batch: Any, time_column: str) -> Describe:
+        names, cells = self._scene.sensor_names, batch.column(time_column)
+        return lambda index: (
+            f"the scene has no entry of sensor {names[numbers[index]]!r} at {text_at(cells, index)}; "
+            "add one whose 'from' and 'to' include that time"
+        )
 
     def positions(
-        self, column: Column, mapped: MappedColumn | None, batch: Any, sensor: IntArray, faults: list[Fault]
+        self, column: Column, mapped: MappedColumn | None, batch: Any, done: Columns, faults: list[Fault]
     ) -> FloatArray:
-        """Return a coordinate (N,) of the sensors with the codes ``sensor`` (N,) where the column is absent or null."""
+        """Return a coordinate (N,) of the sensors ``done["sensor"]`` (N,) where the column is absent or null."""
         assert column.scene_axis is not None  # noqa: S101 - asked by the caller
-        axis = [self._positions_m.get(name, (np.nan, np.nan))[column.scene_axis] for name in self._sensors.names]
-        filled = np.array([*axis, np.nan])[sensor]
+        sensor = done["sensor"]
+        numbers = self._sensor_numbers(sensor)
+        filled: FloatArray = self._axes_m[column.scene_axis][self._entries(numbers, done)]
         name = column.name if mapped is None else mapped.name
         if mapped is None:
             absent = np.ones(batch.num_rows, dtype=np.bool_)
@@ -52,31 +100,31 @@ class SceneColumns:
             if beyond.any():
                 expected = f"a finite number within {LARGEST_NUMBER:g}"
                 faults.append(Fault(mask=beyond, column=name, describe=got(own, expected)))
-        unknown = absent & np.isnan(filled) & (sensor != NULL_CODE)
+        unknown = absent & (numbers < 0) & (sensor != NULL_CODE)
         if unknown.any():
             cells = batch.column(self._plan.mapped["sensor"].name)
             faults.append(Fault(mask=unknown, column=name, describe=self._unknown_sensor(cells)))
         return filled
 
-    def heights(self, sensor: IntArray) -> FloatArray | None:
+    def heights(self, done: Columns) -> FloatArray | None:
         """Return the heights (N,) of the scene's sensors, NaN for others; None if the scene has no heights."""
         if not self._scene.has_heights:
             return None
-        heights = {known.name: known.z_m for known in self._scene.sensors}
-        axis = [np.nan if (z := heights.get(name)) is None else z for name in self._sensors.names]
-        return np.array([*axis, np.nan])[sensor]
+        heights: FloatArray = self._axes_m[2][self._entries(self._sensor_numbers(done["sensor"]), done)]
+        return heights
 
-    def node_positions(self, column: Column, batch: Any, faults: list[Fault]) -> FloatArray:
+    def node_positions(self, column: Column, batch: Any, done: Columns, faults: list[Fault]) -> FloatArray:
         """Return a coordinate (N,) of a node that the scene has: the one that the row names, else the default."""
         axis = 0 if column.name.endswith("_x_m") else 1
         names = self._node_names(column.scene_sensor, batch)
-        found = np.array([self._positions_m.get(name, (np.nan, np.nan))[axis] for name in names])
-        if np.isnan(found).any():
-            known = self._positions_m
+        numbers = self._node_numbers(names)
+        found: FloatArray = self._axes_m[axis][self._entries(numbers, done)]
+        if (numbers < 0).any():
+            known = self._numbers
             describe: Describe = lambda index: (  # noqa: E731
                 f"the scene has no sensor {names[index]!r}{did_you_mean(names[index], known)}"
             )
-            faults.append(Fault(mask=np.isnan(found), column=column.scene_sensor, describe=describe))
+            faults.append(Fault(mask=numbers < 0, column=column.scene_sensor, describe=describe))
         return found
 
     def add_headings(self, file: str, batch: Any, columns: dict[str, npt.NDArray[Any]], faults: list[Fault]) -> None:
@@ -84,7 +132,8 @@ class SceneColumns:
         from nlosctl.io.measurements.headings import add_headings, require_headings
 
         require_headings(self._plan, self._scene, file)
-        nodes = [self._node_names(self._plan.mapped[name].column.measured_at, batch) for name in self._plan.relative]
+        names = [self._node_names(self._plan.mapped[name].column.measured_at, batch) for name in self._plan.relative]
+        nodes = [(here, self._entries(self._node_numbers(here), columns)) for here in names]
         add_headings(columns, self._plan, self._scene, nodes, faults)
 
     def _node_names(self, node: str, batch: Any) -> list[str]:
@@ -95,7 +144,7 @@ class SceneColumns:
         return [node if name is None else str(name) for name in batch.column(mapped.name).to_pylist()]
 
     def _unknown_sensor(self, cells: Any) -> Describe:
-        positions = self._positions_m
+        positions = self._numbers
         if not positions:
             return is_null("a finite number (or a scene that has the sensor)")
 
@@ -138,7 +187,7 @@ class SceneColumns:
             faults.append(Fault(mask=unknown, column=mapped.name, describe=describe))
         return indices
 
-    def check_circles(self, columns: Mapping[str, npt.NDArray[Any]], faults: list[Fault]) -> None:
+    def check_circles(self, columns: Columns, faults: list[Fault]) -> None:
         """Add the faults of rows by a circle whose sensor is outside of it, or within its blocker."""
         reflector = columns["reflector"]
         table = circle_table(self._scene)
@@ -173,7 +222,7 @@ def _circle_fault(
     return Fault(mask=mask, column=column, describe=describe)
 
 
-def from_north(values: FloatArray, columns: Mapping[str, npt.NDArray[Any]], node: str, frame: EarthFrame) -> FloatArray:
+def from_north(values: FloatArray, columns: Columns, node: str, frame: EarthFrame) -> FloatArray:
     """Return directions (N,) from true north as directions in the plane, by the positions of ``node``."""
     north_rad = plane_of(frame).north_rad(columns[f"{node}_x_m"], columns[f"{node}_y_m"])
     turned: FloatArray = values + (north_rad - 0.5 * np.pi)

@@ -227,17 +227,19 @@ def planned(
     table = table or kind_table(
         kind_of_columns([*file.names, *options.columns], {*options.constants, *options.default_constants})
     )
-    table = table.with_times() if options.window is not None else table
+    has_times = any(sensor.start is not None or sensor.end is not None for sensor in scene.sensors)
+    needs_times = has_times or options.window is not None
+    table = table.with_times() if needs_times else table
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     defaults = options.default_constants and usable_defaults(options.default_constants, names, table)
     constants = {**defaults, **options.constants}
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
     extra, time_column = options.extra_columns, ""
-    if options.window is not None:
+    if needs_times:
         from nlosctl.io.measurements.windows.window_columns import columns_of_windows
 
-        time_column, extra = columns_of_windows(names, options, part.name, header)
+        time_column, extra = columns_of_windows(names, options, scene, part.name, header)
     to_read = columns_to_read(names, plan, extra)
     original = dict(zip(names, file.names, strict=True))
     columns = None if to_read == names else [original[name] for name in to_read]

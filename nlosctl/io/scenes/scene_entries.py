@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from typing import Annotated, Any, ClassVar
 
 import msgspec
@@ -10,7 +11,16 @@ import msgspec
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.scene import CircleReflector, EarthFrame, LineReflector, SegmentReflector, Sensor
 
-__all__ = ["REFLECTOR_KINDS", "TOML_NAMES", "Entry", "EntryError", "FrameEntry", "SceneEntries", "SensorEntry"]
+__all__ = [
+    "REFLECTOR_KINDS",
+    "TOML_NAMES",
+    "Entry",
+    "EntryError",
+    "FrameEntry",
+    "SceneEntries",
+    "SensorEntry",
+    "shown_time",
+]
 
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Point = tuple[Number, Number]
@@ -35,7 +45,7 @@ class Entry(msgspec.Struct, forbid_unknown_fields=True):
         return self.scene_type(**msgspec.structs.asdict(self))
 
 
-class SensorEntry(Entry):
+class SensorEntry(Entry, rename=TOML_NAMES):
     """A table [[sensor]]."""
 
     scene_type = Sensor
@@ -44,6 +54,39 @@ class SensorEntry(Entry):
     position: Place
     heading_deg: Number | None = None
     heading_std_deg: Annotated[float, msgspec.Meta(ge=0.0, le=180.0)] | None = None
+    start: datetime | Number | None = None
+    end: datetime | Number | None = None
+
+    @property
+    def limits(self) -> list[datetime | float]:
+        """Those of ``from`` and ``to`` that are given."""
+        return [limit for limit in (self.start, self.end) if limit is not None]
+
+    def check_times(self) -> None:
+        """Raise EntryError for a time without offset, for two kinds of times, and unless ``from`` is before ``to``."""
+        for key, limit in (("from", self.start), ("to", self.end)):
+            if isinstance(limit, datetime) and limit.tzinfo is None:
+                raise EntryError(
+                    key, f"sensor {self.name!r}: got {limit.isoformat()}, expected an offset; add it, or Z for UTC"
+                )
+        if self.start is None or self.end is None:
+            return
+        start, end = self.start, self.end
+        if isinstance(start, datetime) and isinstance(end, datetime):
+            in_order = end > start
+        elif isinstance(start, datetime) or isinstance(end, datetime):
+            raise EntryError("to", f"sensor {self.name!r}: expected a date-time or a number as in 'from'")
+        else:
+            in_order = end > start
+        if not in_order:
+            raise EntryError(
+                "to", f"sensor {self.name!r}: got {shown_time(end)}, expected a time after {shown_time(start)}"
+            )
+
+
+def shown_time(limit: datetime | float) -> str:
+    """Return a limit of validity as text for messages."""
+    return limit.isoformat() if isinstance(limit, datetime) else repr(limit)
 
 
 class LineEntry(Entry, tag_field="kind", tag="line"):

@@ -7,7 +7,9 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -24,6 +26,7 @@ from nlosctl.io.scenes.scene_entries import (
     FrameEntry,
     SceneEntries,
     SensorEntry,
+    shown_time,
 )
 
 __all__ = ["SCENE_KEY", "find_scene", "plane_of", "scene_from_toml", "scene_to_toml"]
@@ -52,7 +55,8 @@ def scene_from_toml(text: str, name: str) -> Scene:
     except msgspec.ValidationError as error:
         raise DataError(f"{name}: {_fault(tree, error)}") from error
     for key in ("sensor", "reflector"):
-        _check_names(name, key, [entry.name for entry in getattr(entries, key)])
+        _check_names(name, key, getattr(entries, key))
+    _check_times(name, entries.sensor)
     _check_heights(name, entries.sensor)
     return Scene(
         sensors=tuple(_sensor(entry) for entry in entries.sensor),
@@ -92,6 +96,8 @@ def _fault(tree: Mapping[str, Any], error: msgspec.ValidationError) -> str:
 
 
 def _expected(kind: Any) -> str:
+    if "datetime" in str(kind):
+        return "a date-time with an offset, or a number of seconds"
     if "str" in str(kind):
         return "text"
     if "list" in str(kind):
@@ -107,7 +113,44 @@ def _sensor(entry: SensorEntry) -> Sensor:
         heading_deg=entry.heading_deg,
         heading_std_deg=entry.heading_std_deg,
         z_m=z[0] if z else None,
+        start=entry.start,
+        end=entry.end,
     )
+
+
+def _has_times(entry: Any) -> bool:
+    return isinstance(entry, SensorEntry) and (entry.start is not None or entry.end is not None)
+
+
+def _check_times(file: str, sensors: Sequence[SensorEntry]) -> None:
+    """Raise DataError if the times of sensors are of two kinds, or two entries of one name hold at one time."""
+    timed = [(index, sensor) for index, sensor in enumerate(sensors) if _has_times(sensor)]
+    for index, sensor in timed:
+        try:
+            sensor.check_times()
+        except EntryError as error:
+            key, fault = error.args
+            raise DataError(f"{file}: sensor[{index}].{key}: {fault}") from error
+        if isinstance(sensor.limits[0], datetime) != isinstance(timed[0][1].limits[0], datetime):
+            raise DataError(
+                f"{file}: sensor[{index}]: sensor {sensor.name!r} has other times than sensor[{timed[0][0]}], "
+                f"{timed[0][1].name!r}; give all 'from' and 'to' of a scene as date-times, or all as numbers"
+            )
+    by_name: dict[str, list[tuple[int, SensorEntry]]] = {sensor.name: [] for _, sensor in timed}
+    for index, sensor in enumerate(sensors):
+        by_name.get(sensor.name, []).append((index, sensor))
+    for entries in by_name.values():
+        bounded = [(index, sensor) for index, sensor in entries if sensor.start is not None]
+        bounded.sort(key=lambda entry: entry[1].start)  # type: ignore[arg-type, return-value]
+        ordered = [*(entry for entry in entries if entry[1].start is None), *bounded]
+        for (first, earlier), (index, later) in pairwise(ordered):
+            if earlier.end is None or later.start is None or earlier.end > later.start:  # type: ignore[operator]
+                end = "without 'to'" if earlier.end is None else f"up to {shown_time(earlier.end)}"
+                start = "without 'from'" if later.start is None else f"from {shown_time(later.start)}"
+                raise DataError(
+                    f"{file}: sensor[{index}]: sensor {later.name!r} {start} overlaps sensor[{first}] {end}; "
+                    "end one entry of a name where the next begins"
+                )
 
 
 def _check_heights(file: str, sensors: Sequence[SensorEntry]) -> None:
@@ -119,11 +162,13 @@ def _check_heights(file: str, sensors: Sequence[SensorEntry]) -> None:
             )
 
 
-def _check_names(file: str, key: str, names: Sequence[str]) -> None:
+def _check_names(file: str, key: str, entries: Sequence[Any]) -> None:
+    """Raise DataError for a name that is empty, or taken by another entry; see `_check_times` for those with times."""
     indices: dict[str, int] = {}
-    for index, name in enumerate(names):
+    for index, entry in enumerate(entries):
+        name = entry.name
         first = indices.setdefault(name, index)
-        if first < index:
+        if first < index and not (_has_times(entry) or _has_times(entries[first])):
             raise DataError(f"{file}: {key}[{index}].name: {name!r} is taken by {key}[{first}], expected another name")
         if not name:
             raise DataError(f"{file}: {key}[{index}].name: got '', expected a name")
@@ -154,6 +199,8 @@ def _toml_value(value: Any) -> str:
         return msgspec.json.encode(value).decode("utf-8").replace("\x7f", "\\u007f")
     if isinstance(value, tuple | list):
         return f"[{', '.join(_toml_value(item) for item in value)}]"
+    if isinstance(value, datetime):
+        return value.isoformat()
     if not math.isfinite(value):
         raise ValueError(f"a scene has finite numbers. Got {value!r} instead.")
     return repr(float(value))

@@ -33,6 +33,14 @@ _MEANINGS = {
 }
 
 
+_VALIDITY = {
+    "name": "name, by which rows refer to it; unique at any time",
+    "from": "first time at which the entry is valid: a date-time with offset (files with time) or seconds (time_s)",
+    "to": "time from which on the entry is no longer valid, written as from",
+}
+"""Keys of a sensor that have other meanings elsewhere."""
+
+
 def scene_keys() -> list[dict[str, str]]:
     """Return a row for each key of a scene file: table, key, type, whether it is required, and its meaning."""
     tables: dict[str, type[Entry]] = {"[[sensor]]": SensorEntry, "[frame]": FrameEntry}
@@ -50,18 +58,20 @@ def scene_keys() -> list[dict[str, str]]:
 def scene_schema() -> dict[str, Any]:
     """Return the JSON Schema of a scene file, which is TOML."""
     schema = msgspec.json.schema(SceneEntries)
-    for definition in schema["$defs"].values():
+    for struct, definition in schema["$defs"].items():
+        meanings = _MEANINGS | _VALIDITY if struct == SensorEntry.__name__ else _MEANINGS
         for key, content in definition.get("properties", {}).items():
-            if key in _MEANINGS:
-                content["description"] = _MEANINGS[key]
+            if key in meanings:
+                content["description"] = meanings[key]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scene", **schema}
 
 
 def _row(table: str, key: str, kind: str, *, is_required: bool) -> dict[str, str]:
     required = "required" if is_required else ""
-    return {"table": table, "key": key, "type": kind, "required": required, "meaning": _MEANINGS[key]}
+    meaning = (_MEANINGS | _VALIDITY if table == "[[sensor]]" else _MEANINGS)[key]
+    return {"table": table, "key": key, "type": kind, "required": required, "meaning": meaning}
 
 
 def _type_name(kind: Any) -> str:
-    names = {"list": "2 or 3 numbers", "tuple": "2 numbers", "str": "text"}
+    names = {"datetime": "date-time or number", "list": "2 or 3 numbers", "tuple": "2 numbers", "str": "text"}
     return next((name for word, name in names.items() if word in str(kind)), "number")

@@ -132,7 +132,8 @@ def first_chunk(reader: MeasurementReader) -> Chunk:
 
 def map_sensors(chunk: Chunk, reader: MeasurementReader) -> tuple[Sensor, ...]:
     """Return the sensors of the first snapshot's rows that take part; one at several positions has names #2, ..."""
-    known = {(sensor.name, sensor.position): sensor for sensor in reader.scene.sensors}
+    lasting = (dataclasses.replace(sensor, start=None, end=None) for sensor in reader.scene.sensors)
+    known = {(sensor.name, sensor.position): sensor for sensor in lasting}
     found: dict[tuple[str, tuple[float, float]], Sensor] = {}
     counts: Counter[str] = Counter()
     for row in np.flatnonzero(~chunk.left_out[: chunk.offsets[1]]).tolist():

@@ -128,6 +128,7 @@ class FolderRun:
             try:
                 report.take(records[number]["counts"])
                 read.unused_rows.update(records[number]["unused_rows"])
+                read.valid_sensors.update(records[number]["valid_sensors"])
             except (KeyError, TypeError, ValueError, AttributeError) as error:
                 name = self._names[number]
                 raise DataError(
@@ -140,7 +141,7 @@ class FolderRun:
             if not rows:
                 raise DataError(f"{given.name}: no rows: the files have columns only")
         refuse_no_rows(self._inputs, sum(rows_by_group) - read.unused_rows.total(), read)
-        remarks = [*read.remarks, *read.unused_remarks()]
+        remarks = [*read.remarks, *read.remarks_on_all(self._run.reader.scene)]
         lost = getattr(report, "snapshots_lost", 0)
         if lost:
             remarks.append(f"all rows of {lost} snapshots are bad: they are left out")

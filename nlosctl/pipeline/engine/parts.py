@@ -90,6 +90,7 @@ class PartWork:
             "input": name,
             "rows": reader.report.rows_by_file.get(name, 0),
             "unused_rows": dict(reader.report.unused_rows),
+            "valid_sensors": sorted(reader.report.valid_sensors),
             "files": files,
             "counts": run.report.counts(),
             "span": span(),

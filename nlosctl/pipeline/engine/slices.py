@@ -73,10 +73,12 @@ class SliceWork:
 
     def make(
         self, number: int
-    ) -> tuple[list[ChunkTables], dict[str, Any], tuple[dict[str, int], dict[str, int]], dict[str, Any]] | None:
-        """Return the tables of a slice, its counts, the rows of its file (all, and unused), and the span of its ids.
+    ) -> (
+        tuple[list[ChunkTables], dict[str, Any], tuple[dict[str, int], dict[str, int], set[str]], dict[str, Any]] | None
+    ):
+        """Return the tables of a slice, its counts, what is known of its file, and the span of its ids.
 
-        None: a fault.
+        Of the file: its rows (all, and unused) and the sensors that are valid. None: a fault.
         """
         reader = MeasurementReader(self.inputs, self.options, survey=self.survey, only=self.positions[number])
         run = self.start(reader)
@@ -84,7 +86,7 @@ class SliceWork:
             tables = list(run.tables())
         except NlosctlError:
             return None
-        rows = reader.report.rows_by_file, dict(reader.report.unused_rows)
+        rows = reader.report.rows_by_file, dict(reader.report.unused_rows), reader.report.valid_sensors
         return tables, run.report.counts(), rows, dataclasses.asdict(reader.spans[0])
 
     def with_absolute_paths(self) -> SliceWork:
@@ -102,12 +104,13 @@ class SliceWork:
             for (group, _), result in zip(self.positions, results, strict=True):
                 if result is None:
                     raise SliceError
-                tables, counts, (rows_by_file, unused_rows), span = result
+                tables, counts, (rows_by_file, unused_rows, valid_sensors), span = result
                 order.add(group, span)
                 if spans is not None:
                     spans.append(span)
                 run.report.take(counts)
                 run.reader.report.unused_rows.update(unused_rows)
+                run.reader.report.valid_sensors |= valid_sensors
                 for name, count in rows_by_file.items():
                     rows[name] = rows.get(name, 0) + count
                 yield from tables
@@ -177,7 +180,7 @@ def _tables(
     if any(not sum(rows[part.name] for part in given.parts) for given in inputs):
         _solve_at_once(work, inputs)
     refuse_no_rows(inputs, sum(rows.values()) - reader.report.unused_rows.total(), reader.report)
-    run.add_notes([*reader.report.remarks, *reader.report.unused_remarks()])
+    run.add_notes([*reader.report.remarks, *reader.report.remarks_on_all(reader.scene)])
 
 
 def task_positions(slices: Sequence[Input], options: InputOptions) -> tuple[tuple[int, int], ...]:

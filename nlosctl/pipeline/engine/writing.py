@@ -152,6 +152,8 @@ def read_settings(reader: MeasurementReader) -> dict[str, Any]:
     if options.window is not None:
         settings |= {"window": options.window, "by": list(options.by), "timezone": options.timezone}
         settings["window_keep"] = options.window_keep
+    elif options.timezone is not None:
+        settings["timezone"] = options.timezone
     return {name: value for name, value in settings.items() if value}
 
 

@@ -16,8 +16,8 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT
 from nlosctl.io.measurements.duplicates import find_duplicates
 from nlosctl.io.measurements.reader import Chunk
-from nlosctl.io.measurements.row_batch import TICKS, RowBatch, RowTally
-from nlosctl.io.measurements.row_checks import BadRow, Problem
+from nlosctl.io.measurements.row_batch import RowBatch, RowTally
+from nlosctl.io.measurements.row_checks import TICKS, BadRow, Problem
 from nlosctl.io.measurements.windows.chunk_windows import WindowRows
 from nlosctl.io.measurements.windows.window_means import merged_columns
 from nlosctl.io.paths.inputs import Input

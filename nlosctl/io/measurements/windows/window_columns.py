@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from nlosctl.contract.run_options import InputOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables.shared import TIMES
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.measurements.column_mapping import SNAPSHOT
@@ -14,7 +15,7 @@ __all__ = ["columns_of_windows", "time_column"]
 
 
 def columns_of_windows(
-    names: Sequence[str], options: InputOptions, file: str, header: Sequence[str]
+    names: Sequence[str], options: InputOptions, scene: Scene, file: str, header: Sequence[str]
 ) -> tuple[str, Sequence[str] | None]:
     """Return the column of times among a file's columns ``names`` (renamed), and the further columns to be read.
 
@@ -30,18 +31,29 @@ def columns_of_windows(
             raise DataError(
                 f"{file}: `by` {name}: no column {name!r}{did_you_mean(name, names)}. The file has: {', '.join(header)}"
             )
-    extra, times = options.extra_columns, time_column(names, file, header)
+    of_scene = scene.time_column and options.window is None
+    purpose = "'from' and 'to' of the scene's sensors" if of_scene else "times"
+    extra, times = options.extra_columns, time_column(names, file, header, purpose)
+    if scene.time_column and scene.time_column != times:
+        kinds = {"time": "date-times", "time_s": "numbers"}
+        raise DataError(
+            f"{file}: has times in the column {times!r}, but 'from' and 'to' of the scene's sensors are "
+            f"{kinds[scene.time_column]}; give them as {kinds[times]}"
+        )
     return times, None if extra is None else (*extra, times, *options.by)
 
 
-def time_column(names: Sequence[str], file: str, header: Sequence[str]) -> str:
-    """Return which of the columns of times a file with the columns ``names`` has; raise DataError for none or both."""
+def time_column(names: Sequence[str], file: str, header: Sequence[str], purpose: str = "times") -> str:
+    """Return which of the columns of times a file with the columns ``names`` has; raise DataError for none or both.
+
+    ``purpose`` states in messages what needs them.
+    """
     given = [column.name for column in TIMES if column.name in names]
     if len(given) > 1:
         raise DataError(f"{file}: columns 'time_s' and 'time' are both times; drop or rename one")
     if not given:
         raise DataError(
-            f"{file}: no column 'time_s' or 'time'{_near(header)}, which times need; rename one with `columns` "
+            f"{file}: no column 'time_s' or 'time'{_near(header)}, which {purpose} need; rename one with `columns` "
             f"time_s=HEADER (seconds) or time=HEADER (ISO 8601). The file has: {', '.join(header)}"
         )
     return given[0]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.io.measurements.row_batch import TICKS
+from nlosctl.io.measurements.row_checks import TICKS
 
 __all__ = ["merged_columns"]
 

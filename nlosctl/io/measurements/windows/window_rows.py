@@ -21,7 +21,8 @@ from nlosctl.contract.windows import TICKS_PER_SECOND, parse_window, value_text,
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import NameCodes
 from nlosctl.io.measurements.reader import Chunk
-from nlosctl.io.measurements.row_batch import TICKS, RowBatch, RowTally, join_rows
+from nlosctl.io.measurements.row_batch import RowBatch, RowTally, join_rows
+from nlosctl.io.measurements.row_checks import TICKS
 from nlosctl.io.measurements.windows.window_chunks import LINE, ORIGIN, PART, WindowChunks
 from nlosctl.io.measurements.windows.window_tally import tally_windows
 from nlosctl.io.paths.inputs import Input
