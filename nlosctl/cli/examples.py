@@ -50,6 +50,7 @@ EXAMPLES = {
         "nlosctl validate bearings.csv",
         "nlosctl validate angles.csv --column bearing_deg=Angle --bearing-std-deg 2",
     ),
+    "describe": ("nlosctl describe bearings.csv", "nlosctl describe drive.csv --json"),
     "schema": ("nlosctl schema bearings", "nlosctl schema scene --json"),
     "methods": ("nlosctl methods", "nlosctl methods --check --json"),
     "methods show": ("nlosctl methods show mixture-ml", "nlosctl methods show bearings.ml --json"),
