@@ -133,6 +133,7 @@ def test_fields_are_kept_and_group(name: str, text: str, field: str) -> None:
     assert first.kept == {field: "100" if field == "latency" else "21.5"}
     station = {"kraken-xml": "STATION_ID", "kraken-json": "station_id", "kraken-csv": "station ID"}[name]
     snapshots = [row["snapshot"] for row in values(name, text, group=f"{station},{field}")]
-    assert snapshots == [f"{who}/{first.kept[field]}_0" for who in ("hill", "tower", "van")]
+    starts = {"hill": "1712000000", "tower": "1712000000.25", "van": "1712000000.5"}
+    assert snapshots == [f"{station}-{who}/{field}-{first.kept[field]}/{start}" for who, start in starts.items()]
     with pytest.raises(DataError, match=f"no field '{field}s' \\(did you mean '{field}'\\?\\). The log has: "):
         read(name, text, keep=f"{field}s")

@@ -33,7 +33,7 @@ def test_iso_times_and_separators(tmp_path: Path, importer: str, value: str, sep
     ]
     text = "\n".join(separator.join(row) for row in rows) + "\n"
     read = table(tmp_path, importer, text, **names)
-    assert read["snapshot"].to_pylist() == [0, 0, 1]
+    assert read["snapshot"].to_pylist() == ["2024-06-10T08:00:00Z", "2024-06-10T08:00:00Z", "2024-06-10T08:00:01Z"]
     assert read["time"].to_pylist() == [row[0] for row in rows[1:]]
     assert "time_s" not in read.column_names
 
@@ -77,7 +77,7 @@ def test_one_column_per_anchor(tmp_path: Path) -> None:
     assert read["sensor"].to_pylist() == ["A1", "A3", "A1", "A2", "A3"]
     assert read["range_m"].to_pylist() == [5.0, 7.0, 6.0, 6.5, 7.5]
     assert read["note"].to_pylist() == ["x", "x", "y", "y", "y"]
-    assert read["snapshot"].to_pylist() == [0, 0, 1, 1, 1]
+    assert read["snapshot"].to_pylist() == ["0", "0", "1", "1", "1"]
     wide = "t;az_A1_deg;az_A2_deg\n0;5;-5\n"
     read = table(tmp_path, "anchor-azimuths", wide, time="t", azimuth="az_*_deg")
     assert read.select(["sensor", "azimuth_deg"]).to_pylist() == [
@@ -103,7 +103,7 @@ def test_groups_separate_snapshots(tmp_path: Path) -> None:
     """``group=A,B`` gives each pair of values snapshots of its own, in place of the tag."""
     text = "time,anchor,range,day,run\n0,A1,5,mo,1\n0,A1,6,mo,2\n0.01,A2,7,mo,1\n"
     read = table(tmp_path, "uwb", text, group="day,run")
-    assert read["snapshot"].to_pylist() == ["mo/1_0", "mo/1_0", "mo/2_0"]
+    assert read["snapshot"].to_pylist() == ["day-mo/run-1/0", "day-mo/run-1/0", "day-mo/run-2/0"]
     assert read["range_m"].to_pylist() == [5.0, 7.0, 6.0]
 
 
