@@ -13,7 +13,17 @@ pytestmark = pytest.mark.extensive
 
 Cli = Callable[..., Outcome]
 SCENARIOS = ["bearings", "mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
-OTHER_KINDS = ["echo-field", "liang", "madhow-ring", "madhow-walls", "mixed-ranges", "ranges", "room", "shen"]
+OTHER_KINDS = [
+    "echo-field",
+    "liang",
+    "madhow-ring",
+    "madhow-walls",
+    "mixed-ranges",
+    "ranges",
+    "room",
+    "shen",
+    "triplets",
+]
 """Scenarios that have tests of their own."""
 
 

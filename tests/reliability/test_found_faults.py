@@ -216,9 +216,22 @@ def test_infinite_estimates(command: str, folder: Path) -> None:
 
 
 def test_times_too_far_apart_for_windows(folder: Path) -> None:
-    """Times of a log too far apart to count windows are reported; the importer failed."""
+    """Times of a log that no count of microseconds holds are reported; the importer failed."""
     (folder / "u.csv").write_text("time,anchor,range\n0,a,5\n1e308,a,5\n")
-    assert_refused(folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "span too many windows")
+    assert_refused(
+        folder, ["convert", "u.csv", "--from", "uwb", "-o", "r.csv"], "times from 0 to 1e+308 s, expected seconds"
+    )
+
+
+def test_a_column_without_a_name(folder: Path) -> None:
+    """A column named '' beside sensors of the scene is no column of the contract; the reader failed."""
+    table = pa.table({"snapshot": [0, 0], "sensor": ["a", "b"], "": [7, 8], "bearing_rad": [0.1, 2.1]})
+    with pa.ipc.new_stream(folder / "b.arrows", table.schema) as writer:
+        writer.write_table(table)
+    scene = "".join(f'[[sensor]]\nname = "{name}"\nposition = [{x}, 0]\n' for name, x in (("a", 0), ("b", 10)))
+    (folder / "s.toml").write_text(scene)
+    words = ["localize", "b.arrows", "--scene", "s.toml", "--bearing-std-deg", "2", "-o", "e.csv", "-q"]
+    assert run_guarded(words).code == 0
 
 
 def test_path_names_that_are_not_utf8(folder: Path) -> None:

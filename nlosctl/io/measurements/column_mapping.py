@@ -171,7 +171,7 @@ def plan_columns(
     missing = [column for column in absent if not _is_in_scene(column, scene, names, mapped)]
     if missing:
         raise DataError(missing_message(missing, header, table, file, estimable=missing_std == "estimable"))
-    for name in {column.scene_sensor for column in absent} & set(names):
+    for name in {column.scene_sensor for column in absent if column.scene_sensor} & set(names):
         mapped[name] = MappedColumn(column=table.column(name), name=name)
     plan = ColumnPlan(table=table, mapped=mapped, constants=constants, units=units, has_snapshot=SNAPSHOT in mapped)
     for group in (*table.together, (plan.scene_axes,)):
