@@ -105,10 +105,13 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
         except BrokenPipeError as error:
             _discard_stdout()
             raise _PipeClosedError from error
-        except _Terminated as stop:
-            raise _StoppedError(128 + stop.number) from stop
-        except KeyboardInterrupt as stop:
-            raise _StoppedError(_INTERRUPTED) from stop
+        except (KeyboardInterrupt, RuntimeError) as error:
+            stop = (
+                error.__cause__ if isinstance(error, RuntimeError) else error
+            )  # Python 3.11 wraps one in a class body
+            if not isinstance(stop, KeyboardInterrupt):
+                raise
+            raise _StoppedError(128 + stop.number if isinstance(stop, _Terminated) else _INTERRUPTED) from error
 
     return call
 

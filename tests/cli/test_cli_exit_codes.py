@@ -177,3 +177,24 @@ def test_the_process_exits_as_the_function_returns(tmp_path: Path) -> None:
     outcome = process("localize", "absent.csv", cwd=tmp_path)
     assert (outcome.code, outcome.out) == (1, b"")
     assert outcome.err == "nlosctl: absent.csv: there is no such file\n"
+
+
+def test_an_interrupt_while_a_class_is_made_is_130() -> None:
+    """Python 3.11 wraps an interrupt within ``__set_name__`` in a RuntimeError; another RuntimeError passes."""
+    from nlosctl.cli.main import _guarded, _StoppedError
+
+    class Interrupting:
+        def __set_name__(self, owner: type, name: str) -> None:
+            raise KeyboardInterrupt
+
+    def command() -> None:
+        type("Made", (), {"field": Interrupting()})
+
+    def broken() -> None:
+        raise RuntimeError("broken")
+
+    with pytest.raises(_StoppedError) as stopped:
+        _guarded(command)()
+    assert stopped.value.exit_code == 130
+    with pytest.raises(RuntimeError, match="broken"):
+        _guarded(broken)()
