@@ -1,6 +1,7 @@
 """The input of a method: dense blocks of snapshots that have the same number of measurements.
 
-Arrays have shape (B, K) or (B, K, 2): B snapshots, K measurements each, the last axis x and y. They are stored
+Arrays have shape (B, K) or (B, K, 2): B snapshots, K measurements each, the last axis x and y; heights and elevations,
+which only batches in three dimensions have, are arrays of their own. They are stored
 in Fortran order, so that ``array[:, k]`` and ``array[..., 0]`` are contiguous, and they are read-only. Sum over
 measurements with `nlosctl.geometry.blocks.sum_measurements`: then a row's bits do not depend on its neighbours.
 """
@@ -11,6 +12,8 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
+
+import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, SeedArray
 from nlosctl.contract.fields import Field, SensorsField
@@ -29,14 +32,20 @@ class Batch:
     the quantities behind the decision; if ``want_trace`` is true a sequential method returns its steps.
     ``std`` is what is known of standard deviations: ``stated``, ``estimated`` (from residuals of the whole input), or
     ``unknown``: relative weights, whose factor a method with `MethodSpec.scales_std` estimates from the residuals of
-    each snapshot. ``STDS`` names the arrays of standard deviations,
-    ``SOURCES`` the input columns of each array, ``ABSENT`` the value that fills an array if the input lacks
-    its columns; an array that is not in ``ABSENT`` is None then. ``OPTIONAL_SOURCES`` are further ones, which few files
-    have.
+    each snapshot.
+
+    ``dimension`` is 2 or 3: that of the positions to estimate. In space, ``target_z_m`` (B,) is a measured height of
+    the target with the standard deviation ``target_z_std_m`` (B,); both are None if no snapshot has one. Within a
+    batch either all heights are held exactly (all standard deviations 0, see `height_held`), or none.
+
+    ``STDS`` names the arrays of standard deviations, ``SOURCES`` the input columns of each array, ``SPACE_SOURCES``
+    those that only batches in space have, ``ABSENT`` the value that fills an array if the input lacks its columns; an
+    array that is not in ``ABSENT`` is None then. ``OPTIONAL_SOURCES`` are further ones, which few files have.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     ABSENT: ClassVar[Mapping[str, float]] = {}
     STDS: ClassVar[tuple[str, ...]] = ()
 
@@ -47,11 +56,19 @@ class Batch:
     want_trace: bool = False
     want_details: bool = False
     std: Literal["stated", "estimated", "unknown"] = "stated"
+    dimension: int = 2
+    target_z_m: FloatArray | None = None
+    target_z_std_m: FloatArray | None = None
 
     @property
     def size(self) -> int:
         """The number of snapshots, B."""
         return int(self.seed.shape[0])
+
+    @property
+    def height_held(self) -> bool:
+        """Whether the height of the target is known exactly: then x and y are the only unknowns."""
+        return self.target_z_std_m is not None and not np.any(self.target_z_std_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +81,13 @@ class BearingBatch(Batch):
     ``range_m`` and ``range_std_m`` are NaN in rows without a range, and None if no row has one. ``prior_xy_m`` is
     the prior position, with either its standard deviation ``prior_std_m`` in x and y or its covariance ``prior_cov_m2``
     (B, K, 3: xx, xy, yy), equal in all rows of a snapshot; None or NaN if there is no prior.
+
+    In space ``sensor_z_m`` is in metres, and ``elevation_rad`` is the angle above the x-y plane with the standard
+    deviation ``elevation_std_rad``, both NaN in rows that give their azimuth alone, None if no row has an elevation.
+    ``direction_std_rad`` replaces both standard deviations: that across the ray, equal in every direction, for
+    residuals in the tangent plane of the measured direction; ``bearing_std_rad`` is then ``direction_std_rad /
+    cos(elevation)``. ``sensor_frame`` (B, K, 3, 3) has each sensor's own axes (east, north, up) as rows, in the
+    coordinates of the batch, to which azimuths and elevations refer; None: the axes of the frame.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -79,7 +103,13 @@ class BearingBatch(Batch):
         "prior_std_m": ("prior_std_m",),
         "prior_cov_m2": ("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2"),
     }
-    STDS: ClassVar[tuple[str, ...]] = ("bearing_std_rad", "range_std_m")
+    SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "sensor_z_m": ("sensor_z_m",),
+        "elevation_rad": ("elevation_rad",),
+        "elevation_std_rad": ("elevation_std_rad",),
+        "direction_std_rad": ("direction_std_rad",),
+    }
+    STDS: ClassVar[tuple[str, ...]] = ("bearing_std_rad", "range_std_m", "elevation_std_rad", "direction_std_rad")
 
     sensor: IntArray
     sensor_xy_m: FloatArray
@@ -92,6 +122,11 @@ class BearingBatch(Batch):
     prior_xy_m: FloatArray | None = None
     prior_std_m: FloatArray | None = None
     prior_cov_m2: FloatArray | None = None
+    sensor_z_m: FloatArray | None = None
+    elevation_rad: FloatArray | None = None
+    elevation_std_rad: FloatArray | None = None
+    direction_std_rad: FloatArray | None = None
+    sensor_frame: FloatArray | None = None
 
     @property
     def measurements(self) -> int:
@@ -107,7 +142,8 @@ class RangeBatch(Batch):
     ``range_m`` and ``range_std_m`` are in metres; all are finite, ranges and stds positive. ``sensor_height_m`` is
     the sensor's height above the plane of the targets: 0 for ranges in the plane, else the ranges are slant ranges.
     ``reflector`` is an index into ``scene.reflectors``, or -1 for the direct path; None if no row has one. Only methods
-    that read ``reflector`` (see `MethodSpec.reads`) get rows that have one.
+    that read ``reflector`` (see `MethodSpec.reads`) get rows that have one. ``sensor_z_m`` is the height of the sensors
+    in space, None in the plane.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -120,6 +156,7 @@ class RangeBatch(Batch):
         "sensor_height_m": ("sensor_height_m",),
     }
     ABSENT: ClassVar[Mapping[str, float]] = {"sensor_height_m": 0.0}
+    SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {"sensor_z_m": ("sensor_z_m",)}
     STDS: ClassVar[tuple[str, ...]] = ("range_std_m",)
 
     sensor: IntArray
@@ -129,6 +166,7 @@ class RangeBatch(Batch):
     path: IntArray
     sensor_height_m: FloatArray
     reflector: IntArray | None = None
+    sensor_z_m: FloatArray | None = None
 
     @property
     def measurements(self) -> int:
@@ -143,7 +181,8 @@ class TripletBatch(Batch):
     ``tx_xy_m`` and ``rx_xy_m`` (B, K, 2) and ``path_length_m`` are in metres; ``dod_rad`` is the direction in which
     the path leaves the transmitter, ``doa_rad`` that from the receiver to where the wave comes from, radians; all
     are finite and the standard deviations positive. ``target_radius_m`` is NaN in rows without it, and None if no row
-    has one.
+    has one. In space ``tx_z_m`` and ``rx_z_m`` are the heights, and the elevations of both directions are above the x-y
+    plane, radians, with their standard deviations; they are NaN in rows without them, and None if no row has one.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -157,6 +196,14 @@ class TripletBatch(Batch):
         "path_length_std_m": ("path_length_std_m",),
     }
     OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {"target_radius_m": ("target_radius_m",)}
+    SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "tx_z_m": ("tx_z_m",),
+        "rx_z_m": ("rx_z_m",),
+        "dod_elevation_rad": ("dod_elevation_rad",),
+        "doa_elevation_rad": ("doa_elevation_rad",),
+        "dod_elevation_std_rad": ("dod_elevation_std_rad",),
+        "doa_elevation_std_rad": ("doa_elevation_std_rad",),
+    }
 
     tx_xy_m: FloatArray
     rx_xy_m: FloatArray
@@ -167,6 +214,12 @@ class TripletBatch(Batch):
     doa_std_rad: FloatArray
     path_length_std_m: FloatArray
     target_radius_m: FloatArray | None = None
+    tx_z_m: FloatArray | None = None
+    rx_z_m: FloatArray | None = None
+    dod_elevation_rad: FloatArray | None = None
+    doa_elevation_rad: FloatArray | None = None
+    dod_elevation_std_rad: FloatArray | None = None
+    doa_elevation_std_rad: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

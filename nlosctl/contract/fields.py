@@ -20,15 +20,18 @@ _FORMS = "xmin,xmax,ymin,ymax or circle:x,y,r or sensors:FACTOR or polygon:FILE 
 
 @dataclass(frozen=True, kw_only=True)
 class BoxField:
-    """A box along the axes, in metres."""
+    """A box along the axes, in metres; without ``zmin_m`` and ``zmax_m`` of the plane, or of any height in space."""
 
     xmin_m: float
     xmax_m: float
     ymin_m: float
     ymax_m: float
+    zmin_m: float | None = None
+    zmax_m: float | None = None
 
     def __str__(self) -> str:
-        return _text(self.xmin_m, self.xmax_m, self.ymin_m, self.ymax_m)
+        heights = [height for height in (self.zmin_m, self.zmax_m) if height is not None]
+        return _text(self.xmin_m, self.xmax_m, self.ymin_m, self.ymax_m, *heights)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +48,7 @@ class CircleField:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorsField:
-    """The bounding box of each snapshot's sensors, extended on every side by ``factor`` times its larger side.
+    """The bounding box of each snapshot's sensors, extended on every side by ``factor`` times its largest side.
 
     If there are ranges, it is at least extended by the longest.
     """

@@ -49,23 +49,22 @@ class MethodSpec:
     ``kind`` is the kind of measurement, ``options`` a frozen dataclass whose fields (declared with
     `nlosctl.contract.options.option`) are the method's parameters, ``flags`` the columns that it adds to the flags
     besides ``used``, ``cost`` a description of its cost, ``minimum_measurements`` the smallest number of rows it can
-    solve. ``covariance_kinds`` states what its covariance may account for other than the noise, ``estimate_columns``
-    the optional columns of the estimates that it fills
-    (``estimate_columns_with(options)`` those of an option), ``randomized`` whether it draws random numbers, ``traces``
-    whether it can return its steps, ``searches`` whether it stays within the search region, ``reads`` the optional
-    columns that it uses. ``details`` are further columns of the flags if the batch wants details,
+    solve. ``dimensions`` are those of the batches that it solves: 2, 3, or both. ``covariance_kinds`` states what its
+    covariance may account for other than the noise, ``estimate_columns`` the optional columns of the estimates that it
+    fills (``estimate_columns_with(options)`` those of an option), ``randomized`` whether it draws random numbers,
+    ``traces`` whether it can return its steps, ``searches`` whether it stays within the search region, ``reads`` the
+    optional columns that it uses. ``details`` are further columns of the flags if the batch wants details,
     ``flags_with(options)`` those of an option; ``flags_needing`` names, for some columns, the input column without
-    which they have no values.
-    ``remark(options)`` is what the summary states of a run. ``estimates`` is false for a detector that estimates
-    nothing. ``learning`` is how it estimates options from the whole input, if it can. ``scales_std`` is whether it
-    estimates the factor of unknown standard deviations, see `Batch.std`: then its fix does not depend on the
-    factor, it returns the columns ``std_factor`` and ``std_dof`` in place of a chi-square, and
+    which they have no values. ``remark(options)`` is what the summary states of a run. ``estimates`` is false for a
+    detector that estimates nothing. ``learning`` is how it estimates options from the whole input, if it can.
+    ``scales_std`` is whether it estimates the factor of unknown standard deviations, see `Batch.std`: then its fix
+    does not depend on the factor, it returns the columns ``std_factor`` and ``std_dof`` in place of a chi-square, and
     `Status.STD_NOT_ESTIMABLE` for a fix whose factor is not determined. ``std_fault(options, pool)`` is why it can't
-    with some options for a ``pool`` of `SolveOptions.estimate_std`, empty if it can. ``direct_rows(batch, options)`` of
-    a robust method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there, NaN
-    without a position: the weights of its residuals for unknown standard deviations.
-    ``contract_version`` is the version of this contract that a plugin was written for; built-in methods leave it out.
-    ``solve(batch, options)`` is pure: it changes nothing and draws only from ``batch.seed``.
+    with some options for a ``pool`` of `SolveOptions.estimate_std`, empty if it can. ``direct_rows(batch, options)``
+    of a robust method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there,
+    NaN without a position: the weights of its residuals for unknown standard deviations. ``contract_version`` is the
+    version of this contract that a plugin was written for; built-in methods leave it out. ``solve(batch, options)`` is
+    pure: it changes nothing and draws only from ``batch.seed``.
     """
 
     name: str
@@ -77,6 +76,7 @@ class MethodSpec:
     solve: Callable[[Any, Any], Solution]
     cost: str
     minimum_measurements: int
+    dimensions: tuple[int, ...] = (2,)
     flags: tuple[str, ...] = ()
     flags_needing: Mapping[str, str] = field(default_factory=dict)
     details: tuple[str, ...] = ()

@@ -13,10 +13,12 @@ __all__ = [
     "CircleReflector",
     "EarthFrame",
     "LineReflector",
+    "PlaneReflector",
     "Reflector",
     "Scene",
     "SegmentReflector",
     "Sensor",
+    "SphereReflector",
     "parse_frame",
 ]
 
@@ -48,7 +50,7 @@ class Sensor:
 
 @dataclass(frozen=True, kw_only=True)
 class LineReflector:
-    """An infinite mirror through ``point`` (metres) along ``direction`` (any length, not zero)."""
+    """An infinite mirror through ``point`` (metres) along ``direction`` (any length, not zero); vertical in space."""
 
     name: str
     point: tuple[float, float]
@@ -57,7 +59,10 @@ class LineReflector:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentReflector:
-    """A finite wall from ``start`` to ``end`` (metres, not equal): it reflects, and blocks paths across it."""
+    """A finite wall from ``start`` to ``end`` (metres, not equal): it reflects, and blocks paths across it.
+
+    In space it is vertical and of any height.
+    """
 
     name: str
     start: tuple[float, float]
@@ -76,7 +81,7 @@ class SegmentReflector:
 
 @dataclass(frozen=True, kw_only=True)
 class CircleReflector:
-    """The inner side of a circle about ``center`` (metres) mirrors; sensors and sources are inside it.
+    """The inner side of a circle in the plane, about ``center`` (metres) mirrors; sensors and sources are inside it.
 
     ``blocker_radius`` is an opaque concentric circle (as the earth in the ionosphere), which no wave crosses.
     ``min_elevation_deg`` is the least elevation above the sensor's horizontal at which a path is received (to avoid
@@ -90,8 +95,31 @@ class CircleReflector:
     min_elevation_deg: float | None = None
 
 
-Reflector = LineReflector | SegmentReflector | CircleReflector
-"""Any kind of reflector."""
+@dataclass(frozen=True, kw_only=True)
+class PlaneReflector:
+    """A mirror in space through ``point`` (metres) across ``normal`` (any length, not zero)."""
+
+    name: str
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereReflector:
+    """The inner side of a sphere about ``center`` (metres) mirrors: a `CircleReflector` in space.
+
+    ``min_elevation_deg`` is above the tangent plane, at the sensor, of the sphere through it.
+    """
+
+    name: str
+    center: tuple[float, float, float]
+    radius: float
+    blocker_radius: float | None = None
+    min_elevation_deg: float | None = None
+
+
+Reflector = LineReflector | SegmentReflector | CircleReflector | PlaneReflector | SphereReflector
+"""Any kind of reflector: circles are of the plane alone, planes and spheres of space alone."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division
-from nlosctl.contract.scene import CircleReflector, Reflector, Scene, SegmentReflector
+from nlosctl.contract.scene import CircleReflector, PlaneReflector, Reflector, Scene, SegmentReflector, SphereReflector
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.lines import crosses_segment, reflect_direction
 from nlosctl.models.ranges import predict_ranges
@@ -49,6 +49,8 @@ def trace_back(sensor_m: FloatArray, bearing_rad: FloatArray, reflector: Reflect
         tangent = np.arctan2(leaving.y, leaving.x) + 0.5 * np.pi
         hit = np.stack([leaving.x, leaving.y], axis=-1) + center
         return TracedRays(hit, reflect_direction(bearing_rad, tangent))
+    if isinstance(reflector, PlaneReflector | SphereReflector):
+        raise ValueError(f"rays are traced in the plane. Got the reflector {reflector.name!r} of space instead.")
     along_x, along_y = reflector.direction
     offset = np.array(reflector.point) - sensor_m
     with ignoring_division():

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.contract.scene import CircleReflector, EarthFrame, Reflector, Scene, SegmentReflector
+from nlosctl.contract.scene import CircleReflector, EarthFrame, LineReflector, Reflector, Scene, SegmentReflector
 from nlosctl.geometry.ellipses import ellipse_threshold, error_ellipse
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.plotting.earth_axes import draw_earth_axes
@@ -144,7 +144,7 @@ def draw_reflectors(axes: Axes, reflectors: Sequence[Reflector]) -> None:
                 label=legend_once(labels, "mirror"),
                 zorder=1.2,
             )
-        else:
+        elif isinstance(reflector, LineReflector):
             second = np.add(reflector.point, reflector.direction)
             axes.axline(
                 reflector.point,

@@ -12,7 +12,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import parse_field
 from nlosctl.contract.options import option
-from nlosctl.contract.scene import CircleReflector, Scene, SegmentReflector, Sensor
+from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector, Sensor
 from nlosctl.errors import UsageError
 from nlosctl.geometry.lines import crosses_segment, reflect_points, side_of_line
 from nlosctl.models.bearings import predict_bearings, sight_lines
@@ -160,7 +160,7 @@ def _is_blocked(scene: Scene, sensor_xy_m: FloatArray, reflector: IntArray, targ
     sensor_x, sensor_y = sensor_xy_m[..., 0], sensor_xy_m[..., 1]
     x, y = (np.broadcast_to(target_xy_m[:, None, axis], reflector.shape) for axis in (0, 1))
     for index, mirror in enumerate(scene.reflectors):
-        if isinstance(mirror, CircleReflector):
+        if not isinstance(mirror, LineReflector | SegmentReflector):
             continue
         angle = np.arctan2(mirror.direction[1], mirror.direction[0])
         point_x, point_y = np.asarray(mirror.point[0]), np.asarray(mirror.point[1])

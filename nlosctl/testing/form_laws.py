@@ -15,7 +15,8 @@ import numpy as np
 from nlosctl import registry
 from nlosctl.contract.methods import contract_fault
 from nlosctl.contract.options import parse_options
-from nlosctl.contract.results import Estimates, form_faults, has_covariance, has_position, null_faults
+from nlosctl.contract.result_checks import form_faults, null_faults
+from nlosctl.contract.results import Estimates, has_covariance, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.testing.bench import Bench

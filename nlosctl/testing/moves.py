@@ -14,7 +14,16 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import CircleField, Field
-from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector, Sensor
+from nlosctl.contract.scene import (
+    CircleReflector,
+    LineReflector,
+    PlaneReflector,
+    Reflector,
+    Scene,
+    SegmentReflector,
+    Sensor,
+    SphereReflector,
+)
 from nlosctl.geometry.angles import wrap_angle
 
 __all__ = ["Motion", "copy_batch", "move_batch", "permute_measurements", "replace_rows", "take_rows"]
@@ -138,6 +147,12 @@ def _move_reflector(reflector: Reflector, motion: Motion) -> Reflector:
             return dataclasses.replace(reflector, start=start, end=end)
         case CircleReflector():
             return dataclasses.replace(reflector, center=motion.point(reflector.center))
+        case PlaneReflector():
+            foot = (*motion.point(reflector.point[:2]), reflector.point[2])
+            normal = (*motion.direction(reflector.normal[:2]), reflector.normal[2])
+            return dataclasses.replace(reflector, point=foot, normal=normal)
+        case SphereReflector():
+            return dataclasses.replace(reflector, center=(*motion.point(reflector.center[:2]), reflector.center[2]))
 
 
 def _with_arrays(batch: Any, change: Callable[[str, Any], Any]) -> Any:

@@ -70,6 +70,29 @@ def test_batches_hold_the_columns_of_their_rows(case: tuple[list[int], list[bool
         assert batch.sensor_xy_m.shape == (*row.shape, 2)
 
 
+def test_only_batches_in_space_have_heights_and_elevations() -> None:
+    """The same columns give a batch of the plane without them, and one in space with them, heights by snapshot."""
+    row = np.arange(12).reshape(4, 3)
+    of_space = {name: np.arange(12.0) + 100.0 * i for i, name in enumerate(["sensor_z_m", "elevation_rad"])}
+    heights = {"target_z_m": np.repeat([1.5, 2.5, 0.0, 9.0], 3), "target_z_std_m": np.zeros(12)}
+    columns = {**columns_of(12), **of_space, **heights}
+    plane: Any = dense_batch("bearings", columns, row, scene=Scene())
+    assert plane.dimension == 2
+    assert [getattr(plane, name) for name in (*of_space, *heights)] == [None] * 4
+    assert not plane.height_held
+    space: Any = dense_batch("bearings", columns, row, scene=Scene(), dimension=3)
+    assert space.dimension == 3
+    for name, column in of_space.items():
+        assert getattr(space, name).tolist() == column[row].tolist()
+        assert getattr(space, name).flags.f_contiguous
+    assert space.elevation_std_rad is None
+    assert space.target_z_m.tolist() == [1.5, 2.5, 0.0, 9.0]
+    assert space.height_held
+    columns["target_z_std_m"] = np.repeat([0.0, 0.3, 0.0, 0.0], 3)
+    measured: Any = dense_batch("bearings", columns, row, scene=Scene(), dimension=3)
+    assert not measured.height_held
+
+
 def columns_of(total: int) -> dict[str, Any]:
     """Return flat columns with a different value in every row."""
     index = np.arange(total)

@@ -15,7 +15,7 @@ from method_options import BUILT_IN, options_of
 
 from nlosctl import registry
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import contract_violation
+from nlosctl.contract.result_checks import contract_violation
 from nlosctl.contract.statuses import Status
 from nlosctl.testing.draws import DRAWS, bearing_batch
 from nlosctl.testing.moves import copy_batch

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
 from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
-from nlosctl.contract.results import Estimates, Flags, Solution, Trace, Words, contract_violation
+from nlosctl.contract.result_checks import contract_violation
+from nlosctl.contract.results import Flags, Solution, Trace, Words, no_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
-from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
@@ -53,12 +53,14 @@ class ChunkSolution:
 class ChunkSolver:
     """Solves chunks of one kind of measurement by several methods.
 
-    At most ``block_size`` snapshots are in a dense batch, at most ``alternatives`` estimates of a target are kept.
+    ``dimension`` is 2 or 3. At most ``block_size`` snapshots are in a dense batch, at most ``alternatives`` estimates
+    of a target are kept.
     """
 
     kind: str
     scene: Scene
     runs: tuple[MethodRun, ...]
+    dimension: int = 2
     field: Field = _WHOLE_FIELD
     block_size: int = 8192
     alternatives: int = 1
@@ -94,12 +96,13 @@ class ChunkSolver:
         self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun, solve: BlockSolver
     ) -> Solution:
         if row.shape[1] < run.spec.minimum_measurements:
-            return _too_few(row.shape[0])
+            return Solution(estimates=no_estimates(row.shape[0], self.dimension, Status.TOO_FEW))
         batch = dense_batch(
             self.kind,
             chunk.columns,
             row,
             scene=self.scene,
+            dimension=self.dimension,
             seed=seed[snapshot],
             field=self.field,
             flags=self.want_flags,
@@ -112,7 +115,7 @@ class ChunkSolver:
             raise
         except (Exception, SystemExit) as error:
             raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
-        fault = contract_violation(solution, row.shape)
+        fault = contract_violation(solution, row.shape, self.dimension)
         if fault:
             raise MethodError(f"method {run.spec.name!r} {fault}")
         return solution
@@ -201,6 +204,7 @@ def dense_batch(
     row: IntArray,
     *,
     scene: Scene,
+    dimension: int = 2,
     seed: SeedArray | None = None,
     field: Field = _WHOLE_FIELD,
     flags: bool = False,
@@ -209,20 +213,25 @@ def dense_batch(
 ) -> Batch:
     """Return the dense batch of the rows (B, K) of flat ``columns``: read-only arrays in Fortran order.
 
+    Only a batch in three dimensions has the heights and elevations among the columns.
     ``seed`` (B,) is the random seed of each snapshot, zeros by default; ``flags``, ``details`` and ``trace`` are what
     the batch asks of a method.
     """
     cls = batch_class(kind)
     arrays = {}
-    for name, parts in {**cls.SOURCES, **cls.OPTIONAL_SOURCES}.items():
+    sources = {**cls.SOURCES, **cls.OPTIONAL_SOURCES, **(cls.SPACE_SOURCES if dimension == 3 else {})}
+    for name, parts in sources.items():
         if columns.keys() >= set(parts):
             arrays[name] = _gather(row, [columns[part] for part in parts])
         elif name in cls.ABSENT:
             arrays[name] = np.full(row.shape, cls.ABSENT[name], order="F")
             arrays[name].flags.writeable = False
+    if dimension == 3 and "target_z_m" in columns:
+        arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
     batch: Batch = cls(
         scene=scene,
         field=field,
+        dimension=dimension,
         seed=np.zeros(row.shape[0], dtype=np.uint64) if seed is None else seed,
         want_flags=flags,
         want_details=flags and details,
@@ -252,11 +261,6 @@ def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any
             dense[..., axis] = part[row]
     dense.flags.writeable = False
     return dense
-
-
-def _too_few(size: int) -> Solution:
-    status, nothing = np.full(size, Status.TOO_FEW, dtype=np.uint8), np.full(size, np.nan)
-    return Solution(estimates=Estimates.of(status, (nothing, nothing), SymmetricMatrix(*[nothing] * 3), nothing, 0))
 
 
 def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
-from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
+from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
 from nlosctl.geometry.lines import reflect_points
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.triplets.likelihood import TripletProblem
@@ -49,7 +49,7 @@ class Walls:
         found = np.zeros(x.shape, dtype=bool)
         covariance = information.inverse()
         for reflector in self.scene.reflectors:
-            if isinstance(reflector, CircleReflector):
+            if not isinstance(reflector, LineReflector | SegmentReflector):
                 continue
             with ignoring_invalid():
                 near = _on_wall(reflector, x + self.center_x, y + self.center_y, covariance)
