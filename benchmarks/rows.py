@@ -59,6 +59,7 @@ def report(rows: tuple[int, ...] = ROWS) -> list[str]:
 def _runs() -> list[tuple[str, tuple[str, ...]]]:
     bearings = ("ls", "stansfield", "stansfield-focused", "ml", "ml-grid", "sequential", "mixture-ml", "suppress")
     runs = [("bearings", ("localize", "-m", name)) for name in bearings]
+    runs += [("bearings", ("localize", "-m", "suppress", "-p", "acceptance=likelihood"))]
     runs += [("ranges", ("localize", "-m", name)) for name in ("sr-ls", "r-ls", "ml", "mixture-ml")]
     runs += [("triplets", ("localize", "-m", "ml")), ("triplets", ("localize", "-m", "ml", "-p", "joint=true"))]
     runs += [("triplets", ("detect-ip", "-m", name)) for name in ("chi2", "tdaj", "joint")]

@@ -18,10 +18,10 @@ from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
-__all__ = ["Mixture", "MixtureRows", "OutlierRows"]
+__all__ = ["FACTORS", "Mixture", "MixtureRows", "OutlierRows"]
 
 
-_FACTORS = 8
+FACTORS = 8
 """Number of factors of the likelihood multiplied before a logarithm is taken, without overflow or underflow."""
 
 
@@ -151,7 +151,7 @@ class Mixture(RowBlock):
                 closes = self.last[:, k, None]
                 product *= np.where(closes, direct, 1.0)
                 group = np.where(closes, obstructed, direct)
-            if k % _FACTORS == _FACTORS - 1 or k == self.count - 1:
+            if k % FACTORS == FACTORS - 1 or k == self.count - 1:
                 logarithm += np.log(product)
                 product[...] = 1.0
         np.negative(logarithm, out=logarithm)

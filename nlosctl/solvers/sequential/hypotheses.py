@@ -14,7 +14,6 @@ from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.row_terms import tube_width_m
-from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.sequential.polar_updates import (
     SourceState,
@@ -24,6 +23,7 @@ from nlosctl.solvers.sequential.polar_updates import (
     update_bearings,
     update_ranges,
 )
+from nlosctl.solvers.sequential.set_scores import SetScores
 
 __all__ = ["Hypotheses", "bearing_threshold_rad", "grow_hypotheses", "lone_hypotheses", "range_threshold_m"]
 
@@ -145,6 +145,7 @@ class _Growth:
     used: BoolArray
     left: BoolArray
     misfit: FloatArray
+    scores: SetScores | None = None
     cost: FloatArray | None = None
 
     @classmethod
@@ -233,16 +234,17 @@ class _Growth:
     def _likelier(self, trial: SourceState, possible: BoolArray) -> BoolArray:
         """Return where, of the ``possible``, (23) at the trial state is not worse than at the present one."""
         with ignoring_overflow():
-            if self.cost is None:
-                self.cost = _score(self.model.mixture, self.state)
-            cost = _score(self.model.mixture, trial)
+            if self.scores is None or self.cost is None:
+                self.scores = SetScores.of(self.model.mixture)
+                self.cost = _score(self.scores, self.state)
+            cost = _score(self.scores, trial)
             better: BoolArray = possible & (cost <= self.cost)
         self.cost = np.where(better, cost, self.cost)
         return better
 
 
-def _score(mixture: Mixture, state: SourceState) -> FloatArray:
-    return np.where(state.alive, mixture.score(state.x, state.y), np.inf)
+def _score(scores: SetScores, state: SourceState) -> FloatArray:
+    return np.where(state.alive, scores.at(state.x, state.y), np.inf)
 
 
 def _along_rows(lines: SightLines) -> SightLines:
