@@ -10,6 +10,7 @@ from pathlib import Path
 import pyproj
 import pytest
 from doc_pages import ROOT, read_page, run_shell
+from warm_program import warm_path
 
 from nlosctl import registry
 
@@ -39,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the fixtures after all commands of the page, in order."""
     folder = tmp_path_factory.mktemp("formats") / "files"
     shutil.copytree(ROOT / "fixtures" / "formats", folder)
-    done = run_shell("\n".join(PAGE.commands), folder)
+    done = run_shell("\n".join(PAGE.commands), folder, PATH=warm_path())
     assert done.returncode == 0, done.stderr
     return folder
 

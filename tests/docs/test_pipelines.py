@@ -12,6 +12,7 @@ import pyarrow.parquet
 import pytest
 import yaml
 from doc_pages import read_page, run_shell
+from warm_program import warm_path
 
 pytestmark = pytest.mark.process
 
@@ -22,7 +23,7 @@ WORKFLOW = ".github/workflows/fixes.yml"
 
 def run_checked(script: str, folder: Path, code: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run lines of shell and check their exit code."""
-    done = run_shell(script, folder, **environment)
+    done = run_shell(script, folder, PATH=warm_path(), **environment)
     assert done.returncode == code, done.stdout + done.stderr
     return done
 

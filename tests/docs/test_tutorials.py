@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from build_figures import FIGURES, made_on, pages, shown_on
 from doc_pages import ROOT, Page, read_page, run_shell
+from warm_program import warm_path
 
 pytestmark = pytest.mark.process
 
@@ -34,7 +35,7 @@ def run_page(name: str, folder: Path) -> Page:
     """Write the files of a page and run its commands; they must succeed."""
     page = read_page(name)
     page.write(folder)
-    done = run_shell("\n".join(page.commands), folder)
+    done = run_shell("\n".join(page.commands), folder, PATH=warm_path())
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return page
 
