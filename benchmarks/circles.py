@@ -118,7 +118,7 @@ def _evaluations(batch: BearingBatch) -> list[str]:
     lines = sight_lines(batch).take(np.arange(_SEARCHED))
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
-    optima = find_optima(lines, start.x, start.y, 30)
+    optima = find_optima(lines, (start.point,), 30)
     grid = search_grid(lines, first.x, first.y, width_m=160e3, height_m=200e3, step_m=1e3)
     steps, vertices = optima.evaluations.mean(), grid.evaluations.mean()
     return [

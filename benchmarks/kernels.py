@@ -9,7 +9,7 @@ from timing import best_of
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
-from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.bearing_predictions import predict_bearings
 
 SNAPSHOTS = 8192
 """A block as the command makes them."""

@@ -157,14 +157,39 @@ class SymmetricMatrix:
 
         For D = 2 the smaller is determinant / larger, so that it keeps its digits in nearly singular matrices.
         """
+        if len(self.parts) == 6:
+            return self._eigenvalues_in_space()
         if len(self.parts) != 3:
-            values = np.asarray(np.linalg.eigvalsh(self.dense()), dtype=np.float64)
-            return values[..., 0], values[..., -1]
+            dense = self.dense()
+            finite = np.isfinite(dense).all(axis=(-2, -1))
+            values = np.asarray(np.linalg.eigvalsh(np.where(finite[..., None, None], dense, 0.0)), dtype=np.float64)
+            return np.where(finite, values[..., 0], np.nan), np.where(finite, values[..., -1], np.nan)
         half_difference = 0.5 * (self.xx - self.yy)
         with ignoring_overflow():
             larger = 0.5 * self.trace + np.sqrt(half_difference * half_difference + self.xy * self.xy)
             smaller = np.where(larger > 0.0, self.determinant / larger, 0.0)
         return smaller, larger
+
+    def _eigenvalues_in_space(self) -> tuple[FloatArray, FloatArray]:
+        """Return the smallest and the largest eigenvalues for D = 3, the largest by the cubic's trigonometric solution.
+
+        The others have the product determinant / largest, and their sum follows from the principal minors, so that the
+        smallest keeps its digits; 0 in singular matrices.
+        """
+        xx, yx, yy, zx, zy, zz = self.parts
+        with ignoring_overflow():
+            mean = self.trace / 3.0
+            x, y, z = xx - mean, yy - mean, zz - mean
+            spread = np.sqrt((x * x + y * y + z * z + 2.0 * (yx * yx + zx * zx + zy * zy)) / 6.0)
+            cubic = x * (y * z - zy * zy) - yx * (yx * z - zy * zx) + zx * (yx * zy - y * zx)
+            cosine = np.where(spread > 0.0, cubic / (2.0 * spread * spread * spread), 1.0)
+            largest = mean + 2.0 * spread * np.cos(np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0)
+            minors = (xx * yy - yx * yx) + (xx * zz - zx * zx) + (yy * zz - zy * zy)
+            product = self.determinant / largest
+            half = 0.5 * (minors - product) / largest
+            other = half + np.sqrt(np.maximum(half * half - product, 0.0))
+            smallest = np.where(product > 0.0, product / other, 0.0)
+        return np.where(np.isfinite(largest), smallest, np.nan), largest
 
     def dense(self) -> FloatArray:
         """Return the matrices as an array (B, D, D)."""

@@ -8,7 +8,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.bearings import sight_lines
+from nlosctl.models.bearing_lines import bearing_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import fit_least_squares, inflated_sandwich, sandwich_covariance
 
@@ -30,13 +30,12 @@ def solve(batch: BearingBatch, options: LeastSquaresOptions) -> Solution:
     The covariance is the sandwich (U^T U)^-1 U^T S U (U^T U)^-1 with S = diag(std^2 spread^2), since the
     distances to the lines are not equally precise. On a circle the lines are those of (41)-(45).
     """
-    lines = sight_lines(batch)
+    lines = bearing_lines(batch)
     fit = fit_least_squares(lines)
     return finish_bearings_fix(
         batch,
         lines,
-        fit.x,
-        fit.y,
+        fit.point,
         sandwich_covariance(lines, fit),
         fit.normal,
         inflated=inflated_sandwich(lines, fit),

@@ -80,7 +80,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             ambiguous_within=_WITH_RANGES if options.ambiguous_within is None else options.ambiguous_within,
             max_iterations=options.max_iterations,
         )
-    optima = find_optima(lines, start.x, start.y, options.max_iterations)
+    optima = find_optima(lines, (first.point, start.point), options.max_iterations)
     constrained_status = None
     if options.feasible:
         optima, constrained_status = constrain_to_scene(optima, options.max_iterations)
@@ -88,8 +88,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
         return finish_bearings_fix(
             batch,
             lines,
-            optima.x,
-            optima.y,
+            optima.point,
             None,
             first.normal,
             min_range_m=options.min_range_m,

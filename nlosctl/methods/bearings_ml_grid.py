@@ -64,7 +64,7 @@ def finish_grid_fix(
     constrained_status: npt.NDArray[np.uint8] = np.where(best.at_boundary, Status.BOUNDARY, Status.OK).astype(np.uint8)
     constrained_status[~best.exists] = Status.NO_CANDIDATE
     return finish_bearings_fix(
-        batch, lines, best.x, best.y, None, normal, min_range_m=min_range_m, constrained_status=constrained_status
+        batch, lines, (best.x, best.y), None, normal, min_range_m=min_range_m, constrained_status=constrained_status
     )
 
 

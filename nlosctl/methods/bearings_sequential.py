@@ -182,14 +182,14 @@ def _status(batch: BearingBatch, ranged: RangedLines, last: SourceState, min_ran
     covariance = last.covariance.at(slice(None), 0)
     rays = lines.ray_residuals(x, y)
     allowed_m2 = None if ranged.prior is None else np.where(ranged.prior.known, np.inf, 0.0)
-    status = judge_fixes(lines, x, y, rays, covariance, min_range_m, allowed_m2=allowed_m2)
+    status = judge_fixes(lines, (x, y), rays, covariance, min_range_m, allowed_m2=allowed_m2)
     first = fit_least_squares(lines)
     dead, free = ~last.alive[:, 0], ~ranged.from_prior
     status[dead] = Status.BEHIND
     if dead.any():
         crossing = fit_focused(lines, first)
         there = lines.ray_residuals(crossing.x, crossing.y)
-        linear = judge_fixes(lines, crossing.x, crossing.y, there, crossing.normal.inverse(), min_range_m)
+        linear = judge_fixes(lines, crossing.point, there, crossing.normal.inverse(), min_range_m)
         status[dead & (linear == Status.DEGENERATE)] = Status.DEGENERATE
     ranged_rows = np.zeros(status.shape, dtype=bool)
     if ranged.measured_m is not None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.bearings import SightLines, sight_lines
+from nlosctl.models.bearing_lines import bearing_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import (
-    LineFit,
     fit_focused,
     fit_least_squares,
     fit_stansfield,
@@ -39,7 +36,7 @@ def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     The distances in the weights are those of the least-squares fix: one pass, not iterated. The covariance is the
     sandwich of these weights and the errors of the lines at the fix, std times the spread of the ray tubes.
     """
-    return _solve(batch, options, fit_stansfield, SightLines.range_m)
+    return _solve(batch, options, focused=False)
 
 
 def solve_focused(batch: BearingBatch, options: StansfieldOptions) -> Solution:
@@ -49,30 +46,24 @@ def solve_focused(batch: BearingBatch, options: StansfieldOptions) -> Solution:
     l1 + l2 - 2 l1 l2 / (R cos i) along the measured ray. The widths are those at the least-squares fix, one pass. The
     covariance is the sandwich of these weights and the widths at the fix. Without circle rows it is ``stansfield``.
     """
-    return _solve(batch, options, fit_focused, SightLines.tube_width_m)
+    return _solve(batch, options, focused=True)
 
 
-def _solve(
-    batch: BearingBatch,
-    options: StansfieldOptions,
-    weighted_fit: Callable[[SightLines, LineFit], LineFit],
-    width_m: Callable[[SightLines, FloatArray, FloatArray], FloatArray],
-) -> Solution:
-    """Solve a batch by a weighted fit of the lines, whose errors grow with ``width_m`` at the least-squares fix."""
-    lines = sight_lines(batch)
+def _solve(batch: BearingBatch, options: StansfieldOptions, *, focused: bool) -> Solution:
+    """Solve a batch by a weighted fit of the lines, whose errors grow with their widths at the least-squares fix."""
+    lines = bearing_lines(batch)
     first = fit_least_squares(lines)
-    fit = weighted_fit(lines, first)
-    weighed_m = width_m(lines, first.x, first.y)
+    fit = (fit_focused if focused else fit_stansfield)(lines, first)
+    weighed_m = (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
     return finish_bearings_fix(
         batch,
         lines,
-        fit.x,
-        fit.y,
+        fit.point,
         sandwich_covariance(lines, fit, weighed_m),
         first.normal,
         inflated=inflated_sandwich(lines, fit, weighed_m),
         min_range_m=options.min_range_m,
-        at_optimum=not batch.scene.has_circles or weighted_fit is fit_focused,
+        at_optimum=focused or not batch.scene.has_circles,
     )
 
 

@@ -9,33 +9,23 @@ error across the ray is std times the width of the ray tube instead of std times
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.circular_reflection import ReflectedPath
 from nlosctl.geometry.lines import reflect_direction, reflect_points, side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.circle_rows import CircleRows, circle_table, likeliest_points, locate_circle_rows
+from nlosctl.models.circle_rows import CircleRows, locate_circle_rows
 from nlosctl.models.mirror_rows import Focusing, MirrorRows, gather_mirrors, place_tangents
 from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls, unseen_rows
+from nlosctl.models.sight import Crossing, RayResiduals
 
-__all__ = ["RayResiduals", "SightLines", "predict_bearings", "sight_lines"]
-
-
-@dataclass(frozen=True)
-class RayResiduals:
-    """Points (B,) relative to their rays: unfolded distances in metres, whether behind any origin, chi-square."""
-
-    nearest_m: FloatArray
-    farthest_m: FloatArray
-    behind: BoolArray
-    chi_square: FloatArray
+__all__ = ["SightLines", "sight_lines"]
 
 
 @dataclass(frozen=True)
@@ -61,10 +51,51 @@ class SightLines(RowBlock):
     direct: tuple[DirectRows, ...] = ()
     walls: WallRows | None = None
 
+    @property
+    def center(self) -> tuple[FloatArray, FloatArray]:
+        """The local origins (B,)."""
+        return self.center_x, self.center_y
+
+    @property
+    def unknowns(self) -> int:
+        """The number of unknown coordinates."""
+        return 2
+
+    @property
+    def std(self) -> FloatArray:
+        """The standard deviations (B, K) of the bearings, radians."""
+        return self.std_rad
+
+    def with_std(self, std: FloatArray) -> SightLines:
+        """Return the same rays with other stds (B, K)."""
+        return replace(self, std_rad=std)
+
+    def scalars(self) -> int:
+        """Return the number of bearings of each snapshot."""
+        return self.origin_x.shape[1]
+
+    def normals(self) -> tuple[FloatArray, FloatArray]:
+        """Return the unit normals (B, K) of the lines."""
+        return self.sine, -self.cosine
+
+    def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
+        """Return the offsets (B, K) of the lines along normals, which may have any length."""
+        return normals[0] * self.origin_x + normals[1] * self.origin_y
+
+    def absolute(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points (B,) in the frame."""
+        return x + self.center_x, y + self.center_y
+
+    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+        """Return the covariances, which are those of both coordinates."""
+        return covariance
+
     def range_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the unfolded distance (B, K) of points (B,), given about the local origin, from the origins."""
         dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
         return np.sqrt(dx * dx + dy * dy)
+
+    stansfield_width_m = range_m
 
     def tube_width_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the width of each ray's tube (B, K) per radian of bearing at points (B,): the range, if unfocused."""
@@ -133,6 +164,8 @@ class SightLines(RowBlock):
             self.circles.place_in(residual, np.where(np.isfinite(bent), bent, straight))
         return residual
 
+    residual = residual_rad
+
     def bearing_residual_rad(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus predicted bearing (B, K) at points (B,) about the local origin."""
         residual = self.residual_rad(x, y)
@@ -179,6 +212,37 @@ class SightLines(RowBlock):
             self.circles.place_in(dx, np.where(informative, -slope_y * inverse_std, 0.0))
             self.circles.place_in(dy, np.where(informative, slope_x * inverse_std, 0.0))
         return dy, -dx
+
+    def crossing(self, x: FloatArray, y: FloatArray) -> Crossing:
+        """Return points (B,) relative to the lines without their directions."""
+        width_m = self.std_rad * self.tube_width_m(x, y)
+        dx, dy = x[:, None] - self.origin_x, y[:, None] - self.origin_y
+        with ignoring_overflow():
+            missed = np.abs((self.sine * dx - self.cosine * dy) / width_m)
+            range_m = np.sqrt(dx * dx + dy * dy)
+            along_m = (self.cosine * dx + self.sine * dy).min(axis=1)
+        return Crossing(missed, range_m.min(axis=1), range_m.max(axis=1), along_m)
+
+    def beside_nearest_origin(self, x: FloatArray, y: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return the points ``share`` of the farthest distance along the ray whose origin is nearest to points (B,).
+
+        The origins of circle rows, which are unfolded at one point of the circle, are no sensors; not finite where
+        there are no others.
+        """
+        rows, range_m = np.arange(x.shape[0]), self.range_m(x, y)
+        farthest_m = range_m.max(axis=1)
+        if self.circles is not None:
+            self.circles.place_in(range_m, np.full(self.circles.snapshot.shape, np.inf))
+        at = rows, np.argmin(range_m, axis=1)
+        away_m = np.where(np.isfinite(range_m[at]), share * farthest_m, np.nan)
+        return self.origin_x[at] + away_m * self.cosine[at], self.origin_y[at] + away_m * self.sine[at]
+
+    def under_horizon(self) -> BoolArray:
+        """Return which rows (B, K) have a bearing under the horizon of their circle."""
+        under = np.zeros(self.std_rad.shape, dtype=bool)
+        if self.circles is not None:
+            self.circles.place_in(under, self.circles.under_horizon())
+        return under
 
     def all_under_horizon(self) -> BoolArray:
         """Return in which snapshots (B,) every bearing is below its horizon, where no wave can come from."""
@@ -243,28 +307,3 @@ def sight_lines(batch: BearingBatch) -> SightLines:
         direct=tuple(rows.about(center_x, center_y) for rows in direct),
         walls=locate_walls(batch.scene, batch.reflector, center_x, center_y),
     )
-
-
-def predict_bearings(sensor_xy_m: FloatArray, reflector: IntArray, scene: Scene, source_xy_m: FloatArray) -> FloatArray:
-    """Return the noise-free bearings (...) of sources (..., 2) from sensors (..., 2), in (-pi, pi].
-
-    By the image of the source, equation (2) of Song et al. with atan2: the sensor looks at the image. On a circle by
-    equation (34), along the shortest path that no blocker cuts (of all where each is cut). NaN where there is no path.
-    """
-    x, y = source_xy_m[..., 0], source_xy_m[..., 1]
-    if not (reflector >= 0).any():
-        return np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
-    point_x, point_y, angle = gather_mirrors(scene, reflector)
-    image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
-    x, y = np.where(reflector >= 0, image_x, x), np.where(reflector >= 0, image_y, y)
-    bearing = np.arctan2(y - sensor_xy_m[..., 1], x - sensor_xy_m[..., 0])
-    circle = (reflector >= 0) & np.isnan(angle)
-    if circle.any():
-        middle_x, middle_y, radius, blocker, _ = (column[reflector[circle]] for column in circle_table(scene))
-        sensor, source = sensor_xy_m[circle], np.broadcast_to(source_xy_m, (*reflector.shape, 2))[circle]
-        sensor_x, sensor_y = sensor[:, 0] - middle_x, sensor[:, 1] - middle_y
-        hit_x, hit_y = likeliest_points(
-            sensor_x, sensor_y, source[:, 0] - middle_x, source[:, 1] - middle_y, radius, blocker
-        )
-        bearing[circle] = np.arctan2(hit_y - sensor_y, hit_x - sensor_x)
-    return bearing

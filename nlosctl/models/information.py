@@ -14,7 +14,8 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import SightLines, predict_bearings, sight_lines
+from nlosctl.models.bearing_predictions import predict_bearings
+from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.models.ranges import predict_ranges, range_circles
 
 __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]

@@ -14,6 +14,9 @@ from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.mirror_rows import MirrorRows
 from nlosctl.models.obstacles import DirectRows
+from nlosctl.models.plane_mirrors import PlaneMirrors
+from nlosctl.models.sight import Sight
+from nlosctl.models.space_lines import SpaceLines
 
 __all__ = ["Margins", "scene_margins"]
 
@@ -24,15 +27,14 @@ _CLEARANCE = 1e-8
 
 @dataclass(frozen=True)
 class Margins:
-    """N margins: the ``snapshot`` they belong to, their value (positive: allowed) and its derivatives by x and y."""
+    """N margins: the ``snapshot`` they belong to, their value (positive: allowed) and its derivatives, as D arrays."""
 
     snapshot: IntArray
     value_m: FloatArray
-    slope_x: FloatArray
-    slope_y: FloatArray
+    slopes: tuple[FloatArray, ...]
 
 
-def scene_margins(lines: SightLines, x: FloatArray, y: FloatArray) -> list[Margins]:
+def scene_margins(lines: Sight, *point: FloatArray) -> list[Margins]:
     """Return the margins of points (B,) about the local origins: as many, in the same order, for every point.
 
     Of mirrors the signed distance, of circles the heights under the reflector and above the blocker and the elevation
@@ -40,6 +42,10 @@ def scene_margins(lines: SightLines, x: FloatArray, y: FloatArray) -> list[Margi
     above the sensor's horizon (zero at the edge of A3). NaN where no path leads to the point, infinite where there is
     no such limit.
     """
+    if isinstance(lines, SpaceLines):
+        return [] if lines.mirrors is None else [_beside_planes(lines, lines.mirrors, *point)]
+    assert isinstance(lines, SightLines)  # noqa: S101 - the only other rays
+    x, y = point
     margins = [] if lines.mirrors is None else [_beside_mirrors(lines.mirrors, x, y)]
     for rows in lines.direct:
         margins += _above_horizon(rows, x, y)
@@ -55,7 +61,17 @@ def _beside_mirrors(rows: MirrorRows, x: FloatArray, y: FloatArray) -> Margins:
     side = side_of_line(x[snapshot], y[snapshot], rows.point_x[index], rows.point_y[index], angle)
     sign = np.sign(sensor_side)
     clearance = _CLEARANCE * np.abs(sensor_side)
-    return Margins(snapshot, sign * side - clearance, -sign * np.sin(angle), sign * np.cos(angle))
+    return Margins(snapshot, sign * side - clearance, (-sign * np.sin(angle), sign * np.cos(angle)))
+
+
+def _beside_planes(lines: SpaceLines, mirrors: PlaneMirrors, *point: FloatArray) -> Margins:
+    measurement, snapshot = np.nonzero(np.isfinite(mirrors.sensor_side_m).T)
+    index = (snapshot, measurement)
+    sensor_side = mirrors.sensor_side_m[index]
+    sign, clearance = np.sign(sensor_side), _CLEARANCE * np.abs(sensor_side)
+    side = mirrors.side_m(*lines.whole(point))[index]
+    slopes = tuple(sign * normal[index] for normal in mirrors.normal[: lines.unknowns])
+    return Margins(snapshot, sign * side - clearance, slopes)
 
 
 def _within_circles(rows: CircleRows, x: FloatArray, y: FloatArray) -> list[Margins]:
@@ -65,8 +81,8 @@ def _within_circles(rows: CircleRows, x: FloatArray, y: FloatArray) -> list[Marg
     clearance = _CLEARANCE * rows.radius
     above = np.where(rows.has_choice, np.inf, distance - rows.blocker_radius - clearance)
     return [
-        Margins(rows.snapshot, rows.radius - distance - clearance, -up_x, -up_y),
-        Margins(rows.snapshot, above, up_x, up_y),
+        Margins(rows.snapshot, rows.radius - distance - clearance, (-up_x, -up_y)),
+        Margins(rows.snapshot, above, (up_x, up_y)),
         _elevation_margin(rows, rows.paths_from(x, y), clearance),
     ]
 
@@ -77,7 +93,7 @@ def _elevation_margin(rows: CircleRows, path: ReflectedPath, clearance: FloatArr
     turn = rows.sensor_x * np.sin(path.bearing_rad) - rows.sensor_y * np.cos(path.bearing_rad)
     slope_x, slope_y = path.bearing_gradient()
     scale = -np.sign(turn) * rows.radius
-    return Margins(rows.snapshot, value, scale * slope_x, scale * slope_y)
+    return Margins(rows.snapshot, value, (scale * slope_x, scale * slope_y))
 
 
 def _above_horizon(rows: DirectRows, x: FloatArray, y: FloatArray) -> list[Margins]:
@@ -95,6 +111,6 @@ def _above_horizon(rows: DirectRows, x: FloatArray, y: FloatArray) -> list[Margi
     height = normal_x * (source_x - rows.sensor_x) + normal_y * (source_y - rows.sensor_y) - clearance
     nearer = (np.arctan2(np.abs(cross), along) <= -horizon) & (least == horizon)
     return [
-        Margins(rows.snapshot, np.where(nearer, np.inf, height), normal_x, normal_y),
-        Margins(rows.snapshot, distance - rows.blocker_radius - clearance, source_x / distance, source_y / distance),
+        Margins(rows.snapshot, np.where(nearer, np.inf, height), (normal_x, normal_y)),
+        Margins(rows.snapshot, distance - rows.blocker_radius - clearance, (source_x / distance, source_y / distance)),
     ]

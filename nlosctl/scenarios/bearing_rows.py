@@ -10,7 +10,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.scenarios.spec import Columns
 
 __all__ = ["ErrorModel", "bearing_columns", "bearing_errors", "sensor_names"]

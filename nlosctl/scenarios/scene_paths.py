@@ -15,7 +15,8 @@ from nlosctl.contract.options import option
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector, Sensor
 from nlosctl.errors import UsageError
 from nlosctl.geometry.lines import crosses_segment, reflect_points, side_of_line
-from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.bearing_predictions import predict_bearings
+from nlosctl.models.bearings import sight_lines
 from nlosctl.models.search_regions import search_region
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.testing.draws import Draw, Trial, bearing_batch
 
 __all__ = ["CIRCLES"]

@@ -15,7 +15,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Estimates, Flags
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.bearing_predictions import predict_bearings
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
 from nlosctl.geometry.circular_reflection import all_reflections
 from nlosctl.methods import bearings_mixture_ml, bearings_ml, bearings_ml_grid, bearings_stansfield
-from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.bearing_predictions import predict_bearings
 
 FloatArray = npt.NDArray[np.float64]
 

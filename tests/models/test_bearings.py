@@ -11,7 +11,8 @@ import pytest
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import LineReflector, Scene
-from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.bearing_predictions import predict_bearings
+from nlosctl.models.bearings import sight_lines
 
 FloatArray = npt.NDArray[np.float64]
 

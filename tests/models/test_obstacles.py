@@ -12,7 +12,8 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_ml
-from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.bearing_predictions import predict_bearings
+from nlosctl.models.bearings import sight_lines
 from nlosctl.models.obstacles import hidden_by_walls
 
 _SENSORS = np.array([[[0.0, 0.0], [8.0, 0.0], [4.0, -3.0]]])

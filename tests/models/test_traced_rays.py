@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector
-from nlosctl.models.bearings import predict_bearings
+from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.ranges import predict_ranges
 from nlosctl.models.traced_rays import points_at_range, trace_back
 

@@ -14,7 +14,8 @@ from flat_solving import bearings_batch, dense_batch, solve, solved_rows, summar
 
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.lines import reflect_points
-from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.bearing_predictions import predict_bearings
+from nlosctl.models.bearings import sight_lines
 from nlosctl.scenarios.catalogue import find_scenario
 from nlosctl.scenarios.spec import draw_snapshots
 

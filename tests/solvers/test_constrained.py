@@ -7,7 +7,8 @@ import pytest
 from batches import bearing_batch
 
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
-from nlosctl.models.bearings import predict_bearings, sight_lines
+from nlosctl.models.bearing_predictions import predict_bearings
+from nlosctl.models.bearings import sight_lines
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
 from nlosctl.solvers.bearings.constrained import minimize_within_scene
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
@@ -68,12 +69,12 @@ def zoomed_cost(lines, row):
 def test_no_allowed_point_is_better(reflector):
     """The constrained estimate is allowed, on an edge, and within 1e-3 nats of the zooming search."""
     lines, x, y, scale = infeasible_free_estimates(over_the_horizon(60, reflector, seed=11))
-    fix = minimize_within_scene(lines, x, y, scale, 30)
+    fix = minimize_within_scene(lines, (x, y), scale, 30)
     assert x.size >= 4
     assert fix.reached.all()
-    assert not lines.outside_scene(fix.x, fix.y)[fix.reached].any()
+    assert not lines.outside_scene(*fix.point)[fix.reached].any()
     assert fix.at_boundary[fix.reached].all()
-    cost = bearing_problem(lines).evaluate(fix.x, fix.y).cost
+    cost = bearing_problem(lines).evaluate(*fix.point).cost
     for row in np.flatnonzero(fix.reached)[:8]:
         assert cost[row] <= zoomed_cost(lines, row) + 1e-3
 
@@ -88,10 +89,10 @@ def test_the_constrained_estimate_is_on_the_mirror():
     free = minimize(bearing_problem(lines), np.zeros(1) - lines.center_x, np.full(1, 120.0) - lines.center_y)
     scale = np.sqrt(lines.information(free.x, free.y).inverse().trace)
     start_y = np.maximum(free.y, 101.0 - lines.center_y)
-    fix = minimize_within_scene(lines, free.x, start_y, scale, 30)
+    fix = minimize_within_scene(lines, (free.x, start_y), scale, 30)
     assert fix.reached[0]
     along = np.linspace(-60.0, 60.0, 4001)
     for height in (99.9999, 95.0, 90.0):
         x, y = along - lines.center_x[0], np.full(along.shape, height) - lines.center_y[0]
         cost = bearing_problem(lines.take(np.zeros(along.size, dtype=np.int64))).evaluate(x, y).cost
-        assert bearing_problem(lines).evaluate(fix.x, fix.y).cost[0] <= cost.min() + 1e-4
+        assert bearing_problem(lines).evaluate(*fix.point).cost[0] <= cost.min() + 1e-4

@@ -89,7 +89,7 @@ def ends_of(batch):
     lines = sight_lines(batch)
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
-    return find_optima(lines, start.x, start.y, 60)
+    return find_optima(lines, (start.point,), 60)
 
 
 @pytest.mark.extensive

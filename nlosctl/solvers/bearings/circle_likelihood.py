@@ -11,8 +11,10 @@ from nlosctl.geometry.blocks import gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
+from nlosctl.models.sight import Sight
+from nlosctl.models.space_lines import SpaceLines
 from nlosctl.solvers.bearings.likelihood import BearingProblem
-from nlosctl.solvers.optimization.problem import Evaluation
+from nlosctl.solvers.optimization.problem import Evaluation, LeastSquaresProblem
 
 __all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
 
@@ -109,12 +111,15 @@ def _linearize_straight(
         return residual * rays.inverse_std, dy * weight, -dx * weight
 
 
-BearingLikelihood = BearingProblem | MixedBearingProblem
+BearingLikelihood = BearingProblem | MixedBearingProblem | LeastSquaresProblem
 """The likelihood of a block of bearings."""
 
 
-def bearing_problem(lines: SightLines) -> BearingLikelihood:
-    """Return the likelihood of a block of sight lines: the plain one where no row is seen on a circle."""
+def bearing_problem(lines: Sight) -> BearingLikelihood:
+    """Return the likelihood of a block of rays: in the plane the plain one where no row is seen on a circle."""
+    if isinstance(lines, SpaceLines):
+        return LeastSquaresProblem(lines)
+    assert isinstance(lines, SightLines)  # noqa: S101 - the only other rays
     if lines.circles is None:
         return BearingProblem.of_lines(lines)
     return MixedBearingProblem.of_lines(lines, lines.circles)

@@ -9,9 +9,10 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import SightLines
 from nlosctl.models.scene_margins import scene_margins
+from nlosctl.models.sight import Sight
 from nlosctl.solvers.bearings.circle_likelihood import BearingLikelihood, bearing_problem
 from nlosctl.solvers.bearings.multistart import Optima
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
@@ -39,8 +40,7 @@ class ConstrainedFix:
     active.
     """
 
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     reached: BoolArray
     at_boundary: BoolArray
 
@@ -51,52 +51,53 @@ def constrain_to_scene(optima: Optima, max_iterations: int) -> tuple[Optima, Sta
     ok, or boundary on an edge; no_candidate if no point within the scene was reached (the optimum is unchanged).
     Optima within the scene remain infeasible if all bearings are below the horizon.
     """
-    outside = np.flatnonzero(
-        optima.lines.outside_scene(optima.x, optima.y) & np.isfinite(optima.x) & np.isfinite(optima.y)
-    )
+    finite = np.logical_and.reduce([np.isfinite(part) for part in optima.point])
+    outside = np.flatnonzero(optima.lines.outside_scene(*optima.point) & finite)
     status: StatusArray = np.where(optima.lines.all_under_horizon(), Status.INFEASIBLE, Status.OK).astype(np.uint8)
     if not outside.size:
         return optima, status
-    x, y, converged = optima.x.copy(), optima.y.copy(), optima.converged.copy()
-    lines = optima.lines.take(outside)
+    point, converged = tuple(part.copy() for part in optima.point), optima.converged.copy()
+    lines, start = optima.lines.take(outside), rows_of(point, outside)
     with ignoring_invalid():
-        scale = np.sqrt(lines.information(x[outside], y[outside]).inverse().trace)
-    fix = minimize_within_scene(lines, x[outside], y[outside], scale, max_iterations)
+        scale = np.sqrt(lines.information(*start).inverse().trace)
+    fix = minimize_within_scene(lines, start, scale, max_iterations)
     constrained_status = np.where(
         fix.reached, np.where(fix.at_boundary, Status.BOUNDARY, Status.OK), Status.NO_CANDIDATE
     )
     status[outside] = constrained_status
-    x[outside], y[outside] = np.where(fix.reached, fix.x, x[outside]), np.where(fix.reached, fix.y, y[outside])
+    for part, within in zip(point, fix.point, strict=True):
+        part[outside] = np.where(fix.reached, within, part[outside])
     converged[outside] |= fix.reached
-    return replace(optima, x=x, y=y, converged=converged), status
+    return replace(optima, point=point, converged=converged), status
 
 
 def minimize_within_scene(
-    lines: SightLines, start_x: FloatArray, start_y: FloatArray, scale_m: FloatArray, max_iterations: int
+    lines: Sight, start: tuple[FloatArray, ...], scale_m: FloatArray, max_iterations: int
 ) -> ConstrainedFix:
     """Return the least half chi-square (B,) among points that the scene allows, from a start each.
 
     ``scale_m`` (B,) is the size of a standard deviation of the position. Minimizes half the chi-square plus
     (mu / 2) sum max(0, lambda / mu - g)^2 over the margins g >= 0 of the scene, and raises the multipliers lambda.
     """
-    x, y = lines.inside_circles(start_x, start_y)
+    point = lines.inside_circles(*start)
     likelihood = bearing_problem(lines)
     stiffness = _STIFFNESS / (scale_m * scale_m)
-    owners = tuple(margin.snapshot for margin in scene_margins(lines, x, y))
+    owners = tuple(margin.snapshot for margin in scene_margins(lines, *point))
     multipliers = [np.zeros(owner.shape) for owner in owners]
     for _ in range(_ROUNDS):
         problem = _Penalized(likelihood, lines, stiffness, owners, tuple(multipliers))
-        minimum = minimize(problem, x, y, max_iterations=max_iterations)
-        x, y = minimum.x, minimum.y
+        minimum = minimize(problem, *point, max_iterations=max_iterations)
+        point = minimum.point
         multipliers = [
             np.fmax(0.0, multiplier - stiffness[margin.snapshot] * margin.value_m)
-            for multiplier, margin in zip(multipliers, scene_margins(lines, x, y), strict=True)
+            for multiplier, margin in zip(multipliers, scene_margins(lines, *point), strict=True)
         ]
         stiffness = _HARDENING * stiffness
-    at_boundary = np.zeros(x.shape, dtype=bool)
-    for multiplier, margin in zip(multipliers, scene_margins(lines, x, y), strict=True):
+    at_boundary = np.zeros(scale_m.shape, dtype=bool)
+    for multiplier, margin in zip(multipliers, scene_margins(lines, *point), strict=True):
         at_boundary[margin.snapshot[multiplier * scale_m[margin.snapshot] > _ACTIVE]] = True
-    return ConstrainedFix(x, y, np.isfinite(x) & minimum.converged & ~lines.outside_scene(x, y), at_boundary)
+    reached = np.isfinite(point[0]) & minimum.converged & ~lines.outside_scene(*point)
+    return ConstrainedFix(point, reached, at_boundary)
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class _Penalized:
     """The likelihood with the penalties of the scene's margins; ``owners`` are the snapshots of each kind of them."""
 
     likelihood: BearingLikelihood
-    lines: SightLines
+    lines: Sight
     stiffness: FloatArray
     owners: tuple[IntArray, ...]
     multipliers: tuple[FloatArray, ...]
@@ -121,32 +122,27 @@ class _Penalized:
             tuple(multiplier[owner >= 0] for multiplier, owner in zip(self.multipliers, moved, strict=True)),
         )
 
-    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
-        at = self.likelihood.evaluate(x, y)
-        cost, (gradient_x, gradient_y), hessian = at.cost, at.gradient, at.hessian
-        for snapshot, shortfall, slope_x, slope_y, stiffness in self._shortfalls(x, y):
+    def evaluate(self, *point: FloatArray) -> Evaluation:
+        at = self.likelihood.evaluate(*point)
+        cost, gradient, hessian = at.cost, at.gradient, at.hessian
+        for snapshot, shortfall, slopes, stiffness in self._shortfalls(*point):
 
             def total(values: FloatArray, snapshot: IntArray = snapshot) -> FloatArray:
-                return np.asarray(np.bincount(snapshot, weights=values, minlength=x.shape[0]), dtype=np.float64)
+                return np.asarray(np.bincount(snapshot, weights=values, minlength=at.cost.shape[0]), dtype=np.float64)
 
             cost = cost + total(0.5 * stiffness * shortfall * shortfall)
-            gradient_x = gradient_x - total(stiffness * shortfall * slope_x)
-            gradient_y = gradient_y - total(stiffness * shortfall * slope_y)
-            hessian = hessian + SymmetricMatrix.outer(slope_x, slope_y, weight=stiffness).map(total)
-        return Evaluation(cost, (gradient_x, gradient_y), hessian)
+            pull = stiffness * shortfall
+            gradient = tuple(part - total(pull * slope) for part, slope in zip(gradient, slopes, strict=True))
+            hessian = hessian + SymmetricMatrix.outer(*slopes, weight=stiffness).map(total)
+        return Evaluation(cost, gradient, hessian)
 
     def _shortfalls(
-        self, x: FloatArray, y: FloatArray
-    ) -> Iterator[tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]]:
+        self, *point: FloatArray
+    ) -> Iterator[tuple[IntArray, FloatArray, tuple[FloatArray, ...], FloatArray]]:
         """Yield the margins that are short of lambda / mu: snapshot, by how much, the margin's gradient, mu."""
-        for multiplier, margin in zip(self.multipliers, scene_margins(self.lines, x, y), strict=True):
+        for multiplier, margin in zip(self.multipliers, scene_margins(self.lines, *point), strict=True):
             stiffness = self.stiffness[margin.snapshot]
             shortfall = multiplier / stiffness - margin.value_m
             short = np.flatnonzero(shortfall > 0.0)
-            yield (
-                margin.snapshot[short],
-                shortfall[short],
-                margin.slope_x[short],
-                margin.slope_y[short],
-                stiffness[short],
-            )
+            slopes = tuple(slope[short] for slope in margin.slopes)
+            yield margin.snapshot[short], shortfall[short], slopes, stiffness[short]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,16 +11,16 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignorin
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.geometry.circular_reflection import ReflectedPath
+from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import RayResiduals, SightLines
+from nlosctl.models.sight import RayResiduals, Sight
 from nlosctl.solvers.bearings.line_fits import InflatedCovariance, fit_focused, fit_least_squares, inflate_near_sensors
 from nlosctl.solvers.optimization.unknown_std import StdFactors
 
-__all__ = ["finish_bearings_fix", "judge_fixes", "judge_optima", "mark_crossings_behind"]
+Point = tuple[FloatArray, ...]
+"""The coordinates of points about the local origins, as D arrays (B,)."""
 
-_UNKNOWNS = 2
+__all__ = ["finish_bearings_fix", "judge_fixes", "judge_optima", "mark_crossings_behind"]
 
 CONDITION_LIMIT = 1e6
 """Largest condition number of the lines' normals at which they still count as crossing."""
@@ -46,30 +47,29 @@ def nearly_singular(normal: SymmetricMatrix) -> BoolArray:
     return ~(smaller * CONDITION_LIMIT**2 > larger)
 
 
-def _least_range_m(lines: SightLines, farthest_m: FloatArray) -> FloatArray:
+def _least_range_m(lines: Sight, farthest_m: FloatArray) -> FloatArray:
     """Return the distance (B,) up to which a point is on an origin.
 
     Sensors at a single point have no size other than that of their coordinates.
     """
-    rounding_m = _ROUNDING * (np.abs(lines.center_x) + np.abs(lines.center_y))
+    rounding_m = _ROUNDING * sum(np.abs(part) for part in lines.center)
     return np.maximum(_RELATIVE_MINIMUM_RANGE * farthest_m, rounding_m)
 
 
 def judge_fixes(
-    lines: SightLines,
-    x: FloatArray,
-    y: FloatArray,
+    lines: Sight,
+    point: Point,
     rays: RayResiduals,
     covariance: SymmetricMatrix,
     minimum_range_m: float,
-    paths: ReflectedPath | None = None,
+    paths: Any = None,
     *,
     allowed_m2: FloatArray | None = None,
 ) -> StatusArray:
-    """Return the status (B,) of fixes at x, y (B,) about the local origin, with their ray residuals and covariance.
+    """Return the status (B,) of fixes at a point about the local origin, with their ray residuals and covariance.
 
-    degenerate: not finite, a standard deviation beyond the distance to the farthest origin, or a fix closer to
-    an origin than ``minimum_range_m`` (or than 1e-5 of that distance); behind: behind a ray's origin;
+    degenerate: not finite, a standard deviation beyond the distance to the farthest origin, a fix closer to an origin
+    than ``minimum_range_m`` (or than 1e-5 of that distance), or at the zenith of a row; behind: behind a ray's origin;
     infeasible: outside the region that the scene allows (`SightLines.outside_scene`), or all bearings are below the
     horizon. ``allowed_m2`` (B,) is a larger variance that is no fault, such as that of a prior.
     """
@@ -79,10 +79,12 @@ def judge_fixes(
         sure = (covariance.trace > 0.0) & (covariance.trace <= largest)
         uncertain = ~sure | nearly_singular(covariance)
         on_sensor = rays.nearest_m <= np.maximum(minimum_range_m, _least_range_m(lines, farthest))
-    status = np.full(x.shape, Status.OK, dtype=np.uint8)
-    status[lines.outside_scene(x, y, paths) | lines.all_under_horizon()] = Status.INFEASIBLE
+    status = np.full(rays.behind.shape, Status.OK, dtype=np.uint8)
+    status[lines.outside_scene(*point, paths=paths) | lines.all_under_horizon()] = Status.INFEASIBLE
     status[rays.behind] = Status.BEHIND
     status[uncertain | on_sensor] = Status.DEGENERATE
+    if rays.at_zenith is not None:
+        status[rays.at_zenith] = Status.DEGENERATE
     return status
 
 
@@ -102,9 +104,8 @@ class Verdict:
 
 def finish_bearings_fix(
     batch: BearingBatch,
-    lines: SightLines,
-    x: FloatArray,
-    y: FloatArray,
+    lines: Sight,
+    point: Point,
     covariance: SymmetricMatrix | None,
     normal: SymmetricMatrix,
     *,
@@ -114,7 +115,7 @@ def finish_bearings_fix(
     constrained_status: StatusArray | None = None,
     at_optimum: bool = False,
 ) -> Solution:
-    """Return the solution of fixes x, y (B,) about the local origin that use every row.
+    """Return the solution of fixes, as D arrays (B,) about the local origin, that use every row.
 
     ``covariance`` (B,) is the inverse Fisher information by default; with another one, ``inflated`` computes it for
     fixes near a sensor. ``normal`` (B,) is the unweighted normal matrix of the lines, which shows whether they cross
@@ -124,8 +125,7 @@ def finish_bearings_fix(
     """
     verdict = judge_optima(
         lines,
-        x,
-        y,
+        point,
         covariance,
         normal,
         min_range_m,
@@ -135,25 +135,23 @@ def finish_bearings_fix(
         at_optimum=at_optimum,
         std=batch.std,
     )
-    position = (x + lines.center_x, y + lines.center_y)
     estimates = Estimates.of(
         verdict.status,
-        position,
-        verdict.covariance,
+        lines.absolute(*point),
+        lines.whole_covariance(verdict.covariance),
         verdict.cost,
         batch.measurements,
         chi_square=verdict.least_chi_square,
-        degrees_of_freedom=batch.measurements - len(position),
+        degrees_of_freedom=lines.scalars() - len(point),
         columns={} if verdict.factors is None else verdict.factors.columns(verdict.status),
     )
-    flags = bearing_flags(batch, lines, verdict.status, x, y) if batch.want_flags else None
+    flags = bearing_flags(batch, lines, verdict.status, *point) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
 
 
 def judge_optima(
-    lines: SightLines,
-    x: FloatArray,
-    y: FloatArray,
+    lines: Sight,
+    point: Point,
     covariance: SymmetricMatrix | None,
     normal: SymmetricMatrix,
     min_range_m: float,
@@ -168,47 +166,46 @@ def judge_optima(
 
     ``std`` as in `Batch`: with estimated ones the covariance is that of (1) in docs/unknown-std.md, as it stands.
     """
-    paths = lines.paths_from(x, y)
-    rays, factors = lines.ray_residuals(x, y, paths), None
+    paths, scalars = lines.paths_from(*point), lines.scalars()
+    rays, factors = lines.ray_residuals(*point, paths=paths), None
     cost = 0.5 * rays.chi_square
     if std == "unknown":
-        gain = 0.0 if at_optimum else _gauss_newton_gain(lines, x, y, paths)
-        factors = StdFactors.of(rays.chi_square - gain, lines.origin_x.shape[1] - _UNKNOWNS)
-        lines = replace(lines, std_rad=factors.scaled(lines.std_rad))
+        gain = 0.0 if at_optimum else _gauss_newton_gain(lines, point, paths)
+        factors = StdFactors.of(rays.chi_square - gain, scalars - len(point))
+        lines = lines.with_std(factors.scaled(lines.std))
         rays = replace(rays, chi_square=rays.chi_square / factors.squared)
         if covariance is not None and inflated is not None:
             covariance = covariance * factors.squared
     searched = covariance is None or inflated is None
     if covariance is None or inflated is None:
-        covariance = lines.information(x, y, paths).inverse()
-        inflated = _inflated_information(lines, x, y)
+        covariance = lines.information(*point, paths=paths).inverse()
+        inflated = _inflated_information(lines, point)
     if std == "stated":
         covariance = inflate_near_sensors(covariance, rays.nearest_m, inflated)
-    status = judge_fixes(lines, x, y, rays, covariance, min_range_m, paths)
+    status = judge_fixes(lines, point, rays, covariance, min_range_m, paths)
     if converged is not None:
         open_rows = np.flatnonzero(~converged & has_position(status))
         if open_rows.size:
-            on_sensor = _likelier_on_sensor(lines.take(open_rows), x[open_rows], y[open_rows])
+            on_sensor = _likelier_on_sensor(lines.take(open_rows), rows_of(point, open_rows))
             status[open_rows] = np.where(on_sensor, Status.DEGENERATE, Status.NOT_CONVERGED)
     if constrained_status is not None:
         status = np.where((status == Status.OK) | (status == Status.INFEASIBLE), constrained_status, status)
     status[nearly_singular(normal)] = Status.DEGENERATE
     if searched:
         mark_crossings_behind(status, lines, rays.chi_square)
-    if lines.origin_x.shape[1] < 2:
-        status[:] = Status.TOO_FEW
+    status[np.less(scalars, len(point))] = Status.TOO_FEW
     if factors is not None:
         factors.mark(status)
-        return Verdict(status, covariance, cost, np.full(x.shape, np.nan), factors)
-    gain = 0.0 if at_optimum else _gauss_newton_gain(lines, x, y, paths)
+        return Verdict(status, covariance, cost, np.full(status.shape, np.nan), factors)
+    gain = 0.0 if at_optimum else _gauss_newton_gain(lines, point, paths)
     return Verdict(status, covariance, cost, rays.chi_square - gain)
 
 
-def _gauss_newton_gain(lines: SightLines, x: FloatArray, y: FloatArray, paths: ReflectedPath | None) -> FloatArray:
+def _gauss_newton_gain(lines: Sight, point: Point, paths: Any) -> FloatArray:
     """Return by how much a Gauss-Newton step from points (B,) lowers the chi-square of the linearized residuals."""
-    slopes = lines.slopes(x, y, paths)
+    slopes = lines.slopes(*point, paths=paths)
     with ignoring_overflow():
-        scaled = lines.residual_rad(x, y, paths) / lines.std_rad
+        scaled = lines.residual(*point, paths=paths) / lines.std
         gradient = tuple(sum_measurements(slope * scaled) for slope in slopes)
         step = SymmetricMatrix.gram(*slopes).solve(*gradient)
         gain = sum(part * slope for part, slope in zip(step, gradient, strict=True))
@@ -216,7 +213,7 @@ def _gauss_newton_gain(lines: SightLines, x: FloatArray, y: FloatArray, paths: R
 
 
 def mark_crossings_behind(
-    status: StatusArray, lines: SightLines, chi_square: FloatArray, *, answered_too: bool = False
+    status: StatusArray, lines: Sight, chi_square: FloatArray, *, answered_too: bool = False
 ) -> None:
     """Write behind into the status (B,) of snapshots without an answer whose lines meet behind the sensors instead.
 
@@ -230,7 +227,7 @@ def mark_crossings_behind(
         status[rows[_crosses_behind(lines.take(rows), chi_square[rows], answered[rows])]] = Status.BEHIND
 
 
-def _crosses_behind(lines: SightLines, chi_square: FloatArray, answered: BoolArray) -> BoolArray:
+def _crosses_behind(lines: Sight, chi_square: FloatArray, answered: BoolArray) -> BoolArray:
     """Return in which snapshots (B,) the lines meet behind the sensors, as with bearings of the opposite sense.
 
     The lines, without their directions, then meet at a well-determined point behind a ray's origin, which explains
@@ -239,54 +236,39 @@ def _crosses_behind(lines: SightLines, chi_square: FloatArray, answered: BoolArr
     """
     first = fit_least_squares(lines)
     fit = fit_focused(lines, first)
-    width_m = lines.std_rad * lines.tube_width_m(fit.x, fit.y)
-    dx, dy = fit.x[:, None] - lines.origin_x, fit.y[:, None] - lines.origin_y
+    crossing = lines.crossing(*fit.point)
     covariance = fit.normal.inverse()
     with ignoring_overflow():
-        missed = np.abs((lines.sine * dx - lines.cosine * dy) / width_m)
-        range_m = np.sqrt(dx * dx + dy * dy)
-        farthest_m = range_m.max(axis=1)
-        along_m = (lines.cosine * dx + lines.sine * dy).min(axis=1)
+        farthest_m = crossing.farthest_m
         meeting = (covariance.trace > 0.0) & (covariance.trace <= farthest_m * farthest_m)
-        meeting &= (missed.max(axis=1) <= _MEETING) & (range_m.min(axis=1) > _least_range_m(lines, farthest_m))
+        meeting &= (crossing.missed.max(axis=1) <= _MEETING) & (crossing.nearest_m > _least_range_m(lines, farthest_m))
+        along_m = crossing.along_m
         clearly = ~answered & (along_m < -_CLEARLY_BEHIND * np.sqrt(covariance.eigenvalues()[1]))
-        decisively = ~(sum_measurements(missed * missed) + _DECISIVE > chi_square)
+        decisively = ~(sum_measurements(crossing.missed * crossing.missed) + _DECISIVE > chi_square)
         behind: BoolArray = (along_m < 0.0) & meeting & (clearly | decisively) & ~nearly_singular(first.normal)
     return behind
 
 
-def _likelier_on_sensor(lines: SightLines, x: FloatArray, y: FloatArray) -> BoolArray:
+def _likelier_on_sensor(lines: Sight, point: Point) -> BoolArray:
     """Return whether points (B,) are less likely than those on their nearest origins, where there is no smooth optimum.
 
-    On an origin means as close as a fix would be degenerate, in the direction of its ray. The origins of circle rows,
-    which are unfolded at one point of the circle, are no sensors.
+    On an origin means as close as a fix would be degenerate, in the direction of its ray.
     """
-    rows, range_m, here = np.arange(x.shape[0]), lines.range_m(x, y), lines.ray_residuals(x, y)
-    if lines.circles is not None:
-        lines.circles.place_in(range_m, np.full(lines.circles.snapshot.shape, np.inf))
-    nearest = np.argmin(range_m, axis=1)
-    away_m = _RELATIVE_MINIMUM_RANGE * here.farthest_m
-    on_x = lines.origin_x[rows, nearest] + away_m * lines.cosine[rows, nearest]
-    on_y = lines.origin_y[rows, nearest] + away_m * lines.sine[rows, nearest]
-    likelier: BoolArray = (lines.ray_residuals(on_x, on_y).chi_square < here.chi_square) & np.isfinite(
-        range_m.min(axis=1)
-    )
+    there = lines.beside_nearest_origin(*point, share=_RELATIVE_MINIMUM_RANGE)
+    likelier: BoolArray = lines.ray_residuals(*there).chi_square < lines.ray_residuals(*point).chi_square
     return likelier
 
 
-def _inflated_information(lines: SightLines, x: FloatArray, y: FloatArray) -> InflatedCovariance:
+def _inflated_information(lines: Sight, point: Point) -> InflatedCovariance:
     def inflated(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
-        return lines.take(rows).information(x[rows], y[rows], extra_m2=extra_m2).inverse()
+        return lines.take(rows).information(*rows_of(point, rows), extra_m2=extra_m2).inverse()
 
     return inflated
 
 
-def bearing_flags(batch: BearingBatch, lines: SightLines, status: StatusArray, x: FloatArray, y: FloatArray) -> Flags:
-    """Return the flags of fixes (B,): ``used``, ``residual_rad``, and ``under_horizon`` where the scene has circles."""
-    flags = Flags.of_fixes(status, lines.residuals(batch, x, y))
+def bearing_flags(batch: BearingBatch, lines: Sight, status: StatusArray, *point: FloatArray) -> Flags:
+    """Return the flags of fixes (B,): ``used``, residuals, and ``under_horizon`` where the scene has circles."""
+    flags = Flags.of_fixes(status, lines.residuals(batch, *point))
     if not batch.scene.has_circles:
         return flags
-    under = np.zeros(flags.used.shape, dtype=bool)
-    if lines.circles is not None:
-        lines.circles.place_in(under, lines.circles.under_horizon())
-    return replace(flags, columns={**flags.columns, "under_horizon": under})
+    return replace(flags, columns={**flags.columns, "under_horizon": lines.under_horizon()})

@@ -174,7 +174,7 @@ def fit_ranged_bearings(
 
 def _judge(lines: SightLines, optimum: RangeOptimum, scalars: IntArray, min_range_m: float) -> StatusArray:
     rays = lines.ray_residuals(optimum.x, optimum.y)
-    status = judge_fixes(lines, optimum.x, optimum.y, rays, optimum.covariance, min_range_m)
+    status = judge_fixes(lines, (optimum.x, optimum.y), rays, optimum.covariance, min_range_m)
     status[~optimum.converged & has_position(status)] = Status.NOT_CONVERGED
     mark_crossings_behind(status, lines, rays.chi_square)
     status[scalars < _UNKNOWNS] = Status.TOO_FEW

@@ -1,4 +1,7 @@
-"""Linear fits of a point to lines: least squares and Stansfield (Song, Willett, Zhou 2013, Sections 2.2, 2.3)."""
+"""Linear fits of a point to lines: least squares and Stansfield (Song, Willett, Zhou 2013, Sections 2.2, 2.3).
+
+In space a line is where two planes meet, that of the azimuth and that of the elevation: each is a row of the fit.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import SightLines
+from nlosctl.models.sight import Sight
 
 __all__ = [
     "InflatedCovariance",
@@ -35,40 +38,49 @@ _ROUNDS = 2
 
 @dataclass(frozen=True)
 class LineFit(RowBlock):
-    """Points (B,) about the local origin, and the normal matrix that they solve."""
+    """Points about the local origin, as D arrays (B,), and the normal matrix that they solve."""
 
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     normal: SymmetricMatrix
 
+    @property
+    def x(self) -> FloatArray:
+        """The first coordinate."""
+        return self.point[0]
 
-def fit_least_squares(lines: SightLines) -> LineFit:
+    @property
+    def y(self) -> FloatArray:
+        """The second coordinate."""
+        return self.point[1]
+
+
+def fit_least_squares(lines: Sight) -> LineFit:
     """Return the point with the least sum of squared distances to the lines, equations (18), (19).
 
-    x and y are not finite where the lines are exactly parallel.
+    The point is not finite where the lines are exactly parallel.
     """
-    return _solve(lines.sine, -lines.cosine, lines)
+    return _solve(lines.normals(), lines)
 
 
-def fit_stansfield(lines: SightLines, first: LineFit) -> LineFit:
+def fit_stansfield(lines: Sight, first: LineFit) -> LineFit:
     """Return Stansfield's fix: lines weighted by 1 / (std range)^2, the ranges taken at ``first``; equation (15).
 
-    x and y are not finite where ``first`` is not.
+    In space 1 / (std width)^2 with the width of each ray tube. The point is not finite where ``first`` is not.
     """
-    return _solve_weighted(lines.range_m(first.x, first.y), lines)
+    return _solve_weighted(lines.stansfield_width_m(*first.point), lines)
 
 
-def fit_focused(lines: SightLines, first: LineFit) -> LineFit:
+def fit_focused(lines: Sight, first: LineFit) -> LineFit:
     """Return Stansfield's fix with the width of each ray tube at ``first`` instead of its range.
 
-    The same as Stansfield's where no row is seen on a circle. x and y are not finite where ``first`` is not, or lies
+    The same as Stansfield's where no row is seen on a circle. The point is not finite where ``first`` is not, or lies
     on a focus.
     """
-    return _solve_weighted(lines.tube_width_m(first.x, first.y), lines)
+    return _solve_weighted(lines.tube_width_m(*first.point), lines)
 
 
 def sandwich_covariance(
-    lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None, extra_m2: FloatArray | None = None
+    lines: Sight, fit: LineFit, weighed_m: FloatArray | None = None, extra_m2: FloatArray | None = None
 ) -> SymmetricMatrix:
     """Return the covariance (B,) of a fit whose weights need not match the errors of the lines.
 
@@ -76,19 +88,18 @@ def sandwich_covariance(
     weights are 1 (least squares), or 1 / (std ``weighed_m``)^2 with the ranges or spreads (B, K) taken at a first fix
     (Stansfield). With ``extra_m2`` (B,) the squared spreads at the fit are that much larger.
     """
-    spread = lines.tube_width_m(fit.x, fit.y)
+    spread = lines.tube_width_m(*fit.point)
     if extra_m2 is not None:
         spread = np.sqrt(spread * spread + extra_m2[:, None])
-    spread = lines.std_rad * spread
+    spread = lines.std * spread
     with ignoring_overflow():
         if weighed_m is not None:
-            spread /= (lines.std_rad * weighed_m) ** 2
-        normal_x, normal_y = spread * lines.sine, -spread * lines.cosine
-        middle = SymmetricMatrix.gram(normal_x, normal_y)
+            spread /= (lines.std * weighed_m) ** 2
+        middle = SymmetricMatrix.gram(*(spread * part for part in lines.normals()[: lines.unknowns]))
     return fit.normal.inverse().congruence(middle)
 
 
-def inflated_sandwich(lines: SightLines, fit: LineFit, weighed_m: FloatArray | None = None) -> InflatedCovariance:
+def inflated_sandwich(lines: Sight, fit: LineFit, weighed_m: FloatArray | None = None) -> InflatedCovariance:
     """Return the sandwich with squared spreads increased, as a function of snapshots and increase."""
 
     def inflated(rows: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
@@ -121,14 +132,13 @@ def inflate_near_sensors(
     return result
 
 
-def _solve_weighted(tube_width_m: FloatArray, lines: SightLines) -> LineFit:
+def _solve_weighted(tube_width_m: FloatArray, lines: Sight) -> LineFit:
     with ignoring_division():
-        weight = 1.0 / (lines.std_rad * tube_width_m)
-        return _solve(weight * lines.sine, -weight * lines.cosine, lines)
+        weight = 1.0 / (lines.std * tube_width_m)
+        return _solve(tuple(weight * part for part in lines.normals()), lines)
 
 
-def _solve(normal_x: FloatArray, normal_y: FloatArray, lines: SightLines) -> LineFit:
-    offset = normal_x * lines.origin_x + normal_y * lines.origin_y
-    normal = SymmetricMatrix.gram(normal_x, normal_y)
-    x, y = normal.solve(sum_measurements(normal_x * offset), sum_measurements(normal_y * offset))
-    return LineFit(x, y, normal)
+def _solve(normals: tuple[FloatArray, ...], lines: Sight) -> LineFit:
+    offset, normals = lines.offsets(normals), normals[: lines.unknowns]
+    normal = SymmetricMatrix.gram(*normals)
+    return LineFit(normal.solve(*(sum_measurements(part * offset) for part in normals)), normal)

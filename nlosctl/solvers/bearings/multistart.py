@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
+from nlosctl.models.sight import Sight
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 
@@ -30,23 +32,39 @@ class Optima:
     """E optima of the likelihood, by snapshot, best first; each snapshot has at least one.
 
     ``snapshot`` (E,) is the index in the block; None means one optimum per snapshot, in order. ``lines`` are the rays
-    of each point's snapshot (E, K), ``x``, ``y`` the points about its local origin, ``converged`` marks smooth
+    of each point's snapshot (E, K), ``point`` the D coordinates (E,) about its local origin, ``converged`` marks smooth
     optima. ``rival_cost`` (E,) is the lowest cost at which another search of the snapshot stopped at a caustic, where
     the likelihood ends with a jump and has no smooth optimum; infinite if none did. ``evaluations`` counts all model
     evaluations of the snapshot.
     """
 
     snapshot: IntArray | None
-    lines: SightLines
-    x: FloatArray
-    y: FloatArray
+    lines: Sight
+    point: tuple[FloatArray, ...]
     converged: BoolArray
     rival_cost: FloatArray
     evaluations: IntArray
 
+    @property
+    def x(self) -> FloatArray:
+        """The first coordinate."""
+        return self.point[0]
 
-def find_optima(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Optima:
-    """Return the optima reached from one point (B,) each, and from all crossings if a row may take several paths."""
+    @property
+    def y(self) -> FloatArray:
+        """The second coordinate."""
+        return self.point[1]
+
+
+def find_optima(lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max_iterations: int) -> Optima:
+    """Return the optima reached from initial estimates, each as D arrays (B,); in the plane only the last is used.
+
+    In the plane the crossings of all pairs of rows are further ones if a row may take several paths.
+    """
+    if not isinstance(lines, SightLines):
+        every = tuple(np.stack(part) for part in zip(*starts, strict=True))
+        return _optima_from_many(lines, every, max_iterations)
+    start_x, start_y = starts[-1]
     several = np.zeros(start_x.shape, dtype=bool)
     if lines.circles is not None and lines.origin_x.shape[1] > 1:
         several[lines.circles.snapshot[lines.circles.has_choice]] = True
@@ -54,11 +72,11 @@ def find_optima(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max
         x, y = lines.inside_circles(start_x, start_y)
         minimum = minimize(bearing_problem(lines), x, y, max_iterations=max_iterations)
         no_rival = np.full(x.shape, np.inf)
-        return Optima(None, lines, minimum.x, minimum.y, minimum.converged, no_rival, minimum.evaluations)
+        return Optima(None, lines, minimum.point, minimum.converged, no_rival, minimum.evaluations)
     more_x, more_y = pairwise_crossings(lines)
     all_x = np.concatenate([start_x[None], np.where(several, more_x, np.nan)])
     all_y = np.concatenate([start_y[None], np.where(several, more_y, np.nan)])
-    return _optima_from_many(lines, all_x, all_y, max_iterations)
+    return _optima_from_many(lines, (all_x, all_y), max_iterations)
 
 
 def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
@@ -79,13 +97,13 @@ def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:
     return np.stack([x for x, _ in crossings]), np.stack([y for _, y in crossings])
 
 
-def _optima_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArray, max_iterations: int) -> Optima:
-    """Return the distinct optima reached from S points per snapshot (S, B); points may be non-finite."""
-    starts, snapshots = start_x.shape
+def _optima_from_many(lines: Sight, start: tuple[FloatArray, ...], max_iterations: int) -> Optima:
+    """Return the distinct optima reached from S points per snapshot, D arrays (S, B); points may be non-finite."""
+    starts, snapshots = start[0].shape
     many = lines.take(np.tile(np.arange(snapshots), starts))
-    x, y = many.inside_circles(start_x.ravel(), start_y.ravel())
-    minimum = minimize(bearing_problem(many), x, y, max_iterations=max_iterations)
-    shape = start_x.shape
+    point = many.inside_circles(*(part.ravel() for part in start))
+    minimum = minimize(bearing_problem(many), *point, max_iterations=max_iterations)
+    shape = start[0].shape
     cost = np.where(minimum.converged, minimum.cost, np.inf).reshape(shape)
     stopped = np.where(minimum.converged | np.isnan(minimum.cost), np.inf, minimum.cost).reshape(shape)
     order = np.argsort(cost, axis=0, kind="stable")
@@ -93,29 +111,28 @@ def _optima_from_many(lines: SightLines, start_x: FloatArray, start_y: FloatArra
     def ranked(values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         return np.take_along_axis(values.reshape(shape), order, axis=0)
 
-    x, y, cost = ranked(minimum.x), ranked(minimum.y), np.take_along_axis(cost, order, axis=0)
+    point, cost = tuple(map(ranked, minimum.point)), np.take_along_axis(cost, order, axis=0)
     metric = minimum.hessian.map(ranked)
-    kept = np.isfinite(cost) & ~_repeated(x, y, cost, metric)
+    kept = np.isfinite(cost) & ~_repeated(point, cost, metric)
     kept &= np.cumsum(kept, axis=0) <= MAX_ALTERNATIVES
     kept[0] = True
     snapshot, rank = np.nonzero(kept.T)
     return Optima(
         snapshot,
         lines.take(snapshot),
-        x[rank, snapshot],
-        y[rank, snapshot],
+        tuple(part[rank, snapshot] for part in point),
         np.isfinite(cost)[rank, snapshot],
         stopped.min(axis=0)[snapshot],
         minimum.evaluations.reshape(shape).sum(axis=0)[snapshot],
     )
 
 
-def _repeated(x: FloatArray, y: FloatArray, cost: FloatArray, metric: SymmetricMatrix) -> BoolArray:
-    """Return which points (S, B), in order of their cost, are the same optimum as one before them."""
+def _repeated(point: tuple[FloatArray, ...], cost: FloatArray, metric: SymmetricMatrix) -> BoolArray:
+    """Return which points, D arrays (S, B) in order of their cost, are the same optimum as one before them."""
     repeated = np.zeros(cost.shape, dtype=bool)
     for later in range(1, cost.shape[0]):
         for earlier in range(later):
-            dx, dy = x[later] - x[earlier], y[later] - y[earlier]
-            near = metric.at(earlier).quadratic_form(dx, dy) <= _DISTINCT**2
+            apart = (part[later] - part[earlier] for part in point)
+            near = metric.at(earlier).quadratic_form(*apart) <= _DISTINCT**2
             repeated[later] |= near & np.isfinite(cost[earlier]) & ~repeated[earlier]
     return repeated

@@ -8,6 +8,7 @@ from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution, has_position
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_optima
 from nlosctl.solvers.bearings.multistart import Optima
@@ -34,8 +35,7 @@ def finish_alternatives(
     """
     verdict = judge_optima(
         optima.lines,
-        optima.x,
-        optima.y,
+        optima.point,
         None,
         normal.take(snapshot),
         min_range_m,
@@ -46,9 +46,8 @@ def finish_alternatives(
     status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
-    x, y, lines = optima.x[rows], optima.y[rows], optima.lines.take(rows)
-    position = (x + lines.center_x, y + lines.center_y)
-    degrees, nats, rival_nats = batch.measurements - len(position), cost, optima.rival_cost[rows]
+    point, lines = rows_of(optima.point, rows), optima.lines.take(rows)
+    degrees, nats, rival_nats = lines.scalars() - len(point), cost, optima.rival_cost[rows]
     if batch.std == "unknown":
         nats, rival_nats = marginal_cost(cost, degrees), marginal_cost(rival_nats, degrees)
     _compare(status, nats, alternative, rival_nats, ambiguous_within)
@@ -56,8 +55,8 @@ def finish_alternatives(
         verdict.factors.take(rows).mark(status)
     estimates = Estimates.of(
         status,
-        position,
-        covariance.take(rows),
+        lines.absolute(*point),
+        lines.whole_covariance(covariance.take(rows)),
         cost,
         batch.measurements,
         row=snapshot,
@@ -69,7 +68,7 @@ def finish_alternatives(
     flags = None
     if batch.want_flags:
         best = np.flatnonzero(alternative == 0)
-        flags = bearing_flags(batch, lines.take(best), status[best], x[best], y[best])
+        flags = bearing_flags(batch, lines.take(best), status[best], *rows_of(point, best))
     return Solution(estimates=estimates, flags=flags)
 
 

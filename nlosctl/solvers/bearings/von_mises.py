@@ -120,7 +120,7 @@ def fit_von_mises(
         chi_square = (count - _UNKNOWNS) * precision / kappa
     factors = StdFactors.of(chi_square, count - _UNKNOWNS)
     scaled = replace(lines, std_rad=factors.scaled(lines.std_rad))
-    verdict = judge_optima(scaled, best.x, best.y, None, normal, min_range_m, best.converged, std="estimated")
+    verdict = judge_optima(scaled, best.point, None, normal, min_range_m, best.converged, std="estimated")
     status = verdict.status
     with ignoring_invalid():
         apart = scaled.information(best.x, best.y).quadratic_form(rival.x - best.x, rival.y - best.y) > _DISTINCT**2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, Protocol, Self
@@ -12,7 +12,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["Evaluation", "Problem", "RowDerivatives", "least_chi_square"]
+__all__ = ["Evaluation", "LeastSquaresProblem", "LinearizedRows", "Problem", "RowDerivatives", "least_chi_square"]
 
 _LEAST_SHARE = 0.1
 """Exact second derivatives are trusted if their determinant is at least this share of the substitute's."""
@@ -85,6 +85,42 @@ class Problem(Protocol):
     def take(self, rows: IntArray) -> Self:
         """Return the problems of some rows."""
         ...
+
+
+class LinearizedRows(Protocol):
+    """Scalars of B snapshots as residuals over their standard deviations."""
+
+    @property
+    def linearized(self) -> Callable[..., Iterator[tuple[FloatArray, tuple[FloatArray, ...]]]]:
+        """Yield the residual (B,) over its std and its D derivatives (B,), scalar by scalar, at points as D arrays."""
+        ...
+
+    def take(self, rows: IntArray) -> Self:
+        """Return the scalars of some snapshots."""
+        ...
+
+
+@dataclass(frozen=True)
+class LeastSquaresProblem:
+    """Half the chi-square of scalars, for a state of D unknowns, with the Gauss-Newton matrix."""
+
+    rows: LinearizedRows
+
+    def take(self, rows: IntArray) -> LeastSquaresProblem:
+        """Return the problems of some rows."""
+        return LeastSquaresProblem(self.rows.take(rows))
+
+    def evaluate(self, *point: FloatArray) -> Evaluation:
+        """Return cost, gradient and Gauss-Newton matrix, scalar by scalar, so that temporaries stay in the caches."""
+        cost, gradient = np.zeros(point[0].shape), tuple(np.zeros(point[0].shape) for _ in point)
+        gauss = SymmetricMatrix.full(point[0].shape, 0.0, len(point))
+        with ignoring_overflow():
+            for residual, slopes in self.rows.linearized(*point):
+                cost += residual * residual
+                for total, slope in zip(gradient, slopes, strict=True):
+                    total += residual * slope
+                gauss += SymmetricMatrix.outer(*slopes)
+            return Evaluation(0.5 * cost, gradient, gauss)
 
 
 @dataclass(frozen=True)

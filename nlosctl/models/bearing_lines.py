@@ -1,0 +1,89 @@
+"""The rows of a batch of bearings as rays, in its dimension."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlosctl.arrays import FloatArray
+from nlosctl.contract.batches import BearingBatch
+from nlosctl.geometry.angles import cosine_sine
+from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.models.bearings import sight_lines
+from nlosctl.models.obstacles import locate_walls
+from nlosctl.models.plane_mirrors import PlaneMirrors, gather_plane_mirrors
+from nlosctl.models.sight import Sight
+from nlosctl.models.space_lines import SpaceLines, Vector
+
+__all__ = ["bearing_lines", "space_lines"]
+
+
+def bearing_lines(batch: BearingBatch) -> Sight:
+    """Return the rays of a batch about the mean of their origins in each snapshot: in the plane, or in space."""
+    return space_lines(batch) if batch.dimension == 3 else sight_lines(batch)
+
+
+def space_lines(batch: BearingBatch) -> SpaceLines:
+    """Return the unfolded rays of a batch in space, and the height of its source if it is measured."""
+    assert batch.sensor_z_m is not None  # noqa: S101 - batches in space have heights
+    sensor: Vector = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_z_m)
+    mirrors = gather_plane_mirrors(batch.scene, batch.reflector, sensor)
+    origin = sensor if mirrors is None else mirrors.images(sensor)
+    count = batch.measurements
+    x, y, z = (sum_measurements(part) / count for part in origin)
+    shape = batch.bearing_rad.shape
+    elevation = np.full(shape, np.nan) if batch.elevation_rad is None else batch.elevation_rad
+    has_elevation = np.isfinite(elevation)
+    cos_azimuth, sin_azimuth = cosine_sine(batch.bearing_rad)
+    cos_elevation, sin_elevation = cosine_sine(np.where(has_elevation, elevation, 0.0))
+    held = batch.height_held
+    return SpaceLines(
+        center=(x, y, z),
+        origin=(origin[0] - x[:, None], origin[1] - y[:, None], origin[2] - z[:, None]),
+        cos_azimuth=cos_azimuth,
+        sin_azimuth=sin_azimuth,
+        cos_elevation=cos_elevation,
+        sin_elevation=sin_elevation,
+        has_elevation=has_elevation.astype(np.float64),
+        std=_stds(batch, has_elevation),
+        axes=_axes(batch, mirrors),
+        mirrors=None if mirrors is None else mirrors.about(x, y, z),
+        walls=locate_walls(batch.scene, batch.reflector, x, y),
+        height_m=None if batch.target_z_m is None else batch.target_z_m - z,
+        is_held=held,
+        in_tangent_plane=batch.direction_std_rad is not None,
+    )
+
+
+def _stds(batch: BearingBatch, has_elevation: FloatArray) -> FloatArray:
+    """Return the standard deviations (B, M) of azimuths, elevations (1 without one) and of a height with one."""
+    azimuth, elevation = batch.bearing_std_rad, batch.elevation_std_rad
+    if batch.direction_std_rad is not None:
+        azimuth, elevation = batch.direction_std_rad, batch.direction_std_rad
+    if elevation is None:
+        elevation = np.ones(azimuth.shape)
+    parts = [azimuth, np.where(has_elevation, elevation, 1.0)]
+    if batch.target_z_std_m is not None and not batch.height_held:
+        parts.append(batch.target_z_std_m[:, None])
+    return np.asfortranarray(np.concatenate(parts, axis=1))
+
+
+def _axes(batch: BearingBatch, mirrors: PlaneMirrors | None) -> tuple[Vector, Vector, Vector] | None:
+    """Return the rows of the matrices (B, K) that turn vectors from the unfolded origins into the sensors' axes."""
+    if batch.sensor_frame is None and mirrors is None:
+        return None
+    shape = batch.bearing_rad.shape
+    frame = batch.sensor_frame
+    rows = []
+    for i in range(3):
+        if frame is None:
+            row = tuple(np.full(shape, float(i == j)) for j in range(3))
+        else:
+            row = tuple(frame[..., i, j] for j in range(3))
+        rows.append(row if mirrors is None else mirrors.reflected(row))
+    one, two, three = rows
+    return _vector(one), _vector(two), _vector(three)
+
+
+def _vector(parts: tuple[FloatArray, ...]) -> Vector:
+    x, y, z = parts
+    return x, y, z

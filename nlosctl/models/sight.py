@@ -1,0 +1,165 @@
+"""Bearings as rays, in the plane or in space: what solvers ask of either."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.geometry.symmetric import SymmetricMatrix
+
+__all__ = ["Crossing", "RayResiduals", "Sight"]
+
+
+@dataclass(frozen=True)
+class RayResiduals:
+    """Points (B,) relative to their rays: unfolded distances in metres, whether behind any origin, chi-square.
+
+    ``at_zenith`` is where a row's azimuth is no Gaussian angle any more, since the point is nearly above or below it;
+    None in the plane.
+    """
+
+    nearest_m: FloatArray
+    farthest_m: FloatArray
+    behind: BoolArray
+    chi_square: FloatArray
+    at_zenith: BoolArray | None = None
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Points (B,) relative to lines without direction.
+
+    By how many standard deviations (B, M) each scalar's line or plane misses the point; the nearest and the farthest
+    origin, and the least distance along a ray (B,), negative behind its origin, in metres.
+    """
+
+    missed: FloatArray
+    nearest_m: FloatArray
+    farthest_m: FloatArray
+    along_m: FloatArray
+
+
+class Sight(Protocol):
+    """Rays of B snapshots about a local origin (B,) each, and M scalars of each snapshot.
+
+    In the plane a scalar is a bearing, M = K; in space a row has an azimuth and perhaps an elevation, and a measured
+    height is one more. Points are D arrays (B,) about the local origins: the unknowns. Every function of points has
+    the keyword ``paths``, the result of `paths_from` for the same points, if already computed.
+    """
+
+    @property
+    def center(self) -> tuple[FloatArray, ...]:
+        """The local origins."""
+        ...
+
+    @property
+    def unknowns(self) -> int:
+        """The number of unknown coordinates, D."""
+        ...
+
+    @property
+    def std(self) -> FloatArray:
+        """The standard deviations (B, M) of the scalars: radians, of a height metres."""
+        ...
+
+    def with_std(self, std: FloatArray) -> Self:
+        """Return the same rays with other standard deviations (B, M)."""
+        ...
+
+    def take(self, rows: IntArray) -> Self:
+        """Return the rays of some snapshots."""
+        ...
+
+    def scalars(self) -> IntArray | int:
+        """Return the number of measured scalars of each snapshot (B,)."""
+        ...
+
+    def normals(self) -> tuple[FloatArray, ...]:
+        """Return the unit normals of the lines or planes of the measured values, an array (B, M) for each axis."""
+        ...
+
+    def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
+        """Return the offsets (B, M) of the lines or planes along normals, which may have any length."""
+        ...
+
+    @property
+    def absolute(self) -> Callable[..., tuple[FloatArray, ...]]:
+        """Return points as coordinates in the frame, a height that is exactly known included."""
+        ...
+
+    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+        """Return the covariances of `absolute`: a height that is exactly known has variance 0."""
+        ...
+
+    @property
+    def stansfield_width_m(self) -> Callable[..., FloatArray]:
+        """Return by how many metres (B, M) the weights of Stansfield's fit let a line move per radian, at points."""
+        ...
+
+    @property
+    def tube_width_m(self) -> Callable[..., FloatArray]:
+        """Return by how many metres (B, M) a line moves per radian of its scalar at points."""
+        ...
+
+    @property
+    def paths_from(self) -> Callable[..., Any]:
+        """Return what the other functions of the same points share."""
+        ...
+
+    @property
+    def ray_residuals(self) -> Callable[..., RayResiduals]:
+        """Return distances and chi-square of points."""
+        ...
+
+    @property
+    def residual(self) -> Callable[..., FloatArray]:
+        """Return measured minus predicted scalars (B, M) at points."""
+        ...
+
+    @property
+    def slopes(self) -> Callable[..., tuple[FloatArray, ...]]:
+        """Return the derivatives (B, M) of the residuals over their stds, as D arrays.
+
+        With the keyword ``extra_m2`` (B,) squared distances are that much larger.
+        """
+        ...
+
+    @property
+    def information(self) -> Callable[..., SymmetricMatrix]:
+        """Return the Fisher information (B,) of points; ``extra_m2`` as in `slopes`."""
+        ...
+
+    @property
+    def residuals(self) -> Callable[..., dict[str, FloatArray]]:
+        """Return measured minus predicted values (B, K) of a batch at points, by the name of their flag column."""
+        ...
+
+    @property
+    def crossing(self) -> Callable[..., Crossing]:
+        """Return points relative to the lines without their directions."""
+        ...
+
+    @property
+    def beside_nearest_origin(self) -> Callable[..., tuple[FloatArray, ...]]:
+        """Return the points a share of the farthest distance along the ray whose origin is nearest to given points."""
+        ...
+
+    @property
+    def inside_circles(self) -> Callable[..., tuple[FloatArray, ...]]:
+        """Return points that are moved into the circle or sphere of a row where they are not inside."""
+        ...
+
+    @property
+    def outside_scene(self) -> Callable[..., BoolArray]:
+        """Return which points (B,) the scene rules out."""
+        ...
+
+    def all_under_horizon(self) -> BoolArray:
+        """Return in which snapshots (B,) no wave can come from any measured direction."""
+        ...
+
+    def under_horizon(self) -> BoolArray:
+        """Return which rows (B, K) have a direction from which no wave can come."""
+        ...
