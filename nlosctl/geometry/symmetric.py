@@ -161,7 +161,7 @@ class SymmetricMatrix:
             return self._eigenvalues_in_space()
         if len(self.parts) != 3:
             dense = self.dense()
-            finite = np.isfinite(dense).all(axis=(-2, -1))
+            finite = np.asarray(np.isfinite(dense).all(axis=(-2, -1)))
             values = np.asarray(np.linalg.eigvalsh(np.where(finite[..., None, None], dense, 0.0)), dtype=np.float64)
             return np.where(finite, values[..., 0], np.nan), np.where(finite, values[..., -1], np.nan)
         half_difference = 0.5 * (self.xx - self.yy)

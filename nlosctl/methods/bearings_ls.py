@@ -52,8 +52,9 @@ METHOD = MethodSpec(
     options=LeastSquaresOptions,
     solve=solve,
     cost=HALF_CHI_SQUARE,
-    minimum_measurements=2,
+    minimum_measurements=1,
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
     scales_std=True,
+    dimensions=(2, 3),
 )

@@ -11,7 +11,9 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import SightLines, sight_lines
+from nlosctl.models.bearing_lines import bearing_lines
+from nlosctl.models.bearings import SightLines
+from nlosctl.models.sight import Sight
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns
@@ -62,13 +64,13 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     where present, enter the likelihood, and the search starts from the crossings of their circles too; a mirrored row's
     range is the unfolded length.
     """
-    lines = sight_lines(batch)
+    lines = bearing_lines(batch)
     first = fit_least_squares(lines)
     start = fit_focused(lines, first)
     ranges = range_columns(batch, options.use_ranges)
     if options.law == "vonmises":
         return _solve_von_mises(batch, lines, start, first.normal, options, with_ranges=ranges is not None)
-    if ranges is not None:
+    if ranges is not None and isinstance(lines, SightLines):
         return fit_ranged_bearings(
             batch,
             lines,
@@ -109,7 +111,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
 
 def _solve_von_mises(
     batch: BearingBatch,
-    lines: SightLines,
+    lines: Sight,
     start: LineFit,
     normal: SymmetricMatrix,
     options: MaximumLikelihoodOptions,
@@ -119,6 +121,8 @@ def _solve_von_mises(
     """Solve a batch by `fit_von_mises`; raises UsageError for what that has no model of."""
     if with_ranges:
         raise UsageError("law=vonmises is for bearings alone, but rows have ranges: set `parameters` use_ranges=false")
+    if not isinstance(lines, SightLines):
+        raise UsageError("law=vonmises is for two dimensions; leave out law=vonmises")
     if lines.circles is not None:
         raise UsageError("law=vonmises is not for rows that a circle reflects; leave out law=vonmises")
     if options.feasible:
@@ -158,6 +162,7 @@ METHOD = MethodSpec(
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
     scales_std=True,
+    dimensions=(2, 3),
     std_fault=_std_fault,
     estimate_columns_with=_std_columns,
     reads=frozenset({"range_m", "range_std_m"}),

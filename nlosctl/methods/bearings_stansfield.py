@@ -76,10 +76,11 @@ METHOD = MethodSpec(
     options=StansfieldOptions,
     solve=solve,
     cost=HALF_CHI_SQUARE,
-    minimum_measurements=2,
+    minimum_measurements=1,
     flags=("residual_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m"},
     scales_std=True,
+    dimensions=(2, 3),
 )
 
 FOCUSED = replace(
@@ -89,4 +90,5 @@ FOCUSED = replace(
     reference="Song, Willett, Zhou 2013, equations (10)-(15), (41)-(45), with the spread of a concave mirror",
     solve=solve_focused,
     cost="half the chi-square of the bearing residuals",
+    dimensions=(2,),
 )

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.bearings import sight_lines
+from nlosctl.models.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.obstacles import locate_walls
 from nlosctl.models.plane_mirrors import PlaneMirrors, gather_plane_mirrors
 from nlosctl.models.sight import Sight
-from nlosctl.models.space_lines import SpaceLines, Vector
+from nlosctl.models.space_lines import SpaceLines
 
 __all__ = ["bearing_lines", "space_lines"]
 
@@ -32,29 +32,20 @@ def space_lines(batch: BearingBatch) -> SpaceLines:
     x, y, z = (sum_measurements(part) / count for part in origin)
     shape = batch.bearing_rad.shape
     elevation = np.full(shape, np.nan) if batch.elevation_rad is None else batch.elevation_rad
-    has_elevation = np.isfinite(elevation)
-    cos_azimuth, sin_azimuth = cosine_sine(batch.bearing_rad)
-    cos_elevation, sin_elevation = cosine_sine(np.where(has_elevation, elevation, 0.0))
-    held = batch.height_held
     return SpaceLines(
         center=(x, y, z),
         origin=(origin[0] - x[:, None], origin[1] - y[:, None], origin[2] - z[:, None]),
-        cos_azimuth=cos_azimuth,
-        sin_azimuth=sin_azimuth,
-        cos_elevation=cos_elevation,
-        sin_elevation=sin_elevation,
-        has_elevation=has_elevation.astype(np.float64),
-        std=_stds(batch, has_elevation),
+        angles=MeasuredAngles.of(batch.bearing_rad, elevation, in_tangent_plane=batch.direction_std_rad is not None),
+        std=_stds(batch, np.isfinite(elevation)),
         axes=_axes(batch, mirrors),
         mirrors=None if mirrors is None else mirrors.about(x, y, z),
         walls=locate_walls(batch.scene, batch.reflector, x, y),
         height_m=None if batch.target_z_m is None else batch.target_z_m - z,
-        is_held=held,
-        in_tangent_plane=batch.direction_std_rad is not None,
+        is_held=batch.height_held,
     )
 
 
-def _stds(batch: BearingBatch, has_elevation: FloatArray) -> FloatArray:
+def _stds(batch: BearingBatch, has_elevation: BoolArray) -> FloatArray:
     """Return the standard deviations (B, M) of azimuths, elevations (1 without one) and of a height with one."""
     azimuth, elevation = batch.bearing_std_rad, batch.elevation_std_rad
     if batch.direction_std_rad is not None:

@@ -72,7 +72,7 @@ class SightLines(RowBlock):
 
     def scalars(self) -> int:
         """Return the number of bearings of each snapshot."""
-        return self.origin_x.shape[1]
+        return int(self.origin_x.shape[1])
 
     def normals(self) -> tuple[FloatArray, FloatArray]:
         """Return the unit normals (B, K) of the lines."""
@@ -105,22 +105,8 @@ class SightLines(RowBlock):
         return range_m - self.focusing.strength * (range_m - self.focusing.first_leg_m)
 
     def inside_circles(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points (B,) that are moved, where they are not inside a row's circle, to the middle height there.
-
-        That is half way between the sensor's distance from the centre and the radius, in the same direction.
-        """
-        if self.circles is None:
-            return x, y
-        rows = self.circles
-        source_x, source_y = rows.about_circle(x, y)
-        distance = np.hypot(source_x, source_y)
-        far = distance >= rows.radius
-        snapshot = rows.snapshot[far]
-        scale = 0.5 * (rows.radius + np.hypot(rows.sensor_x, rows.sensor_y))[far] / distance[far]
-        x, y = x.copy(), y.copy()
-        x[snapshot] = source_x[far] * scale + rows.center_x[far]
-        y[snapshot] = source_y[far] * scale + rows.center_y[far]
-        return x, y
+        """Return points (B,), those that are not inside a row's circle moved into it."""
+        return (x, y) if self.circles is None else self.circles.moved_inside(x, y)
 
     def paths_from(self, x: FloatArray, y: FloatArray) -> ReflectedPath | None:
         """Return the paths of the circle rows from points (B,), for the other functions of the same points."""

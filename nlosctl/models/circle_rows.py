@@ -83,6 +83,21 @@ class CirclePaths(SelectedRows):
         """Return the reflection points (n,) of some ``rows`` (N,) with several possible paths: of the likeliest."""
         return likeliest_points(sensor_x, sensor_y, source_x, source_y, radius, self.blocker_radius[rows])
 
+    def moved_inside(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points (B,) that are moved, where they are not inside a row's circle, to the middle height there.
+
+        That is half way between the sensor's distance from the centre and the radius, in the same direction.
+        """
+        source_x, source_y = self.about_circle(x, y)
+        distance = np.hypot(source_x, source_y)
+        far = distance >= self.radius
+        snapshot = self.snapshot[far]
+        scale = 0.5 * (self.radius + np.hypot(self.sensor_x, self.sensor_y))[far] / distance[far]
+        x, y = x.copy(), y.copy()
+        x[snapshot] = source_x[far] * scale + self.center_x[far]
+        y[snapshot] = source_y[far] * scale + self.center_y[far]
+        return x, y
+
     def of_measurement(self, k: int) -> Self:
         """Return the rows of measurement ``k``: views, as rows are ordered by measurement."""
         mine = slice(*np.searchsorted(self.measurement, (k, k + 1)))

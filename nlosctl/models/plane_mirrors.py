@@ -15,7 +15,7 @@ __all__ = ["PlaneMirrors", "gather_plane_mirrors"]
 
 @dataclass(frozen=True)
 class PlaneMirrors(RowBlock):
-    """The mirror of each row (B, K): its unit normal, and its offset along it about the local origin; 0 for direct rows.
+    """The mirror of each row (B, K): unit normal, and offset along it about the local origin; 0 for direct rows.
 
     ``sensor_side_m`` is the sensor's signed distance from it, NaN for direct rows.
     """

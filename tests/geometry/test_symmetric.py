@@ -186,3 +186,17 @@ def test_rows_of_matrices() -> None:
     chosen = np.array([True, False] * 3)
     np.testing.assert_array_equal(full(matrix.where(chosen, matrix.map(np.flip)))[1], dense[4])
     np.testing.assert_array_equal(matrix.stack(), np.stack([matrix.xx, matrix.xy, matrix.yy], axis=1))
+
+
+def test_eigenvalues_in_space_keep_the_smallest() -> None:
+    """The largest eigenvalue of 3 x 3 matrices is exact to 1e-12, the smallest to 1e-16 of the largest; NaN stays NaN."""
+    generator = np.random.default_rng(7)
+    wanted = 10.0 ** generator.uniform(-9.0, 3.0, (2000, 3))
+    basis = np.linalg.qr(generator.standard_normal((2000, 3, 3)))[0]
+    dense = np.einsum("bij,bj,bkj->bik", basis, wanted, basis)
+    matrices = SymmetricMatrix(*(dense[:, i, j] for i in range(3) for j in range(i + 1)))
+    smallest, largest = matrices.eigenvalues()
+    np.testing.assert_allclose(largest, wanted.max(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(smallest, wanted.min(axis=1), rtol=1e-9, atol=1e-15 * wanted.max())
+    flat = SymmetricMatrix(*(np.array([value, np.nan]) for value in (2.0, 0.0, 3.0, 0.0, 0.0, 0.0)))
+    np.testing.assert_array_equal(np.stack(flat.eigenvalues()), [[0.0, np.nan], [3.0, np.nan]])
