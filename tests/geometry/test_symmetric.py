@@ -189,7 +189,7 @@ def test_rows_of_matrices() -> None:
 
 
 def test_eigenvalues_in_space_keep_the_smallest() -> None:
-    """The largest eigenvalue of 3 x 3 matrices is exact to 1e-12, the smallest to 1e-16 of the largest; NaN stays NaN."""
+    """Of 3 x 3 matrices the largest eigenvalue is exact to 1e-12, the smallest to 1e-15 of it; NaN stays NaN."""
     generator = np.random.default_rng(7)
     wanted = 10.0 ** generator.uniform(-9.0, 3.0, (2000, 3))
     basis = np.linalg.qr(generator.standard_normal((2000, 3, 3)))[0]
