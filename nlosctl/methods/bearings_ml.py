@@ -11,9 +11,8 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearing_lines import bearing_lines
 from nlosctl.models.bearings import SightLines
-from nlosctl.models.sight import Sight
+from nlosctl.models.sight import Sight, bearing_lines
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns

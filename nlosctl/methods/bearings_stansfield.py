@@ -8,7 +8,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.bearing_lines import bearing_lines
+from nlosctl.models.sight import bearing_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import (
     fit_focused,

@@ -260,7 +260,7 @@ def sight_lines(batch: BearingBatch) -> SightLines:
     """
     x, y, direction = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.bearing_rad
     reflected = batch.reflector >= 0
-    direct = locate_direct_rows(batch.scene, batch.reflector, x, y)
+    direct = locate_direct_rows(batch.scene, batch.reflector, x, y) if batch.scene.reflectors else ()
     handedness, mirrors, focusing, circles = None, None, None, None
     if reflected.any():
         point_x, point_y, angle = gather_mirrors(batch.scene, batch.reflector)
@@ -291,5 +291,5 @@ def sight_lines(batch: BearingBatch) -> SightLines:
         focusing=focusing,
         circles=None if circles is None else circles.about(center_x, center_y),
         direct=tuple(rows.about(center_x, center_y) for rows in direct),
-        walls=locate_walls(batch.scene, batch.reflector, center_x, center_y),
+        walls=locate_walls(batch.scene, batch.reflector, center_x, center_y) if batch.scene.reflectors else None,
     )

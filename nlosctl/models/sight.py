@@ -7,9 +7,21 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["Crossing", "RayResiduals", "Sight"]
+__all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines"]
+
+
+def bearing_lines(batch: BearingBatch) -> Sight:
+    """Return the rays of a batch about the mean of their origins in each snapshot: in the plane, or in space."""
+    if batch.dimension == 3:
+        from nlosctl.models.space_rays import space_lines
+
+        return space_lines(batch)
+    from nlosctl.models.bearings import sight_lines
+
+    return sight_lines(batch)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import pytest
 from space_worlds import angles_of, ring_world, space_batch, with_height
 
 from nlosctl.contract.scene import LineReflector, PlaneReflector, Scene
-from nlosctl.models.bearing_lines import bearing_lines, space_lines
 from nlosctl.models.scene_margins import scene_margins
+from nlosctl.models.sight import bearing_lines
+from nlosctl.models.space_rays import space_lines
 from nlosctl.solvers.optimization.problem import LeastSquaresProblem
 
 WALL = LineReflector(name="wall", point=(0.0, 600.0), direction=(1.0, 0.1))

@@ -1,4 +1,4 @@
-"""The rows of a batch of bearings as rays, in its dimension."""
+"""The rows of a batch of bearings as rays in space."""
 
 from __future__ import annotations
 
@@ -7,19 +7,12 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.models.bearings import sight_lines
 from nlosctl.models.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.obstacles import locate_walls
 from nlosctl.models.plane_mirrors import PlaneMirrors, gather_plane_mirrors
-from nlosctl.models.sight import Sight
 from nlosctl.models.space_lines import SpaceLines
 
-__all__ = ["bearing_lines", "space_lines"]
-
-
-def bearing_lines(batch: BearingBatch) -> Sight:
-    """Return the rays of a batch about the mean of their origins in each snapshot: in the plane, or in space."""
-    return space_lines(batch) if batch.dimension == 3 else sight_lines(batch)
+__all__ = ["space_lines"]
 
 
 def space_lines(batch: BearingBatch) -> SpaceLines:
