@@ -203,4 +203,6 @@ def toy(solve: Solve | None = None, **changes: Any) -> MethodSpec:
     """Return the faultless method with another ``solve`` or other fields."""
     if solve is not None:
         changes["solve"] = solve
-    return dataclasses.replace(SOUND, name="toy", **{"contract_version": CONTRACT_VERSION, **changes})
+    return dataclasses.replace(
+        SOUND, **{"name": "toy", "minimum_measurements": 2, "contract_version": CONTRACT_VERSION, **changes}
+    )
