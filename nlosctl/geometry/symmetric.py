@@ -14,7 +14,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
 
-__all__ = ["Symmetric2x2", "SymmetricMatrix"]
+__all__ = ["Symmetric2x2", "SymmetricMatrix", "dot"]
 
 _LEAST_PIVOT = 1e-12
 """A Cholesky pivot below this share of its diagonal entry is rounding: the matrix is singular."""
@@ -244,6 +244,11 @@ class SymmetricMatrix:
 
 Symmetric2x2 = SymmetricMatrix
 """The same class, by the name of its two-dimensional case: ``Symmetric2x2(xx, xy, yy)``."""
+
+
+def dot(left: Sequence[FloatArray], right: Sequence[FloatArray]) -> FloatArray:
+    """Return the scalar products of vectors, given as D arrays each; D > 1."""
+    return _add([one * other for one, other in zip(left, right, strict=True)])
 
 
 def _products(vector: tuple[FloatArray, ...], weight: FloatArray | None) -> Iterator[FloatArray]:

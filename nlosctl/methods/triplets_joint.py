@@ -20,7 +20,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.triplets import path_rows, snapshot_centers
 from nlosctl.solvers.triplets.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
-from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import fit_paths
 from nlosctl.solvers.triplets.target_status import judge_targets
 from nlosctl.solvers.triplets.wall_detours import Walls
@@ -69,12 +69,10 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     """
     rows = path_rows(batch)
     fits = fit_paths(rows)
-    center_x, center_y = snapshot_centers(batch)
-    x, y = rows.frame.to_global(fits.x, fits.y)
-    problem = TripletProblem.of_snapshots(batch, center_x, center_y, options.target_radius_m)
+    center = snapshot_centers(batch)
+    problem = TripletProblem.of_snapshots(batch, center, options.target_radius_m)
     model = TargetModel(prior_indirect=options.prior_indirect, clutter=options.clutter, targets=options.targets)
-    proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
-    common = weigh_targets(problem, *proposed, model)
+    common = weigh_targets(problem, rows.dense_from(center, *fits.point), model)
     own_p_value = rows.dense(erfc(np.sqrt(fits.cost)))
     # Without any valid hypothesis of a target (a lone path along its baseline) a path is judged by itself.
     weighed = sum_measurements(common.direct)[:, None] > 0.0
@@ -82,7 +80,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     p_value = own_p_value * np.where(weighed, common.direct, 1.0)
     ip = p_value < options.false_alarm
     inconsistent = own_p_value < options.false_alarm
-    estimates, used = _estimates(batch.scene, problem, common, center_x, center_y, options.ambiguous_within)
+    estimates, used = _estimates(batch.scene, problem, common, center, options.ambiguous_within)
     flags = Flags(
         used=used,
         columns={
@@ -100,30 +98,29 @@ def _estimates(
     scene: Scene,
     problem: TripletProblem,
     common: CommonTargets,
-    center_x: FloatArray,
-    center_y: FloatArray,
+    center: tuple[FloatArray, ...],
     ambiguous_within: float,
 ) -> tuple[Estimates, BoolArray]:
     """Return the best set of targets of each snapshot, and the paths (B, K) that they rest on.
 
     Every snapshot has at least one row, if only for its status; targets are numbered by the likelihood of each.
     """
-    targets, size = common.x.shape
+    targets, size = common.point[0].shape
     information = common.information
     covariance = information.inverse()
     status = np.empty((targets, size), dtype=np.uint8)
-    walls = Walls(scene, center_x, center_y)
+    walls = Walls(scene, center)
     for index in range(targets):
-        x, y = common.x[index], common.y[index]
-        status[index] = judge_targets(problem, x, y, covariance.at(index), np.isfinite(x + y))
+        point = tuple(part[index] for part in common.point)
+        status[index] = judge_targets(problem, point, covariance.at(index), np.isfinite(point[0]))
         paths = common.supported[index] & (status[index] == Status.OK)[:, None]
-        detours = walls.may_be_detours(problem, x, y, information.at(index), paths)
+        detours = walls.may_be_detours(problem, point, information.at(index), paths)
         status[index][detours] = Status.AMBIGUOUS
     status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
     status[~common.supported.any(axis=2) | common.unfounded] = Status.NO_TARGET
     answered = has_position(status)
     supported = common.supported & answered[:, :, None]
-    present = (np.isfinite(common.x) | (np.arange(targets) == 0)[:, None]).T
+    present = (np.isfinite(common.point[0]) | (np.arange(targets) == 0)[:, None]).T
 
     def listed(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return what is present of (T, B), snapshot by snapshot."""
@@ -132,14 +129,14 @@ def _estimates(
     row, target = np.nonzero(present)
     estimates = Estimates.of(
         listed(status),
-        (listed(common.x + center_x), listed(common.y + center_y)),
+        tuple(listed(part + own) for part, own in zip(common.point, center, strict=True)),
         covariance.map(listed),
         listed(np.broadcast_to(common.cost, (targets, size))),
         listed(np.count_nonzero(supported, axis=2)),
         row=row,
         target=target,
         chi_square=listed(common.chi_square),
-        degrees_of_freedom=listed(SCALARS * np.count_nonzero(supported, axis=2) - covariance.dimension),
+        degrees_of_freedom=listed(np.where(supported, problem.scalars(), 0).sum(axis=2) - covariance.dimension),
     )
     return estimates, np.logical_or.reduce(supported, axis=0)
 

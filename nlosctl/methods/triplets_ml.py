@@ -12,7 +12,7 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
-from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
 from nlosctl.solvers.triplets.target_status import curved_covariance, judge_targets, mark_ambiguous, path_estimates
 
@@ -42,24 +42,23 @@ def solve(batch: TripletBatch, options: MaximumLikelihoodOptions) -> Solution:
         return _solve_snapshots(batch, rows, fits, options)
     estimates = path_estimates(rows, fits, options.ambiguous_within)
     answered = estimates.n_used.reshape(rows.shape) > 0
-    parts = TripletProblem.of_paths(rows).residuals(fits.x, fits.y) if batch.want_flags else ()
-    return _solution(estimates, answered, [rows.dense(part[:, 0]) for part in parts])
+    residuals = TripletProblem.of_paths(rows).residuals(*fits.point) if batch.want_flags else {}
+    return _solution(estimates, answered, {name: rows.dense(part[:, 0]) for name, part in residuals.items()})
 
 
 def _solve_snapshots(
     batch: TripletBatch, rows: PathRows, single: TargetFits, options: MaximumLikelihoodOptions
 ) -> Solution:
-    center_x, center_y = snapshot_centers(batch)
-    x, y = rows.frame.to_global(single.x, single.y)
-    proposed = (rows.dense(x) - center_x[:, None], rows.dense(y) - center_y[:, None])
-    problem = TripletProblem.of_snapshots(batch, center_x, center_y)
+    center = snapshot_centers(batch)
+    proposed = rows.dense_from(center, *single.point)
+    problem = TripletProblem.of_snapshots(batch, center)
     fits = fit_snapshots(problem, *proposed, max_iterations=options.max_iterations)
-    covariance = problem.information(fits.x, fits.y).inverse()
-    judged = judge_targets(problem, fits.x, fits.y, covariance, fits.converged)
+    covariance = problem.information(*fits.point).inverse()
+    judged = judge_targets(problem, fits.point, covariance, fits.converged)
     if batch.measurements == 1:
         covariance = curved_covariance(rows, single)
     status = mark_ambiguous(fits, judged, options.ambiguous_within)
-    position = (fits.x + center_x, fits.y + center_y)
+    position = tuple(map(np.add, fits.point, center))
     estimates = Estimates.of(
         status,
         position,
@@ -67,20 +66,17 @@ def _solve_snapshots(
         fits.cost,
         batch.measurements,
         chi_square=2.0 * fits.cost,
-        degrees_of_freedom=SCALARS * batch.measurements - len(position),
+        degrees_of_freedom=problem.scalars().sum(axis=1) - len(position),
     )
     answered = np.broadcast_to(has_position(status)[:, None], rows.shape)
-    return _solution(estimates, answered, problem.residuals(fits.x, fits.y) if batch.want_flags else ())
+    return _solution(estimates, answered, problem.residuals(*fits.point) if batch.want_flags else {})
 
 
-def _solution(estimates: Estimates, answered: BoolArray, parts: list[FloatArray] | tuple[FloatArray, ...]) -> Solution:
-    """Return the solution with the residuals of DOD, DOA and path length, if there are any."""
-    if not parts:
+def _solution(estimates: Estimates, answered: BoolArray, residuals: dict[str, FloatArray]) -> Solution:
+    """Return the solution with the residuals, if there are any."""
+    if not residuals:
         return Solution(estimates=estimates)
-    columns = {
-        name: np.where(answered, part, np.nan)
-        for name, part in zip(("residual_dod_rad", "residual_doa_rad", "residual_m"), parts, strict=True)
-    }
+    columns = {name: np.where(answered, part, np.nan) for name, part in residuals.items()}
     return Solution(estimates=estimates, flags=Flags(used=answered.copy(), columns=columns))
 
 

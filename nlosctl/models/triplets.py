@@ -39,6 +39,11 @@ class PathRows:
         """Return an array (N,) as a block (B, K)."""
         return flat.reshape(self.shape, order="F")
 
+    def dense_from(self, center: tuple[FloatArray, ...], *point: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points (N,) of the frames as blocks (B, K) about centers (B,), in global axes."""
+        position = self.frame.to_global(*point)
+        return tuple(self.dense(part) - own[:, None] for part, own in zip(position, center, strict=True))
+
 
 def path_rows(batch: TripletBatch) -> PathRows:
     """Return the paths of a batch as flat rows."""

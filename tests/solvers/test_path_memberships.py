@@ -18,13 +18,13 @@ STDS = np.array([ANGLE_STD_RAD, ANGLE_STD_RAD, LENGTH_STD_M])
 def problem_of(batch, radius_m=0.0):
     """Return the problem about the origin."""
     zero = np.zeros(batch.size)
-    return TripletProblem.of_snapshots(batch, zero, zero, radius_m)
+    return TripletProblem.of_snapshots(batch, (zero, zero), radius_m)
 
 
 def density_at(batch, k, point, radius_m=0.0):
     """Return the density of path k at points (B, 2)."""
     scale = np.full(batch.size, 8.0)
-    return path_density(problem_of(batch, radius_m), k, point[:, 0], point[:, 1], MODEL, scale)
+    return path_density(problem_of(batch, radius_m), k, (point[:, 0], point[:, 1]), MODEL, scale)
 
 
 @pytest.mark.parametrize("radius_m", [0.0, 0.4])
@@ -71,12 +71,10 @@ def test_the_density_of_indirect_paths_integrates_to_one():
     lengths = generator.uniform(0.0, 32.0, count)
     rows = np.zeros(count, dtype=np.int64)
     problem = problem_of(batch).take(rows)
-    measured = {"dod": dod + angles[0], "doa": doa + angles[1]}
-    for name, values in measured.items():
-        getattr(problem, f"{name}_cosine")[:, 0] = np.cos(values)
-        getattr(problem, f"{name}_sine")[:, 0] = np.sin(values)
+    for node, values in ((problem.tx, dod + angles[0]), (problem.rx, doa + angles[1])):
+        node.cosine[:, 0], node.sine[:, 0] = np.cos(values), np.sin(values)
     problem.path_length_m[:, 0] = lengths
-    density = path_density(problem, 0, point[rows, 0], point[rows, 1], MODEL, np.full(count, 8.0))
+    density = path_density(problem, 0, (point[rows, 0], point[rows, 1]), MODEL, np.full(count, 8.0))
     values = np.exp(density.log_indirect) * weight[0] * weight[1] * 32.0
     # The exponential law reaches beyond 32 m with a small share.
     beyond = 0.99 * np.exp(-(32.0 - length) / 4.0)
@@ -98,7 +96,7 @@ def test_the_pull_is_the_gradient_of_the_log_density():
         excess = batch.path_length_m[:, k] - predict_triplets(batch.tx_xy_m[:, k], batch.rx_xy_m[:, k], at)[2]
         clear = (np.exp(density.log_direct - total) > 0.999) | (excess > 1.0)
         assert clear.sum() > 20
-        for ours, move in zip(density.pull(total)[:2], step * np.eye(2), strict=True):
+        for ours, move in zip(density.pull(total)[0], step * np.eye(2), strict=True):
             theirs = (log_total(at - move, k) - log_total(at + move, k)) / (2.0 * step)
             np.testing.assert_allclose(ours[clear], theirs[clear], atol=0.55, rtol=1e-4)
 
@@ -110,8 +108,9 @@ def test_missing_information_is_the_variance_of_the_gradient_over_memberships():
     for k in range(4):
         density = density_at(batch, k, at)
         total = np.logaddexp(density.log_direct, density.log_indirect)
-        parts = [(density.log_direct, density.gradient_x)]
-        parts += [(part, angle.value * angle.slope_x) for part, angle in density.towards]
+        parts = [(density.log_direct, density.gradient[0])]
+        towards = [(part, direction.angles[0]) for part, direction in density.towards]
+        parts += [(part, azimuth.value * azimuth.slope[0]) for part, azimuth in towards]
         shares = np.array([np.exp(log_part - total) for log_part, _ in parts])
         slopes = np.array([slope for _, slope in parts])
         shares, slopes = np.vstack([shares, 1.0 - shares.sum(axis=0)]), np.vstack([slopes, np.zeros(200)])

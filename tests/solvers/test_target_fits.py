@@ -74,9 +74,9 @@ def test_no_start_finds_a_lower_chi_square():
         one = problem.take(np.array([n]))
 
         def residuals(p, one=one):
-            parts = one.residuals(p[:1], p[1:])
-            return np.array([parts[0][0, 0] * one.inverse_dod_std[0, 0], parts[1][0, 0] * one.inverse_doa_std[0, 0],
-                             parts[2][0, 0] * one.inverse_length_std[0, 0]])  # fmt: skip
+            parts = one.residuals(p[:1], p[1:]).values()
+            inverse = (one.tx.inverse_std, one.rx.inverse_std, one.inverse_length_std)
+            return np.array([part[0, 0] * scale[0, 0] for part, scale in zip(parts, inverse, strict=True)])
 
         length = rows.rays.path_length_m[n]
         costs = [least_squares(residuals, 0.5 * length * np.array([np.cos(a), np.sin(a)])).cost for a in angle]
@@ -113,17 +113,17 @@ def test_joint_fits_agree_with_scipy():
         values = [np.asfortranarray(columns[part].reshape(30, 4)) for part in parts]
         arrays[name] = values[0] if len(values) == 1 else np.asfortranarray(np.stack(values, axis=-1))
     batch = TripletBatch(seed=np.zeros(30, dtype=np.uint64), **arrays)
-    problem = TripletProblem.of_snapshots(batch, np.zeros(30), np.zeros(30))
+    problem = TripletProblem.of_snapshots(batch, (np.zeros(30), np.zeros(30)))
     found = fit_snapshots(problem, x.reshape(30, 4), y.reshape(30, 4))
     assert found.converged.all()
     alone = fit_snapshots(problem.take(np.array([7])), x.reshape(30, 4)[7:8], y.reshape(30, 4)[7:8])
     assert (alone.x[0], alone.y[0], alone.cost[0]) == (found.x[7], found.y[7], found.cost[7])
-    stds = (problem.inverse_dod_std, problem.inverse_doa_std, problem.inverse_length_std)
+    stds = (problem.tx.inverse_std, problem.rx.inverse_std, problem.inverse_length_std)
     for n in range(30):
         one = problem.take(np.array([n]))
 
         def residuals(p, one=one, n=n):
-            parts = one.residuals(p[:1], p[1:])
+            parts = one.residuals(p[:1], p[1:]).values()
             return np.concatenate([part[0] * std[n] for part, std in zip(parts, stds, strict=True)])
 
         best = least_squares(residuals, [columns["truth_x_m"][4 * n], columns["truth_y_m"][4 * n]], xtol=1e-12)

@@ -22,18 +22,23 @@ def refined(apart_m, starts, targets):
     dod, doa, length = predict_triplets(TX, RX, points)
     columns = {name: np.full(2, value) for name, value in columns.items()}
     flat = batch_of({**columns, "dod_rad": dod, "doa_rad": doa, "path_length_m": length})
-    problem = TripletProblem.of_snapshots(flat, np.zeros(2), np.zeros(2))
-    arrays = {name: getattr(problem, name).reshape(1, 2) for name in problem.__dataclass_fields__}
+    problem = TripletProblem.of_snapshots(flat, (np.zeros(2), np.zeros(2)))
+    arrays = {
+        name: getattr(problem, name).reshape(1, 2) for name in ("path_length_m", "inverse_length_std", "scatter_m2")
+    }
+    nodes = {name: getattr(problem, name).map(lambda array: array.reshape(1, 2)) for name in ("tx", "rx")}
     model = TargetModel(prior_indirect=0.5, clutter=0.01, targets=targets)
     starts = np.asarray(starts)[..., None, :] + TARGET
-    return refine_sets(TripletProblem(**arrays), starts[..., 0], starts[..., 1], model, np.array([9.0])), points
+    return refine_sets(
+        TripletProblem(**nodes, **arrays), (starts[..., 0], starts[..., 1]), model, np.array([9.0])
+    ), points
 
 
 @pytest.mark.parametrize(("apart_m", "distinct"), [(0.03, False), (0.35, True)])
 def test_targets_are_distinct_beyond_three_standard_deviations(apart_m, distinct):
     """Two hypotheses three standard deviations apart are two; a set that repeats a better one is not valid."""
     sets, _ = refined(apart_m, [[[0.0, 0.0], [apart_m, 0.0]]], 1)
-    dx, dy = sets.x[0, 1] - sets.x[0, 0], sets.y[0, 1] - sets.y[0, 0]
+    dx, dy = (part[0, 1] - part[0, 0] for part in sets.point)
     distance = np.sqrt(sets.information.at(0, 0).quadratic_form(dx, dy))[0]
     assert (3.0 < distance < 12.0) == distinct
     assert sets.valid[:, 0].tolist() == [True, distinct]
@@ -44,7 +49,7 @@ def test_pairs_in_the_other_order_are_the_same():
     sets, points = refined(1.5, [[[0.1, 0.0], [1.4, 0.1]], [[1.4, 0.1], [0.1, 0.0]]], 2)
     assert sets.valid[:, 0].tolist() == [True, False]
     for order in range(2):
-        found = np.stack([sets.x[:, order, 0], sets.y[:, order, 0]], axis=1)
+        found = np.stack([part[:, order, 0] for part in sets.point], axis=1)
         np.testing.assert_allclose(found[np.argsort(found[:, 0])], points, atol=1e-3)
     np.testing.assert_allclose(sets.score[0], sets.score[1])
 

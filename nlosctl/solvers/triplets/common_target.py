@@ -14,16 +14,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.solvers.triplets.legs import cross_rays
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.path_memberships import TargetModel, log_unrelated, path_density
 from nlosctl.solvers.triplets.target_posterior import CommonTargets, Posterior
-from nlosctl.solvers.triplets.target_sets import TargetSets, log_any, log_volume, refine_sets
+from nlosctl.solvers.triplets.target_sets import Point, TargetSets, log_any, log_volume, refine_sets
 
 __all__ = ["CommonTargets", "TargetModel", "weigh_targets"]
 
@@ -48,115 +50,98 @@ _FEWEST = 4
 """Fewer paths cannot distinguish a target from scatterers of their own: their target is taken for granted."""
 
 
-def weigh_targets(
-    problem: TripletProblem, proposed_x: FloatArray, proposed_y: FloatArray, model: TargetModel
-) -> CommonTargets:
-    """Return the posterior of snapshots (B, K) whose paths each propose a target (B, K) about the local origin."""
-    scale = sum_measurements(problem.path_length_m) / problem.path_length_m.shape[1]
+def weigh_targets(problem: TripletProblem, proposed: Point, model: TargetModel) -> CommonTargets:
+    """Return the posterior of snapshots whose paths each propose a target (D arrays (B, K)) about the local origin."""
+    scale = sum_measurements(problem.path_length_m) / problem.paths
     # Targets on stations have densities that float64 does not hold.
     with ignoring_overflow():
-        groups = _hypotheses(problem, proposed_x, proposed_y, model, scale)
+        groups = _hypotheses(problem, proposed, model, scale)
         nothing = np.full(scale.shape, -np.inf)
-        if problem.tx_x.shape[1] >= _FEWEST:
-            nothing = _log_nothing(problem, proposed_x, proposed_y, model, scale)
+        if problem.paths >= _FEWEST:
+            nothing = _log_nothing(problem, proposed, model, scale)
         return Posterior.of(groups, nothing, model.targets).judged(problem, model, scale)
 
 
-def _hypotheses(
-    problem: TripletProblem, proposed_x: FloatArray, proposed_y: FloatArray, model: TargetModel, scale_m: FloatArray
-) -> list[TargetSets]:
+def _hypotheses(problem: TripletProblem, proposed: Point, model: TargetModel, scale_m: FloatArray) -> list[TargetSets]:
     """Return the refined sets of one target, of two, and so on."""
-    proposals = _likeliest(problem, proposed_x, proposed_y, model, scale_m)
-    start_x, start_y = (part[:_HYPOTHESES] for part in proposals)
-    if problem.tx_x.shape[1] > 1:
-        crossings = _likeliest(problem, *_crossings(problem), model, scale_m)
-        start_x = np.concatenate([start_x, crossings[0][:_CROSSINGS]])
-        start_y = np.concatenate([start_y, crossings[1][:_CROSSINGS]])
-    groups = [refine_sets(problem, start_x[None], start_y[None], model, scale_m)]
+    proposals = _likeliest(problem, proposed, model, scale_m)
+    start = tuple(part[:_HYPOTHESES] for part in proposals)
+    if problem.paths > 1:
+        crossings = _likeliest(problem, _crossings(problem), model, scale_m)
+        start = tuple(np.concatenate([part, more[:_CROSSINGS]]) for part, more in zip(start, crossings, strict=True))
+    groups = [refine_sets(problem, tuple(part[None] for part in start), model, scale_m)]
     if model.targets > 1:
-        considered_x, considered_y = (part[:_CONSIDERED] for part in proposals)
-        companions = _Companions.of(problem, considered_x, considered_y, model, scale_m)
+        considered = tuple(part[:_CONSIDERED] for part in proposals)
+        companions = _Companions.of(problem, considered, model, scale_m)
         for _ in range(1, model.targets):
-            groups.append(refine_sets(problem, *companions.extend(groups[-1]), model, scale_m))
+            groups.append(refine_sets(problem, companions.extend(groups[-1]), model, scale_m))
     return groups
 
 
-def _likeliest(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _likeliest(problem: TripletProblem, point: Point, model: TargetModel, scale_m: FloatArray) -> Point:
     """Return proposals (B, P) as (P, B), the likeliest first."""
-    scores = np.zeros(x.T.shape)
+    point = tuple(part.T for part in point)
+    count = point[0].shape[0]
+    scores = np.zeros(point[0].shape)
     block = max(1, _SCORED // max(1, scale_m.shape[0]))
-    for first in range(0, x.shape[1], block):
+    for first in range(0, count, block):
         some = slice(first, first + block)
-        for k in range(problem.tx_x.shape[1]):
-            density = path_density(problem, k, x.T[some], y.T[some], model, scale_m)
+        for k in range(problem.paths):
+            density = path_density(problem, k, tuple(part[some] for part in point), model, scale_m)
             scores[some] -= np.logaddexp(density.log_direct, density.log_indirect)
-            note_step(first + block * k // problem.tx_x.shape[1], x.shape[1])
+            note_step(first + block * k // problem.paths, count)
     order = np.argsort(np.where(np.isnan(scores), np.inf, scores), axis=0, kind="stable")
-    return np.take_along_axis(x.T, order, axis=0), np.take_along_axis(y.T, order, axis=0)
+    return tuple(np.take_along_axis(part, order, axis=0) for part in point)
 
 
-def _crossings(problem: TripletProblem) -> tuple[FloatArray, FloatArray]:
+def _crossings(problem: TripletProblem) -> Point:
     """Return where the departing ray of each path crosses the arriving rays of the next longer ones (B, P), or NaN."""
     rank = np.argsort(problem.path_length_m, axis=1, kind="stable")
-    all_x: list[FloatArray] = []
-    all_y: list[FloatArray] = []
+    found: list[Point] = []
     shifts = min(_SHIFTS, max(1, _MOST_CROSSINGS // rank.shape[1]), rank.shape[1] - 1)
+    departing = problem.tx.map(lambda values: np.take_along_axis(values, rank, axis=1))
     for shift in range(1, shifts + 1):
-        cosine, sine, rx_x, rx_y = (
-            np.roll(np.take_along_axis(values, rank, axis=1), -shift, axis=1)
-            for values in (problem.doa_cosine, problem.doa_sine, problem.rx_x, problem.rx_y)
-        )
-        along_x, along_y, tx_x, tx_y = (
-            np.take_along_axis(values, rank, axis=1)
-            for values in (problem.dod_cosine, problem.dod_sine, problem.tx_x, problem.tx_y)
-        )
-        dx, dy = rx_x - tx_x, rx_y - tx_y
-        inverse = 1.0 / (sine * along_x - cosine * along_y)
-        along, back = (sine * dx - cosine * dy) * inverse, (along_y * dx - along_x * dy) * inverse
-        along = np.where((along > 0.0) & (back > 0.0), along, np.nan)
-        all_x.append(tx_x + along * along_x)
-        all_y.append(tx_y + along * along_y)
-    return np.concatenate(all_x, axis=1), np.concatenate(all_y, axis=1)
+        later = np.roll(rank, -shift, axis=1)
+        found.append(cross_rays(departing, problem.rx.map(partial(np.take_along_axis, indices=later, axis=1))))
+    return tuple(np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
 
 
 @dataclass(frozen=True)
 class _Companions:
-    """Further targets (P, B) to consider, with the log-densities (P, B, K) of all paths."""
+    """Further targets (D arrays (P, B)) to consider, with the log-densities (P, B, K) of all paths."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     log_direct: FloatArray
     log_indirect: FloatArray
 
     @classmethod
-    def of(
-        cls, problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
-    ) -> _Companions:
+    def of(cls, problem: TripletProblem, point: Point, model: TargetModel, scale_m: FloatArray) -> _Companions:
         """Return targets (P, B) with their densities."""
         direct, indirect = [], []
-        for one_x, one_y in zip(x, y, strict=True):
-            paths = [path_density(problem, k, one_x, one_y, model, scale_m) for k in range(problem.tx_x.shape[1])]
+        for one in zip(*point, strict=True):
+            paths = [path_density(problem, k, one, model, scale_m) for k in range(problem.paths)]
             direct.append(np.stack([path.log_direct for path in paths], axis=1))
             indirect.append(np.stack([path.log_indirect for path in paths], axis=1))
-        return cls(x, y, np.stack(direct), np.stack(indirect))
+        return cls(point, np.stack(direct), np.stack(indirect))
 
-    def extend(self, sets: TargetSets) -> tuple[FloatArray, FloatArray]:
+    def extend(self, sets: TargetSets) -> Point:
         """Return sets (T + 1, H, B): the best sets, each with its likeliest companions."""
         # The sets that repeat a better one are last.
         order = np.argsort(~sets.valid, axis=0, kind="stable")[:_FIRSTS]
         rows = np.arange(order.shape[1])
-        all_x: list[FloatArray] = []
-        all_y: list[FloatArray] = []
+        found: list[Point] = []
         for rank in order:
-            x, y = self._likeliest(log_any(sets.log_direct[:, rank, rows]), log_any(sets.log_indirect[:, rank, rows]))
-            for extended, first, further in ((all_x, sets.x, x), (all_y, sets.y, y)):
+            companion = self._likeliest(
+                log_any(sets.log_direct[:, rank, rows]), log_any(sets.log_indirect[:, rank, rows])
+            )
+            extended = []
+            for first, further in zip(sets.point, companion, strict=True):
                 repeated = np.repeat(first[:, rank, rows][:, None], further.shape[0], axis=1)
                 extended.append(np.concatenate([repeated, further[None]]))
-        return np.concatenate(all_x, axis=1), np.concatenate(all_y, axis=1)
+            found.append(tuple(extended))
+        return tuple(np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
 
-    def _likeliest(self, log_direct: FloatArray, log_indirect: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _likeliest(self, log_direct: FloatArray, log_indirect: FloatArray) -> Point:
         """Return the likeliest companions (H, B) of targets that give the paths these log-densities (B, K)."""
         known = np.logaddexp(log_direct, log_indirect)
         scores = []
@@ -164,20 +149,18 @@ class _Companions:
             total = -sum_measurements(np.logaddexp(known, np.logaddexp(direct, indirect)))
             scores.append(np.where(np.isnan(total), np.inf, total))
         order = np.argsort(np.stack(scores), axis=0, kind="stable")[:_COMPANIONS]
-        return np.take_along_axis(self.x, order, axis=0), np.take_along_axis(self.y, order, axis=0)
+        return tuple(np.take_along_axis(part, order, axis=0) for part in self.point)
 
 
-def _log_nothing(
-    problem: TripletProblem, own_x: FloatArray, own_y: FloatArray, model: TargetModel, scale_m: FloatArray
-) -> FloatArray:
+def _log_nothing(problem: TripletProblem, own: Point, model: TargetModel, scale_m: FloatArray) -> FloatArray:
     """Return the log-evidence (B,) that there is no target: each path is unrelated, or over a scatterer of its own.
 
-    ``own_x``, ``own_y`` (B, K) are the scatterers that fit each path best.
+    ``own`` (D arrays (B, K)) are the scatterers that fit each path best.
     """
     unrelated = math.log(model.prior_indirect) + log_unrelated(problem, scale_m)
     total = np.zeros(scale_m.shape)
-    for k in range(own_x.shape[1]):
-        density = path_density(problem, k, own_x[:, k], own_y[:, k], model, scale_m)
+    for k in range(problem.paths):
+        density = path_density(problem, k, tuple(part[:, k] for part in own), model, scale_m)
         alone = density.log_direct + log_volume(density.information, scale_m)
         total += np.logaddexp(unrelated[:, k], np.where(np.isnan(alone), -np.inf, alone))
     return total

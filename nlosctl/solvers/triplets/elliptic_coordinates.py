@@ -51,7 +51,7 @@ class _EllipticProblem(RowBlock):
             x_ww = 0.5 * cosine * (self.baseline_m / length) ** 2 / length
             gauss_newton = _pull_back(sums.gauss, x_w, x_v, y_w, y_v)
             bend = _pull_back(sums.bend, x_w, x_v, y_w, y_v)
-            gradient_x, gradient_y = sums.gradient_x, sums.gradient_y
+            gradient_x, gradient_y = sums.gradient
             bend = SymmetricMatrix(
                 bend.xx + gradient_x * x_ww,
                 bend.xy - 0.5 * gradient_x * w * sine / length + 0.5 * gradient_y * cosine,
@@ -93,11 +93,11 @@ class _EllipticProblem(RowBlock):
 
 
 def minimize_paths(
-    plane: TripletProblem, baseline_m: FloatArray, start_x: FloatArray, start_y: FloatArray, max_iterations: int
+    plane: TripletProblem, baseline_m: FloatArray, start: tuple[FloatArray, ...], max_iterations: int
 ) -> Minimum:
     """Minimize the cost of single paths (N, 1) in their baseline frames from starts (N,); the result is in x, y."""
     problem = _EllipticProblem(plane, baseline_m)
-    found = minimize(problem, *problem.from_plane(start_x, start_y), max_iterations=max_iterations, patience=_PATIENCE)
+    found = minimize(problem, *problem.from_plane(*start), max_iterations=max_iterations, patience=_PATIENCE)
     x, y = problem.to_plane(found.x, found.y)
     there = plane.evaluate(x, y)
     return Minimum((x, y), there.cost, there.hessian, found.converged, found.evaluations)
@@ -107,8 +107,7 @@ def path_covariance(
     plane: TripletProblem,
     baseline_m: FloatArray,
     information: SymmetricMatrix,
-    x: FloatArray,
-    y: FloatArray,
+    point: tuple[FloatArray, ...],
     cost: FloatArray,
 ) -> SymmetricMatrix:
     """Return the second moments (N,) about estimates x, y of the flat-prior posterior of single paths; square metres.
@@ -118,6 +117,7 @@ def path_covariance(
     in w and v, by Gauss-Hermite quadrature about the estimate. NaN where the information is singular.
     """
     problem = _EllipticProblem(plane, baseline_m)
+    x, y = point
     w, v = problem.from_plane(x, y)
     with ignoring_overflow():
         linear = problem.information(w, v, information).inverse()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
@@ -32,25 +33,33 @@ class TargetFits:
     minimum, infinite without one.
     """
 
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     cost: FloatArray
     hessian: SymmetricMatrix
     converged: BoolArray
     runner_up: FloatArray
 
+    @property
+    def x(self) -> FloatArray:
+        """The first coordinate."""
+        return self.point[0]
+
+    @property
+    def y(self) -> FloatArray:
+        """The second coordinate."""
+        return self.point[1]
+
     @classmethod
-    def none(cls, count: int) -> TargetFits:
+    def none(cls, count: int, dimension: int) -> TargetFits:
         """Return as many problems that no start has been tried on."""
 
         def fill(value: float) -> FloatArray:
             return np.full(count, value)
 
         return cls(
-            x=fill(np.nan),
-            y=fill(np.nan),
+            point=tuple(fill(np.nan) for _ in range(dimension)),
             cost=fill(np.inf),
-            hessian=SymmetricMatrix.full(count, np.nan),
+            hessian=SymmetricMatrix.full(count, np.nan, dimension),
             converged=np.zeros(count, dtype=bool),
             runner_up=fill(np.inf),
         )
@@ -65,21 +74,20 @@ def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
     problem = TripletProblem.of_paths(rows)
     baseline_m = rows.rays.baseline_m
 
-    def descend(open_rows: IntArray, start_x: FloatArray, start_y: FloatArray) -> Minimum:
-        return minimize_paths(problem.take(open_rows), baseline_m[open_rows], start_x, start_y, max_iterations)
+    def descend(open_rows: IntArray, *start: FloatArray) -> Minimum:
+        return minimize_paths(problem.take(open_rows), baseline_m[open_rows], start, max_iterations)
 
     best = _best_of(problem, _starts(rows), descend)
     # Where the lines cross is worth a start only if it is better than what the ellipse has led to.
-    x, y = _crossings(rows)
+    crossing = _crossings(rows)
     with ignoring_invalid():
-        promising = problem.evaluate(x, y).cost < best.cost
-    open_rows = np.flatnonzero(promising & ~_leads_back(problem, best, x, y))
+        promising = problem.evaluate(*crossing).cost < best.cost
+    open_rows = np.flatnonzero(promising & ~_leads_back(problem, best, crossing))
     if open_rows.size:
-        _improve(best, open_rows, descend(open_rows, x[open_rows], y[open_rows]))
+        _improve(best, open_rows, descend(open_rows, *rows_of(crossing, open_rows)))
     open_rows = np.flatnonzero(~best.converged)
     if open_rows.size:
-        start_x, start_y = best.x[open_rows], best.y[open_rows]
-        _improve(best, open_rows, _descend_in_plane(problem, open_rows, start_x, start_y, max_iterations))
+        _improve(best, open_rows, _descend(problem, max_iterations)(open_rows, *rows_of(best.point, open_rows)))
     _consider_nodes(best, rows)
     return best
 
@@ -100,51 +108,46 @@ def _consider_nodes(best: TargetFits, rows: PathRows) -> None:
         best.converged[better] = True
 
 
-def _descend_in_plane(
-    problem: TripletProblem, rows: IntArray, x: FloatArray, y: FloatArray, max_iterations: int
-) -> Minimum:
-    return minimize(problem.take(rows), x, y, max_iterations=max_iterations, patience=max_iterations)
+def _descend(problem: TripletProblem, max_iterations: int) -> Callable[..., Minimum]:
+    def descend(rows: IntArray, *start: FloatArray) -> Minimum:
+        return minimize(problem.take(rows), *start, max_iterations=max_iterations, patience=max_iterations)
+
+    return descend
 
 
-def fit_snapshots(
-    problem: TripletProblem, proposed_x: FloatArray, proposed_y: FloatArray, *, max_iterations: int = 100
-) -> TargetFits:
+def fit_snapshots(problem: TripletProblem, *proposed: FloatArray, max_iterations: int = 100) -> TargetFits:
     """Fit one target to all paths (B, K) of each snapshot, from the likeliest of the proposed targets (B, K)."""
-    costs = _costs(problem, proposed_x, proposed_y)
+    costs = _costs(problem, *proposed)
     order = np.argsort(np.where(np.isnan(costs), np.inf, costs), axis=1, kind="stable")[:, :_SNAPSHOT_STARTS]
-    start_x, start_y = (np.take_along_axis(values, order, axis=1) for values in (proposed_x, proposed_y))
-
-    def descend(open_rows: IntArray, x: FloatArray, y: FloatArray) -> Minimum:
-        return _descend_in_plane(problem, open_rows, x, y, max_iterations)
-
-    starts = ((start_x[:, start], start_y[:, start]) for start in range(order.shape[1]))
-    return _best_of(problem, starts, descend)
+    start = [np.take_along_axis(values, order, axis=1) for values in proposed]
+    starts = (tuple(part[:, number] for part in start) for number in range(order.shape[1]))
+    return _best_of(problem, starts, _descend(problem, max_iterations))
 
 
-def _costs(problem: TripletProblem, x: FloatArray, y: FloatArray) -> FloatArray:
+def _costs(problem: TripletProblem, *point: FloatArray) -> FloatArray:
     """Return the costs (B, K) of K points of each problem (B,), several points at a time where problems are few."""
-    count, points = x.shape
+    count, points = point[0].shape
     at_once = max(1, _COSTS_AT_ONCE // max(count, 1))
-    costs = np.empty(x.shape)
-    for start in range(0, points, at_once):
-        part = slice(start, start + at_once)
-        repeated = np.repeat(np.arange(count), x[:, part].shape[1])
-        costs[:, part] = problem.take(repeated).evaluate(x[:, part].ravel(), y[:, part].ravel()).cost.reshape(count, -1)
+    costs = np.empty(point[0].shape)
+    for first in range(0, points, at_once):
+        some = slice(first, first + at_once)
+        repeated = np.repeat(np.arange(count), costs[:, some].shape[1])
+        there = problem.take(repeated).evaluate(*(part[:, some].ravel() for part in point))
+        costs[:, some] = there.cost.reshape(count, -1)
     return costs
 
 
 def _best_of(
-    problem: TripletProblem,
-    starts: Iterable[tuple[FloatArray, FloatArray]],
-    descend: Callable[[IntArray, FloatArray, FloatArray], Minimum],
+    problem: TripletProblem, starts: Iterable[tuple[FloatArray, ...]], descend: Callable[..., Minimum]
 ) -> TargetFits:
     best: TargetFits | None = None
-    for start_x, start_y in starts:
-        best = best or TargetFits.none(start_x.shape[0])
-        rows = np.flatnonzero(np.isfinite(start_x + start_y) & ~_leads_back(problem, best, start_x, start_y))
+    for start in starts:
+        best = best or TargetFits.none(start[0].shape[0], len(start))
+        finite = np.logical_and.reduce([np.isfinite(part) for part in start])
+        rows = np.flatnonzero(finite & ~_leads_back(problem, best, start))
         if rows.size:
-            _improve(best, rows, descend(rows, start_x[rows], start_y[rows]))
-    return best or TargetFits.none(0)
+            _improve(best, rows, descend(rows, *rows_of(start, rows)))
+    return best or TargetFits.none(0, problem.dimension)
 
 
 def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -169,22 +172,23 @@ def _crossings(rows: PathRows) -> tuple[FloatArray, FloatArray]:
     return np.where(usable, x, np.nan), np.where(usable, y, np.nan)
 
 
-def _leads_back(problem: TripletProblem, best: TargetFits, start_x: FloatArray, start_y: FloatArray) -> BoolArray:
+def _leads_back(problem: TripletProblem, best: TargetFits, start: tuple[FloatArray, ...]) -> BoolArray:
     known = best.converged
     if not known.any():
         return known
     with ignoring_overflow():
-        dx, dy = start_x - best.x, start_y - best.y
-        rise = 0.5 * best.hessian.quadratic_form(dx, dy)
-        there = problem.evaluate(start_x, start_y).cost
+        apart = (part - own for part, own in zip(start, best.point, strict=True))
+        rise = 0.5 * best.hessian.quadratic_form(*apart)
+        there = problem.evaluate(*start).cost
         predicted = np.abs(there - best.cost - rise) <= _SAME_BASIN * rise
     return known & predicted
 
 
 def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:
     with ignoring_overflow():
-        dx, dy = found.x - best.x[rows], found.y - best.y[rows]
-        apart = found.hessian.quadratic_form(dx, dy)
+        apart = found.hessian.quadratic_form(
+            *(part - own[rows] for part, own in zip(found.point, best.point, strict=True))
+        )
         other = found.converged & best.converged[rows] & (apart > 1e-6)
         # A point that has not settled counts only while no other has.
         better = (found.cost < best.cost[rows]) & (found.converged | ~best.converged[rows])
@@ -192,6 +196,7 @@ def _improve(best: TargetFits, rows: IntArray, found: Minimum) -> None:
     loser = np.where(better, best.cost[rows], found.cost)
     best.runner_up[rows] = np.where(other, np.minimum(best.runner_up[rows], loser), best.runner_up[rows])
     chosen = rows[better]
-    for name in ("x", "y", "cost", "converged"):
-        getattr(best, name)[chosen] = getattr(found, name)[better]
+    for mine, part in zip(best.point, found.point, strict=True):
+        mine[chosen] = part[better]
+    best.cost[chosen], best.converged[chosen] = found.cost[better], found.converged[better]
     best.hessian.put(chosen, found.hessian.at(better))

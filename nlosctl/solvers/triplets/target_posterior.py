@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from nlosctl.arrays import BoolArray, FloatArray
-from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
+from nlosctl.geometry.symmetric import SymmetricMatrix, dot
+from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.path_memberships import TargetModel, path_density
 from nlosctl.solvers.triplets.target_sets import TargetSets, log_any
 
@@ -27,15 +27,14 @@ class CommonTargets:
     """The posterior of the targets of B snapshots of K paths; at most T targets.
 
     ``direct`` (B, K) is the probability that a path is direct, over all hypotheses. Of the best set of targets:
-    ``x``, ``y`` (T, B) about the local origin, their ``information``, NaN where the set has fewer; which paths
+    ``point`` (D arrays (T, B)) about the local origin, its ``information``, NaN where the set has fewer; which paths
     ``supported`` (T, B, K) each, and the ``chi_square`` (T, B) that these leave; ``unfounded`` (T, B) targets fit them
     badly, or explain the snapshot hardly better than no direct path at all; ``cost`` (B,) is the set's negative
     log-evidence, ``lead`` (B,) by how many nats it is ahead of the next.
     """
 
     direct: FloatArray
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     information: SymmetricMatrix
     supported: BoolArray
     chi_square: FloatArray
@@ -53,8 +52,7 @@ class Posterior:
     """
 
     direct: FloatArray
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     information: SymmetricMatrix
     supported: BoolArray
     top: FloatArray
@@ -65,10 +63,11 @@ class Posterior:
     def of(cls, groups: list[TargetSets], nothing: FloatArray, targets: int) -> Posterior:
         """Return the posterior over all sets of 1 to T targets, and nothing at all (log-evidence, (B,))."""
         _, _, size, paths = groups[0].log_direct.shape
-        empty = np.full((targets, size), np.nan)
-        unknown, none = SymmetricMatrix.full((targets, size), np.nan), np.zeros((targets, size, paths), dtype=bool)
+        shape, dimension = (targets, size), len(groups[0].point)
+        empty = tuple(np.full(shape, np.nan) for _ in range(dimension))
+        unknown, none = SymmetricMatrix.full(shape, np.nan, dimension), np.zeros((*shape, paths), dtype=bool)
         lowest = np.full(size, -np.inf)
-        found = cls(np.zeros((size, paths)), empty, empty.copy(), unknown, none, lowest, lowest.copy(), nothing)
+        found = cls(np.zeros((size, paths)), empty, unknown, none, lowest, lowest.copy(), nothing)
         highest, total = nothing, np.where(np.isfinite(nothing), 1.0, 0.0)
         for sets in groups:
             for rank in range(sets.score.shape[0]):
@@ -94,11 +93,11 @@ class Posterior:
         self.top = np.maximum(self.top, score)
         if not rows.any():
             return
-        count = sets.x.shape[0]
-        self.x[:, rows], self.y[:, rows], self.supported[:, rows] = np.nan, np.nan, False
-        self.x[:count, rows], self.y[:count, rows] = sets.x[:, rank, rows], sets.y[:, rank, rows]
+        count = supported.shape[0]
+        self.supported[:, rows] = False
         self.supported[:count, rows] = supported[:, rows]
-        for part, values in zip(self.information, sets.information, strict=True):
+        mine, theirs = (*self.point, *self.information), (*sets.point, *sets.information)
+        for part, values in zip(mine, theirs, strict=True):
             part[:, rows] = np.nan
             part[:count, rows] = values[:, rank, rows]
 
@@ -107,35 +106,40 @@ class Posterior:
         weak = self.top - self.rival < _EVIDENCE_NATS
         chi_square = np.stack(
             [
-                _best_chi_square(problem, x, y, supported, model, scale_m)
-                for x, y, supported in zip(self.x, self.y, self.supported, strict=True)
+                _best_chi_square(problem, tuple(point), supported, model, scale_m)
+                for *point, supported in zip(*self.point, self.supported, strict=True)
             ]
         )
-        spare = np.maximum(SCALARS * np.count_nonzero(self.supported, axis=2) - 2, 1)
+        scalars = np.where(self.supported, problem.scalars(), 0).sum(axis=2)
+        spare = np.maximum(scalars - len(self.point), 1)
         unfounded = weak | (chdtrc(spare, chi_square) < _LEAST_FIT)
         lead = np.where(np.isfinite(self.top), self.top - self.second, 0.0)
         return CommonTargets(
-            self.direct, self.x, self.y, self.information, self.supported, chi_square, unfounded, -self.top, lead
+            self.direct, self.point, self.information, self.supported, chi_square, unfounded, -self.top, lead
         )
 
 
 def _best_chi_square(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, supported: BoolArray, model: TargetModel, scale_m: FloatArray
+    problem: TripletProblem,
+    point: tuple[FloatArray, ...],
+    supported: BoolArray,
+    model: TargetModel,
+    scale_m: FloatArray,
 ) -> FloatArray:
     """Return the chi-square (B,) that the direct paths leave at the position that fits them alone best.
 
-    That is a Gauss-Newton step from x, y (B,), where detours count too. The radius of the target is accounted for.
+    That is a Gauss-Newton step from points (B,), where detours count too. The radius of the target is accounted for.
     """
-    total, gradient_x, gradient_y = (np.zeros(x.shape) for _ in range(3))
-    information, none = (SymmetricMatrix.full(x.shape, 0.0) for _ in range(2))
-    for k in range(problem.tx_x.shape[1]):
-        density, direct = path_density(problem, k, x, y, model, scale_m), supported[:, k]
+    shape = point[0].shape
+    total, gradient = np.zeros(shape), tuple(np.zeros(shape) for _ in point)
+    information, none = (SymmetricMatrix.full(shape, 0.0, len(point)) for _ in range(2))
+    for k in range(problem.paths):
+        density, direct = path_density(problem, k, point, model, scale_m), supported[:, k]
         total += np.where(direct, density.chi_square, 0.0)
-        gradient_x += np.where(direct, density.gradient_x, 0.0)
-        gradient_y += np.where(direct, density.gradient_y, 0.0)
+        for mine, part in zip(gradient, density.gradient, strict=True):
+            mine += np.where(direct, part, 0.0)
         information += density.information.where(direct, none)
-    step_x, step_y = information.solve(gradient_x, gradient_y)
-    gain = gradient_x * step_x + gradient_y * step_y
+    gain = dot(gradient, information.solve(*gradient))
     return np.where(gain > 0.0, np.maximum(total - gain, 0.0), total)
 
 

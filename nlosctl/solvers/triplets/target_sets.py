@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.geometry.symmetric import SymmetricMatrix, dot
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.path_memberships import PathDensity, TargetModel, path_density
 
-__all__ = ["TargetSets", "log_any", "log_volume", "refine_sets"]
+__all__ = ["Point", "TargetSets", "log_any", "log_volume", "refine_sets"]
 
+
+Point = tuple[FloatArray, ...]
+"""The coordinates of targets, as D arrays."""
 
 _ITERATIONS = 15
 _SETTLED_NATS = 1e-6
@@ -28,12 +31,12 @@ _SAME = 9.0
 class TargetSets:
     """H sets of T targets of B snapshots of K paths, ``score`` (H, B) falling along the first axis.
 
-    ``x``, ``y`` (T, H, B) are about the local origin, with their ``information``; ``log_direct`` and ``log_indirect``
-    (T, H, B, K) are the densities of the paths. ``valid`` (H, B) is false for a set that repeats a better one.
+    ``point`` (D arrays (T, H, B)) is about the local origin, with its ``information``; ``log_direct`` and
+    ``log_indirect`` (T, H, B, K) are the densities of the paths. ``valid`` (H, B) is false for a set that repeats a
+    better one.
     """
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     information: SymmetricMatrix
     log_direct: FloatArray
     log_indirect: FloatArray
@@ -56,22 +59,21 @@ def log_volume(information: SymmetricMatrix, scale_m: FloatArray) -> FloatArray:
     """
     ridge = 1.0 / (scale_m * scale_m)
     determinant = information.add_to_diagonal(ridge).determinant
-    return np.where(determinant > 0.0, np.log(ridge) - 0.5 * np.log(determinant), -np.inf)
+    prior = 0.5 * information.dimension * np.log(ridge)
+    return np.where(determinant > 0.0, prior - 0.5 * np.log(determinant), -np.inf)
 
 
-def refine_sets(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
-) -> TargetSets:
-    """Return sets (T, H, B) after Gauss-Newton steps on all paths, each path weighted by its memberships.
+def refine_sets(problem: TripletProblem, point: Point, model: TargetModel, scale_m: FloatArray) -> TargetSets:
+    """Return sets (D arrays (T, H, B)) after Gauss-Newton steps on all paths, each path weighted by its memberships.
 
     The score is the log-likelihood, times the volumes of the peaks (Laplace's approximation); the prior of T targets
     gives each path to each with equal probability.
     """
-    targets, count, size = x.shape
+    targets, count, size = point[0].shape
     copies = problem.take(np.tile(np.arange(size), count))
     scales = np.tile(scale_m, count)
-    x, y = _refine(copies, x.reshape(targets, -1), y.reshape(targets, -1), model, scales)
-    densities = [_densities(copies, k, x, y, model, scales) for k in range(problem.tx_x.shape[1])]
+    point = _refine(copies, tuple(part.reshape(targets, -1) for part in point), model, scales)
+    densities = [_densities(copies, k, point, model, scales) for k in range(problem.paths)]
     score = np.zeros(scales.shape)
     for path in densities:
         score += _log_total(path)
@@ -90,8 +92,7 @@ def refine_sets(
         return np.stack([sort(np.stack([getattr(part, name) for part in path])) for path in densities], axis=3)
 
     sets = TargetSets(
-        sort(x),
-        sort(y),
+        tuple(map(sort, point)),
         information.map(sort),
         by_path("log_direct"),
         by_path("log_indirect"),
@@ -104,11 +105,12 @@ def refine_sets(
 def _observed_information(densities: list[list[PathDensity]], scale_m: FloatArray) -> SymmetricMatrix:
     """Return the information (T, N): the expected less the missing one, or where that is not positive, the expected."""
     shape = (len(densities[0]), scale_m.shape[0])
-    expected, missing = SymmetricMatrix.full(shape, 0.0), SymmetricMatrix.full(shape, 0.0)
+    dimension = densities[0][0].information.dimension
+    expected, missing = (SymmetricMatrix.full(shape, 0.0, dimension) for _ in range(2))
     for path in densities:
         total = _log_total(path)
         for target, density in enumerate(path):
-            expected.at(target).__iadd__(density.pull(total)[2])
+            expected.at(target).__iadd__(density.pull(total)[1])
             missing.at(target).__iadd__(density.missing_information(total))
     observed = expected + missing * np.full(shape, -1.0)
     positive = (observed.determinant > 0.0) & (observed.xx > 0.0)
@@ -116,10 +118,10 @@ def _observed_information(densities: list[list[PathDensity]], scale_m: FloatArra
 
 
 def _densities(
-    problem: TripletProblem, k: int, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
+    problem: TripletProblem, k: int, point: Point, model: TargetModel, scale_m: FloatArray
 ) -> list[PathDensity]:
-    """Return the densities of path k for each target of the sets (T, N)."""
-    return [path_density(problem, k, x[target], y[target], model, scale_m) for target in range(x.shape[0])]
+    """Return the densities of path k for each target of the sets (D arrays (T, N))."""
+    return [path_density(problem, k, one, model, scale_m) for one in zip(*point, strict=True)]
 
 
 def _log_total(path: list[PathDensity]) -> FloatArray:
@@ -130,63 +132,64 @@ def _log_total(path: list[PathDensity]) -> FloatArray:
     return total
 
 
-def _refine(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the likeliest of the positions (T, N) that expectation-maximization passes until it settles."""
-    best_x, best_y, best = x.copy(), y.copy(), np.full(scale_m.shape, -np.inf)
+def _refine(problem: TripletProblem, point: Point, model: TargetModel, scale_m: FloatArray) -> Point:
+    """Return the likeliest of the positions (D arrays (T, N)) that expectation-maximization passes until it settles."""
+    best_point, best = tuple(part.copy() for part in point), np.full(scale_m.shape, -np.inf)
     rows = np.arange(scale_m.shape[0])
     moving: BoolArray = np.ones(rows.shape, dtype=bool)
     for _ in range(_ITERATIONS):
-        likelihood, step_x, step_y, expected_gain = _step(problem, x, y, model, scale_m)
+        likelihood, step, expected_gain = _step(problem, point, model, scale_m)
         better = moving & (likelihood > best[rows])
         chosen: IntArray = rows[better]
-        best_x[:, chosen], best_y[:, chosen], best[chosen] = x[:, better], y[:, better], likelihood[better]
-        usable = np.isfinite(step_x) & np.isfinite(step_y)
-        x, y = np.where(usable, x + step_x, x), np.where(usable, y + step_y, y)
+        best[chosen] = likelihood[better]
+        for mine, part in zip(best_point, point, strict=True):
+            mine[:, chosen] = part[:, better]
+        usable = np.logical_and.reduce([np.isfinite(part) for part in step])
+        point = tuple(np.where(usable, part + change, part) for part, change in zip(point, step, strict=True))
         # What has settled stays, so that no bit depends on when it is dropped.
         moving = moving & (expected_gain > _SETTLED_NATS)
         if not moving.any():
             break
         if np.count_nonzero(moving) < _WORTH_DROPPING * moving.shape[0]:
             kept = np.flatnonzero(moving)
-            problem, x, y, scale_m = problem.take(kept), x[:, kept], y[:, kept], scale_m[kept]
+            problem, point, scale_m = problem.take(kept), tuple(part[:, kept] for part in point), scale_m[kept]
             rows, moving = rows[kept], moving[kept]
-    return best_x, best_y
+    return best_point
 
 
 def _step(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, model: TargetModel, scale_m: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    problem: TripletProblem, point: Point, model: TargetModel, scale_m: FloatArray
+) -> tuple[FloatArray, Point, FloatArray]:
     """Return the log-likelihood (N,) at positions (T, N), the steps from there, and the nats that they should gain."""
-    likelihood, gradient_x, gradient_y = np.zeros(scale_m.shape), np.zeros(x.shape), np.zeros(x.shape)
-    information = SymmetricMatrix.full(x.shape, 0.0).add_to_diagonal(1.0 / (scale_m * scale_m))
-    for k in range(problem.tx_x.shape[1]):
-        path = _densities(problem, k, x, y, model, scale_m)
+    shape = point[0].shape
+    likelihood, gradient = np.zeros(scale_m.shape), tuple(np.zeros(shape) for _ in point)
+    information = SymmetricMatrix.full(shape, 0.0, len(point)).add_to_diagonal(1.0 / (scale_m * scale_m))
+    for k in range(problem.paths):
+        path = _densities(problem, k, point, model, scale_m)
         total = _log_total(path)
         likelihood += total
         for target, density in enumerate(path):
-            pull_x, pull_y, pull_information = density.pull(total)
-            gradient_x[target] += pull_x
-            gradient_y[target] += pull_y
+            pull, pull_information = density.pull(total)
+            for mine, part in zip(gradient, pull, strict=True):
+                mine[target] += part
             information.at(target).__iadd__(pull_information)
-    step_x, step_y = information.solve(-gradient_x, -gradient_y)
-    gains = -0.5 * (gradient_x * step_x + gradient_y * step_y)
+    step = information.solve(*(-part for part in gradient))
+    gains = -0.5 * dot(gradient, step)
     expected_gain = gains[0]
     for gain in gains[1:]:
         expected_gain = np.maximum(expected_gain, gain)
-    return likelihood, step_x, step_y, expected_gain
+    return likelihood, step, expected_gain
 
 
 def _distinct(sets: TargetSets) -> BoolArray:
     """Return which sets (H, B) have distinct targets, and not those of a better set."""
-    targets, count, size = sets.x.shape
+    targets, count, size = sets.point[0].shape
     valid = np.ones((count, size), dtype=bool)
 
     def same(one: int, later: int, other: int, earlier: int) -> BoolArray:
         """Return whether a target of a set is within the error of a target of another (or the same)."""
-        dx, dy = sets.x[one, later] - sets.x[other, earlier], sets.y[one, later] - sets.y[other, earlier]
-        return ~(sets.information.at(other, earlier).quadratic_form(dx, dy) > _SAME)
+        apart = (part[one, later] - part[other, earlier] for part in sets.point)
+        return ~(sets.information.at(other, earlier).quadratic_form(*apart) > _SAME)
 
     for later in range(count):
         for one in range(1, targets):

@@ -8,10 +8,10 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, ScalarT, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.geometry.symmetric import SymmetricMatrix, dot
 from nlosctl.models.triplets import PathRows
 from nlosctl.solvers.triplets.elliptic_coordinates import path_covariance
-from nlosctl.solvers.triplets.likelihood import SCALARS, TripletProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits
 
 __all__ = ["curved_covariance", "judge_targets", "mark_ambiguous", "path_estimates"]
@@ -21,22 +21,24 @@ _RELATIVE_MINIMUM_RANGE = 1e-6
 
 
 def judge_targets(
-    problem: TripletProblem, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix, converged: BoolArray
+    problem: TripletProblem, point: tuple[FloatArray, ...], covariance: SymmetricMatrix, converged: BoolArray
 ) -> StatusArray:
-    """Return the status (B,) of targets at x, y (B,) about the local origin.
+    """Return the status (B,) of targets (D arrays (B,)) about the local origin.
 
     not_converged; degenerate: on a transmitter or receiver (closer than a millionth of the distance of the farthest),
     or a standard deviation beyond that distance, as on a baseline.
     """
-    nearest, farthest = np.full(x.shape, np.inf), np.zeros(x.shape)
+    shape = point[0].shape
+    nearest, farthest = np.full(shape, np.inf), np.zeros(shape)
     with ignoring_overflow():
-        for k in range(problem.tx_x.shape[1]):
-            for node_x, node_y in ((problem.tx_x, problem.tx_y), (problem.rx_x, problem.rx_y)):
-                squared = (x - node_x[:, k]) ** 2 + (y - node_y[:, k]) ** 2
+        for k in range(problem.paths):
+            for node in (problem.tx, problem.rx):
+                apart = [part - own[:, k] for part, own in zip(point, node.position, strict=True)]
+                squared = dot(apart, apart)
                 nearest, farthest = np.minimum(nearest, squared), np.maximum(farthest, squared)
         uncertain = ~(covariance.trace <= farthest) | ~(covariance.determinant > 0.0)
         on_node = nearest < _RELATIVE_MINIMUM_RANGE**2 * farthest
-    status = np.full(x.shape, Status.OK, dtype=np.uint8)
+    status = np.full(shape, Status.OK, dtype=np.uint8)
     status[~converged] = Status.NOT_CONVERGED
     status[uncertain | on_node] = Status.DEGENERATE
     return status
@@ -52,17 +54,17 @@ def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: floa
 def curved_covariance(rows: PathRows, fits: TargetFits) -> SymmetricMatrix:
     """Return the posterior's second moments (N,) about the targets of single paths, in the axes of the file."""
     problem = TripletProblem.of_paths(rows)
-    information = problem.information(fits.x, fits.y)
-    covariance = path_covariance(problem, rows.rays.baseline_m, information, fits.x, fits.y, fits.cost)
+    information = problem.information(*fits.point)
+    covariance = path_covariance(problem, rows.rays.baseline_m, information, fits.point, fits.cost)
     return rows.frame.matrix_to_global(covariance)
 
 
 def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) -> Estimates:
     """Return an estimate for every path, each of a separate target; covariance: the posterior's second moments."""
     problem = TripletProblem.of_paths(rows)
-    judged = judge_targets(problem, fits.x, fits.y, problem.information(fits.x, fits.y).inverse(), fits.converged)
+    judged = judge_targets(problem, fits.point, problem.information(*fits.point).inverse(), fits.converged)
     status = mark_ambiguous(fits, judged, ambiguous_within)
-    x, y = rows.frame.to_global(fits.x, fits.y)
+    position = rows.frame.to_global(*fits.point)
     covariance = curved_covariance(rows, fits)
 
     def by_snapshot(flat: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
@@ -72,7 +74,7 @@ def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) ->
     measurement = np.tile(np.arange(count), size)
     return Estimates.of(
         by_snapshot(status),
-        (by_snapshot(x), by_snapshot(y)),
+        tuple(map(by_snapshot, position)),
         covariance.map(by_snapshot),
         by_snapshot(fits.cost),
         1,
@@ -80,5 +82,5 @@ def path_estimates(rows: PathRows, fits: TargetFits, ambiguous_within: float) ->
         target=measurement,
         measurement=measurement,
         chi_square=2.0 * by_snapshot(fits.cost),
-        degrees_of_freedom=SCALARS - covariance.dimension,
+        degrees_of_freedom=by_snapshot(problem.scalars()[:, 0]) - len(position),
     )

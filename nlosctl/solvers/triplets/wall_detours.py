@@ -7,14 +7,17 @@ point of the wall: behind T where the stations are in front of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
-from nlosctl.contract.scene import LineReflector, Scene, SegmentReflector
-from nlosctl.geometry.lines import reflect_points
+from nlosctl.contract.scene import LineReflector, PlaneReflector, Reflector, Scene, SegmentReflector
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.triplets.legs import Node
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 
 __all__ = ["Walls"]
@@ -25,116 +28,127 @@ _ELSEWHERE = 100.0
 """and another one is elsewhere from ten on."""
 _BETTER_NATS = 1.0
 """Detours are seldom alone: their fit must be better by so much."""
-_STEPS = 24
-_ASIDE = 7
-"""Grid in front of the wall: steps to the nearest station, and half as many aside."""
+_GRID = {2: (24, 7), 3: (12, 3)}
+"""Grid in front of the wall, by dimension: steps to the nearest station, and steps aside."""
 _ZOOMS = 3
 
 
 @dataclass(frozen=True)
 class Walls:
-    """The lines and segments of a scene, seen from local origins (B,). Circles have no images that are points."""
+    """The walls of a scene, seen from local origins (D arrays (B,)). Circles have no images that are points."""
 
     scene: Scene
-    center_x: FloatArray
-    center_y: FloatArray
+    center: tuple[FloatArray, ...]
 
     def may_be_detours(
-        self, problem: TripletProblem, x: FloatArray, y: FloatArray, information: SymmetricMatrix, paths: BoolArray
+        self, problem: TripletProblem, point: tuple[FloatArray, ...], information: SymmetricMatrix, paths: BoolArray
     ) -> BoolArray:
-        """Return which targets x, y (B,) on a wall have another in front of it that explains their paths as detours.
+        """Return which targets (D arrays (B,)) on a wall have another in front that explains their paths as detours.
 
         Positions are about the local origins. ``paths`` (B, K) support the target; as detours they fit better.
         """
-        found = np.zeros(x.shape, dtype=bool)
+        found = np.zeros(point[0].shape, dtype=bool)
         covariance = information.inverse()
+        position = tuple(map(np.add, point, self.center))
         for reflector in self.scene.reflectors:
-            if not isinstance(reflector, LineReflector | SegmentReflector):
+            wall = _Wall.of(reflector, len(point))
+            if wall is None:
                 continue
             with ignoring_invalid():
-                near = _on_wall(reflector, x + self.center_x, y + self.center_y, covariance)
+                near = wall.is_near(position, covariance)
             rows = np.flatnonzero(near & ~found & paths.any(axis=1))
             if rows.size:
-                wall = _Wall(reflector, self.center_x[rows], self.center_y[rows], problem.take(rows), paths[rows])
-                found[rows] = wall.detours_explain(x[rows], y[rows], information.take(rows))
+                detours = _Detours(wall, rows_of(self.center, rows), problem.take(rows), paths[rows])
+                found[rows] = detours.explain(rows_of(point, rows), information.take(rows))
         return found
 
 
-def _on_wall(
-    reflector: LineReflector | SegmentReflector, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix
-) -> BoolArray:
-    """Return whether positions x, y (B,) are within some standard deviations of a wall."""
-    size = np.hypot(*reflector.direction)
-    along_x, along_y = np.array(reflector.direction) / size
-    dx, dy = x - reflector.point[0], y - reflector.point[1]
-    gap, along = along_x * dy - along_y * dx, along_x * dx + along_y * dy
-    near: BoolArray = gap * gap <= _NEAR * covariance.quadratic_form(-along_y, along_x)
-    if isinstance(reflector, SegmentReflector):
-        past = along - np.clip(along, 0.0, size)
-        near &= past * past <= _NEAR * covariance.quadratic_form(along_x, along_y)
-    return near
-
-
+@dataclass(frozen=True)
 class _Wall:
+    """A flat wall: a point, the unit normal and the unit tangents; a segment has an ``extent`` along the first."""
+
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+    tangents: tuple[tuple[float, ...], ...]
+    extent: float | None = None
+
+    @classmethod
+    def of(cls, reflector: Reflector, dimension: int) -> _Wall | None:
+        """Return the wall of a reflector, None if it is not flat; lines and segments are vertical in space."""
+        if isinstance(reflector, PlaneReflector):
+            *tangents, normal = np.linalg.svd(np.array([reflector.normal]))[2][[1, 2, 0]].tolist()
+            return cls(reflector.point, tuple(normal), tuple(map(tuple, tangents)))
+        if not isinstance(reflector, LineReflector | SegmentReflector):
+            return None
+        along_x, along_y = reflector.direction
+        size = float(np.hypot(along_x, along_y))
+        along_x, along_y = along_x / size, along_y / size
+        extent = size if isinstance(reflector, SegmentReflector) else None
+        if dimension == 2:
+            return cls(reflector.point, (-along_y, along_x), ((along_x, along_y),), extent)
+        tangents = ((along_x, along_y, 0.0), (0.0, 0.0, 1.0))
+        return cls((*reflector.point, 0.0), (-along_y, along_x, 0.0), tangents, extent)
+
+    def is_near(self, position: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> BoolArray:
+        """Return whether positions (D arrays (B,)) are within some standard deviations of the wall."""
+        apart = [part - own for part, own in zip(position, self.point, strict=True)]
+        gap, along = _along(self.normal, apart), _along(self.tangents[0], apart)
+        near: BoolArray = gap * gap <= _NEAR * _variance(covariance, self.normal)
+        if self.extent is not None:
+            past = along - np.clip(along, 0.0, self.extent)
+            near &= past * past <= _NEAR * _variance(covariance, self.tangents[0])
+        return near
+
+
+class _Detours:
     """A wall with snapshots (N,): their paths over images of the receivers, or of the transmitters."""
 
     def __init__(
-        self,
-        reflector: LineReflector | SegmentReflector,
-        center_x: FloatArray,
-        center_y: FloatArray,
-        problem: TripletProblem,
-        supported: BoolArray,
+        self, wall: _Wall, center: tuple[FloatArray, ...], problem: TripletProblem, supported: BoolArray
     ) -> None:
-        self.problem, self.supported = problem, supported
-        self.angle = np.arctan2(reflector.direction[1], reflector.direction[0])
-        self.point = (reflector.point[0] - center_x)[:, None], (reflector.point[1] - center_y)[:, None]
-        cosine, sine = np.cos(2.0 * self.angle), np.sin(2.0 * self.angle)
+        self.wall, self.problem, self.supported = wall, problem, supported
+        self.point = [(part - own)[:, None] for part, own in zip(wall.point, center, strict=True)]
+        over_tx, over_rx = (node.mirrored(wall.normal, self._distance(node)) for node in (problem.tx, problem.rx))
+        self.over_images = (replace(problem, tx=over_tx), replace(problem, rx=over_rx))
 
-        def image(node_x: FloatArray, node_y: FloatArray, ray_x: FloatArray, ray_y: FloatArray) -> list[FloatArray]:
-            turned = cosine * ray_x + sine * ray_y, sine * ray_x - cosine * ray_y
-            return [*reflect_points(node_x, node_y, *self.point, self.angle), *turned]
-
-        tx = image(problem.tx_x, problem.tx_y, problem.dod_cosine, problem.dod_sine)
-        rx = image(problem.rx_x, problem.rx_y, problem.doa_cosine, problem.doa_sine)
-        self.over_images = (
-            replace(problem, **dict(zip(("tx_x", "tx_y", "dod_cosine", "dod_sine"), tx, strict=True))),
-            replace(problem, **dict(zip(("rx_x", "rx_y", "doa_cosine", "doa_sine"), rx, strict=True))),
-        )
-
-    def detours_explain(self, x: FloatArray, y: FloatArray, information: SymmetricMatrix) -> BoolArray:
-        """Return whether paths over targets x, y (N,) on the wall are likelier detours over a target elsewhere."""
-        stations = self._distance(np.hstack([self.problem.tx_x, self.problem.rx_x]),
-                                  np.hstack([self.problem.tx_y, self.problem.rx_y]))  # fmt: skip
-        side = np.sign(stations.sum(axis=1))
-        reach = np.min(np.abs(stations), axis=1)
-        normal = -np.sin(self.angle) * side, np.cos(self.angle) * side
-        along = np.cos(self.angle), np.sin(self.angle)
-        best = np.full(x.shape, np.inf)
-        forward, aside, step = np.zeros(x.shape), np.zeros(x.shape), reach / _STEPS
+    def explain(self, point: tuple[FloatArray, ...], information: SymmetricMatrix) -> BoolArray:
+        """Return whether paths over targets (D arrays (N,)) on the wall are likelier detours over one elsewhere."""
+        stations = np.hstack([self._distance(self.problem.tx), self._distance(self.problem.rx)])
+        side, reach = np.sign(stations.sum(axis=1)), np.min(np.abs(stations), axis=1)
+        axes = (tuple(part * side for part in self.wall.normal), *self.wall.tangents)
+        steps, aside = _GRID[len(point)]
+        best, place = np.full(reach.shape, np.inf), [np.zeros(reach.shape) for _ in axes]
+        step = reach / steps
         for zoom in range(_ZOOMS + 1):
-            start_forward, start_aside = forward.copy(), aside.copy()
-            forwards = np.arange(1, _STEPS) if zoom == 0 else np.arange(-2, 3)
-            for i in forwards:
-                for j in np.arange(-_ASIDE, _ASIDE + 1) if zoom == 0 else np.arange(-2, 3):
-                    f, a = start_forward + i * step, start_aside + j * step
-                    dx, dy = f * normal[0] + a * along[0], f * normal[1] + a * along[1]
-                    cost = self._cost(x + dx, y + dy)
-                    better = (cost < best) & (information.quadratic_form(dx, dy) > _ELSEWHERE) & (f > 0.0)
-                    best = np.where(better, cost, best)
-                    forward, aside = np.where(better, f, forward), np.where(better, a, aside)
+            start = [part.copy() for part in place]
+            near = range(-2, 3)
+            ranges = [near] * len(axes) if zoom else [range(1, steps), *[range(-aside, aside + 1)] * (len(axes) - 1)]
+            for cell in product(*ranges):
+                at = [origin + index * step for origin, index in zip(start, cell, strict=True)]
+                shift = [sum(a * axis[i] for a, axis in zip(at, axes, strict=True)) for i in range(len(axes))]
+                cost = self._cost(tuple(map(np.add, point, shift)))
+                better = (cost < best) & (information.quadratic_form(*shift) > _ELSEWHERE) & (at[0] > 0.0)
+                best = np.where(better, cost, best)
+                place = [np.where(better, new, old) for new, old in zip(at, place, strict=True)]
             step = step / 3.0
-        own = 0.5 * self.problem.chi_square(x, y, self.supported)
+        own = 0.5 * self.problem.chi_square(point, self.supported)
         return np.asarray(best <= own - _BETTER_NATS)
 
-    def _distance(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return np.asarray(np.cos(self.angle) * (y - self.point[1]) - np.sin(self.angle) * (x - self.point[0]))
+    def _distance(self, node: Node) -> FloatArray:
+        """Return the distances (N, K) of nodes from the wall, positive on the side of the normal."""
+        return _along(self.wall.normal, [part - own for part, own in zip(node.position, self.point, strict=True)])
 
-    def _cost(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return half the chi-square (N,) of the supported paths as detours over targets x, y (N,)."""
-        chi_square = np.full(self.supported.shape, np.inf)
-        for problem in self.over_images:
-            inverse = (problem.inverse_dod_std, problem.inverse_doa_std, problem.inverse_length_std)
-            scaled = (part * scale for part, scale in zip(problem.residuals(x, y), inverse, strict=True))
-            chi_square = np.minimum(chi_square, sum(part * part for part in scaled))
-        return np.asarray(0.5 * np.where(self.supported, chi_square, 0.0).sum(axis=1))
+    def _cost(self, point: tuple[FloatArray, ...]) -> FloatArray:
+        """Return half the chi-square (N,) of the supported paths as detours over targets (D arrays (N,))."""
+        over_tx, over_rx = (problem.squares(*point) for problem in self.over_images)
+        return np.asarray(0.5 * np.where(self.supported, np.minimum(over_tx, over_rx), 0.0).sum(axis=1))
+
+
+def _variance(covariance: SymmetricMatrix, axis: tuple[float, ...]) -> FloatArray:
+    """Return the variances along an axis."""
+    return covariance.quadratic_form(*(np.asarray(part) for part in axis))
+
+
+def _along(axis: tuple[float, ...], vector: Sequence[FloatArray]) -> FloatArray:
+    """Return the components of vectors (D arrays) along an axis."""
+    return np.asarray(sum(part * own for part, own in zip(vector, axis, strict=True)))
