@@ -37,6 +37,11 @@ class SymmetricMatrix:
         return cls(*_products(vector, weight))
 
     @classmethod
+    def symmetrized(cls, left: Sequence[FloatArray], right: Sequence[FloatArray]) -> SymmetricMatrix:
+        """Return ``u v^T + v u^T`` for the vectors u and v, given as D arrays."""
+        return cls(*(left[i] * right[j] + left[j] * right[i] for i in range(len(left)) for j in range(i + 1)))
+
+    @classmethod
     def gram(cls, *vector: FloatArray, weight: FloatArray | None = None) -> SymmetricMatrix:
         """Return the sums (B,) of ``weight * v v^T`` over the measurements, for vectors v given as D arrays (B, K)."""
         return cls(*(sum_measurements(product) for product in _products(vector, weight)))

@@ -13,9 +13,10 @@ from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight, bearing_lines
+from nlosctl.models.space_lines import SpaceLines
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
-from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns
+from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns, ranged_lines
 from nlosctl.solvers.bearings.line_fits import LineFit, fit_focused, fit_least_squares
 from nlosctl.solvers.bearings.multistart import find_optima
 from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
@@ -61,7 +62,8 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     reflected bearings on circles. On a circle without a blocker each row takes the path that fits best, the search
     starts from the crossings of all pairs of rays too, and up to 10 distinct optima are returned, best first. Ranges,
     where present, enter the likelihood, and the search starts from the crossings of their circles too; a mirrored row's
-    range is the unfolded length.
+    range is the unfolded length. In space the search starts from the least-squares fix and from Stansfield's, with
+    ranges from the rays' ends too.
     """
     lines = bearing_lines(batch)
     first = fit_least_squares(lines)
@@ -69,7 +71,14 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     ranges = range_columns(batch, options.use_ranges)
     if options.law == "vonmises":
         return _solve_von_mises(batch, lines, start, first.normal, options, with_ranges=ranges is not None)
-    if ranges is not None and isinstance(lines, SightLines):
+    starts, normal = [first.point, start.point], first.normal
+    within = options.ambiguous_within
+    if within is None:
+        within = _BEARINGS_ALONE if ranges is None else _WITH_RANGES
+    if ranges is not None and isinstance(lines, SpaceLines):
+        lines, ends, normal = ranged_lines(lines, *ranges, lognormal=options.range_noise == "lognormal")
+        starts += ends
+    elif ranges is not None and isinstance(lines, SightLines):
         return fit_ranged_bearings(
             batch,
             lines,
@@ -78,10 +87,10 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             ranges,
             lognormal=options.range_noise == "lognormal",
             min_range_m=options.min_range_m,
-            ambiguous_within=_WITH_RANGES if options.ambiguous_within is None else options.ambiguous_within,
+            ambiguous_within=within,
             max_iterations=options.max_iterations,
         )
-    optima = find_optima(lines, (first.point, start.point), options.max_iterations)
+    optima = find_optima(lines, starts, options.max_iterations)
     constrained_status = None
     if options.feasible:
         optima, constrained_status = constrain_to_scene(optima, options.max_iterations)
@@ -91,7 +100,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             lines,
             optima.point,
             None,
-            first.normal,
+            normal,
             min_range_m=options.min_range_m,
             converged=optima.converged,
             constrained_status=constrained_status,
@@ -101,9 +110,9 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
         batch,
         optima,
         optima.snapshot,
-        first.normal,
+        normal,
         min_range_m=options.min_range_m,
-        ambiguous_within=_BEARINGS_ALONE if options.ambiguous_within is None else options.ambiguous_within,
+        ambiguous_within=within,
         constrained_status=constrained_status,
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["MeasuredAngles", "Vector"]
 
@@ -132,3 +133,43 @@ class MeasuredAngles(RowBlock):
                 continue
             x, y, z = (np.where(has > 0.0, *pair) for pair in zip(slopes, level[1], strict=True))
             yield np.where(has > 0.0, -along, level[0]), (x, y, z)
+
+    def bending(
+        self, k: int, seen: Vector, azimuth_weight: FloatArray, elevation_weight: FloatArray
+    ) -> SymmetricMatrix:
+        """Return the sum of residuals of row ``k`` times their second derivatives by the vector, times weights (B,)."""
+        (azimuth, _), (rise, _) = self.compare(k, seen)
+        azimuth, rise = azimuth * azimuth_weight, rise * elevation_weight * self.has_elevation[:, k]
+        vx, vy, vz = seen
+        squared = vx * vx + vy * vy
+        whole = squared + vz * vz
+        twist = azimuth / (squared * squared)
+        if self.in_tangent_plane:
+            flat = self.has_elevation[:, k] > 0.0
+            twist = np.where(flat, 0.0, twist)
+            total = self._bending_in_tangent_plane(k, seen, whole, np.where(flat, azimuth, 0.0), rise)
+        else:
+            level = np.sqrt(squared)
+            lx, ly = vx / level, vy / level
+            bend = -rise / (whole * whole)
+            ff, fz, aa = 2.0 * level * vz * bend, (vz - level) * (vz + level) * bend, -vz / level * whole * bend
+            total = SymmetricMatrix(
+                ff * lx * lx + aa * ly * ly, (ff - aa) * lx * ly, ff * ly * ly + aa * lx * lx, fz * lx, fz * ly, -ff
+            )
+        cross = 2.0 * vx * vy * twist
+        turn = (vx * vx - vy * vy) * twist
+        return SymmetricMatrix(total.xx - cross, total.xy + turn, total.yy + cross, *total.parts[3:])
+
+    def _bending_in_tangent_plane(
+        self, k: int, seen: Vector, squared_m2: FloatArray, *residuals: FloatArray
+    ) -> SymmetricMatrix:
+        """Return minus the second derivatives of the direction's parts along the tangents, times residuals (B,)."""
+        inverse = 1.0 / np.sqrt(squared_m2)
+        unit = tuple(part * inverse for part in seen)
+        total = SymmetricMatrix.full(inverse.shape, 0.0, 3)
+        for tangent, residual in zip(self.tangents(), residuals, strict=True):
+            mine = tuple(part[:, k] for part in tangent)
+            along = mine[0] * unit[0] + mine[1] * unit[1] + mine[2] * unit[2]
+            bend = SymmetricMatrix.symmetrized(mine, unit) + SymmetricMatrix.outer(*unit, weight=-3.0 * along)
+            total.add_scaled(bend.add_to_diagonal(along), residual * inverse * inverse)
+        return total

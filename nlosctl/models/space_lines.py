@@ -20,6 +20,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.obstacles import WallRows
 from nlosctl.models.plane_mirrors import PlaneMirrors
+from nlosctl.models.sensor_axes import SensorAxes
 from nlosctl.models.sight import Crossing, RayResiduals
 
 __all__ = ["SpaceLines"]
@@ -29,18 +30,20 @@ __all__ = ["SpaceLines"]
 class SpaceLines(RowBlock):
     """Rays (B, K) in space about a local origin (B,), and a measured height of the source; see `Sight`.
 
-    The scalars are K azimuths, K elevations and, unless it is exactly known (``is_held``), the height ``height_m``
-    (B,). ``axes`` are the rows of a matrix for each measurement that turns the vector from its origin into the axes of
-    its sensor; None: all have those of the frame. Lengths in metres, standard deviations in radians.
+    The scalars are K azimuths, K elevations, K ranges if ``measured_m`` (B, K) has any (NaN in rows without one; their
+    std is that of the logarithm with ``is_lognormal``) and, unless it is exactly known (``is_held``), the height
+    ``height_m`` (B,). ``axes`` are None where all are those of the frame. Lengths in metres, stds in radians.
     """
 
     center: Vector
     origin: Vector
     angles: MeasuredAngles
     std: FloatArray
-    axes: tuple[Vector, Vector, Vector] | None = None
+    axes: SensorAxes | None = None
     mirrors: PlaneMirrors | None = None
     walls: WallRows | None = None
+    measured_m: FloatArray | None = None
+    is_lognormal: bool = False
     height_m: FloatArray | None = None
     is_held: bool = False
 
@@ -54,14 +57,28 @@ class SpaceLines(RowBlock):
         """The number of rows, K."""
         return self.angles.rows
 
+    @property
+    def of_rows(self) -> int:
+        """The number of scalars of rows: those before the height."""
+        return self.rows * (2 if self.measured_m is None else 3)
+
     def with_std(self, std: FloatArray) -> SpaceLines:
-        """Return the same rays with other standard deviations (B, M) of the angles; that of a height stays."""
-        return replace(self, std=np.concatenate([std[:, : 2 * self.rows].T, self.std[:, 2 * self.rows :].T]).T)
+        """Return the same rays with other standard deviations (B, M) of the rows; that of a height stays."""
+        return replace(self, std=np.concatenate([std[:, : self.of_rows].T, self.std[:, self.of_rows :].T]).T)
+
+    def with_ranges(self, range_m: FloatArray, std_m: FloatArray, *, lognormal: bool) -> SpaceLines:
+        """Return the rays with ranges (B, K) as further scalars, NaN in rows without one."""
+        relative = std_m / range_m if lognormal else std_m
+        known = np.where(np.isnan(range_m), 1.0, relative)
+        parts = (self.std[:, : self.of_rows], known, self.std[:, self.of_rows :])
+        std = np.asfortranarray(np.concatenate(parts, axis=1))
+        return replace(self, std=std, measured_m=range_m, is_lognormal=lognormal)
 
     def scalars(self) -> IntArray:
         """Return the number (B,) of measured scalars."""
-        elevations = np.count_nonzero(self.angles.has_elevation, axis=1)
-        return np.asarray(elevations + (self.std.shape[1] - self.rows))
+        others = self.rows + (self.std.shape[1] - self.of_rows)
+        count: IntArray = np.count_nonzero(self.angles.has_elevation, axis=1) + others
+        return count if self.measured_m is None else count + np.count_nonzero(np.isfinite(self.measured_m), axis=1)
 
     def absolute(self, *point: FloatArray) -> tuple[FloatArray, ...]:
         """Return points in the frame, with the height that is exactly known."""
@@ -74,11 +91,11 @@ class SpaceLines(RowBlock):
         return SymmetricMatrix(*covariance, *(np.zeros(covariance.xx.shape) for _ in range(3)))
 
     def normals(self) -> Vector:
-        """Return the unit normals (B, M) of the planes of measured azimuths, elevations and height; 0 without one."""
+        """Return the unit normals (B, M) of the planes of measured azimuths, elevations and height; 0 of others."""
         across, above = (self._from_sensor(tangent) for tangent in self.angles.tangents())
-        level = np.zeros((self.std.shape[0], self.std.shape[1] - 2 * self.rows))
-        x, y, z = (np.concatenate([*pair, level], axis=1) for pair in zip(across, above, strict=True))
-        z[:, 2 * self.rows :] = 1.0
+        none = np.zeros((self.std.shape[0], self.std.shape[1] - 2 * self.rows))
+        x, y, z = (np.concatenate([*pair, none], axis=1) for pair in zip(across, above, strict=True))
+        z[:, self.of_rows :] = 1.0
         return x, y, z
 
     def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
@@ -90,9 +107,8 @@ class SpaceLines(RowBlock):
         twice = (np.concatenate([part, part], axis=1) for part in (x, y, z))
         parts = [normal[:, :count] * part for normal, part in zip(normals, twice, strict=True)]
         offset: FloatArray = parts[0] + parts[1] + parts[2]
-        if self.height_m is None or self.is_held:
-            return offset
-        return np.concatenate([offset, normals[2][:, count:] * self.height_m[:, None]], axis=1)
+        level = 0.0 if self.height_m is None else self.height_m[:, None]
+        return np.concatenate([offset, normals[2][:, count:] * level], axis=1)
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
         """Return by how many metres (B, M) each plane moves per unit of its scalar at points; 1 of a height."""
@@ -112,7 +128,7 @@ class SpaceLines(RowBlock):
     def linearized(
         self, *point: FloatArray, extra_m2: FloatArray | None = None
     ) -> Iterator[tuple[FloatArray, tuple[FloatArray, ...]]]:
-        """Yield residual over std (B,) and derivatives of azimuth and elevation, row by row, then of the height.
+        """Yield residual over std (B,) and derivatives of azimuth and elevation, row by row, of ranges and the height.
 
         With ``extra_m2`` (B,) the squared distances are that much larger.
         """
@@ -123,10 +139,41 @@ class SpaceLines(RowBlock):
                 inverse = 1.0 / self.std[:, index]
                 slopes = self._from_sensor(slopes, k)
                 yield residual * inverse, tuple(slope * inverse for slope in slopes[: self.unknowns])
+        for k in range(0 if self.measured_m is None else self.rows):
+            residual, slopes, _ = self._range(whole, k)
+            yield residual, slopes[: self.unknowns]
         if self.height_m is not None and not self.is_held:
             inverse = 1.0 / self.std[:, -1]
             zero = np.zeros(inverse.shape)
             yield (self.height_m - whole[2]) * inverse, (zero, zero, -inverse)
+
+    def bending(self, *point: FloatArray) -> SymmetricMatrix:
+        """Return the sum (B,) of residuals over their stds times their second derivatives."""
+        whole = self.whole(point)
+        total = SymmetricMatrix.full(whole[2].shape, 0.0, 3)
+        for k in range(self.rows):
+            weights = (1.0 / (self.std[:, index] * self.std[:, index]) for index in (k, self.rows + k))
+            bend = self.angles.bending(k, self._seen(whole, k), *weights)
+            total += bend if self.axes is None else self.axes.unfolded_matrix(bend, k)
+            if self.measured_m is not None:
+                residual, _, bend = self._range(whole, k)
+                total.add_scaled(bend, residual)
+        return SymmetricMatrix(*total.parts[: (3 if self.is_held else 6)])
+
+    def _range(self, whole: Vector, k: int) -> tuple[FloatArray, Vector, SymmetricMatrix]:
+        """Return residual over std, derivatives and second derivatives of the range of a row; 0 without one."""
+        assert self.measured_m is not None  # noqa: S101 - asked for where there are ranges
+        x, y, z = (part - origin[:, k] for part, origin in zip(whole, self.origin, strict=True))
+        distance = _length((x, y, z))
+        unit = (x / distance, y / distance, z / distance)
+        measured, known = self.measured_m[:, k], np.isfinite(self.measured_m[:, k])
+        inverse = np.where(known, 1.0 / self.std[:, 2 * self.rows + k], 0.0)
+        residual = np.log(measured / distance) if self.is_lognormal else measured - distance
+        slope = -inverse / distance if self.is_lognormal else -inverse
+        twice = 2.0 if self.is_lognormal else 1.0
+        bend = SymmetricMatrix.outer(*unit, weight=-twice * slope / distance).add_to_diagonal(slope / distance)
+        slopes = (unit[0] * slope, unit[1] * slope, unit[2] * slope)
+        return np.where(known, residual * inverse, 0.0), slopes, bend
 
     def residual(self, *point: FloatArray, paths: None = None) -> FloatArray:
         """Return measured minus predicted scalars (B, M); 0 in rows without an elevation."""
@@ -141,8 +188,8 @@ class SpaceLines(RowBlock):
 
     def _gathered(self, parts: Sequence[FloatArray]) -> FloatArray:
         """Return the scalars (B,) in the order of `linearized` as a block (B, M) in the order of `std`."""
-        count = 2 * self.rows
-        return np.stack([*parts[:count:2], *parts[1:count:2], *parts[count:]]).T
+        angles = 2 * self.rows
+        return np.stack([*parts[:angles:2], *parts[1:angles:2], *parts[angles:]]).T
 
     def information(
         self, *point: FloatArray, paths: None = None, extra_m2: FloatArray | None = None
@@ -199,6 +246,13 @@ class SpaceLines(RowBlock):
             columns["residual_m"] = batch.range_m - self.range_m(*point)
         return columns
 
+    def ends(self, measured_m: FloatArray) -> Vector:
+        """Return the ends (B, K) of the rays at ranges; NaN without a range or an elevation."""
+        length = np.where(self.angles.has_elevation > 0.0, measured_m, np.nan)
+        rays = zip(self.origin, self._from_sensor(self.angles.directions()), strict=True)
+        x, y, z = (origin + length * ray for origin, ray in rays)
+        return x, y, z
+
     def unseen(self, *point: FloatArray, paths: None = None) -> BoolArray:
         """Return to which rows (B, K) a point cannot be visible in the scene."""
         x, y, z = self.whole(point)
@@ -233,22 +287,11 @@ class SpaceLines(RowBlock):
         at: Any = slice(None) if k is None else k
         wide: Any = (slice(None), None) if k is None else slice(None)
         x, y, z = (part[wide] - origin[:, at] for part, origin in zip(point, self.origin, strict=True))
-        if self.axes is None:
-            return x, y, z
-        a, b, c = (row[0][:, at] * x + row[1][:, at] * y + row[2][:, at] * z for row in self.axes)
-        return a, b, c
+        return (x, y, z) if self.axes is None else self.axes.seen((x, y, z), at)
 
     def _from_sensor(self, vector: Vector, k: int | None = None) -> Vector:
         """Return vectors in the axes of the sensors as unfolded vectors in the frame."""
-        if self.axes is None:
-            return vector
-        at: Any = slice(None) if k is None else k
-        one, two, three = self.axes
-        x, y, z = (
-            one[axis][:, at] * vector[0] + two[axis][:, at] * vector[1] + three[axis][:, at] * vector[2]
-            for axis in range(3)
-        )
-        return x, y, z
+        return vector if self.axes is None else self.axes.unfolded(vector, slice(None) if k is None else k)
 
 
 def _length(vector: Vector) -> FloatArray:

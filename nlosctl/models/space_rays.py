@@ -10,6 +10,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.obstacles import locate_walls
 from nlosctl.models.plane_mirrors import PlaneMirrors, gather_plane_mirrors
+from nlosctl.models.sensor_axes import SensorAxes
 from nlosctl.models.space_lines import SpaceLines
 
 __all__ = ["space_lines"]
@@ -51,23 +52,16 @@ def _stds(batch: BearingBatch, has_elevation: BoolArray) -> FloatArray:
     return np.asfortranarray(np.concatenate(parts, axis=1))
 
 
-def _axes(batch: BearingBatch, mirrors: PlaneMirrors | None) -> tuple[Vector, Vector, Vector] | None:
-    """Return the rows of the matrices (B, K) that turn vectors from the unfolded origins into the sensors' axes."""
+def _axes(batch: BearingBatch, mirrors: PlaneMirrors | None) -> SensorAxes | None:
+    """Return the axes in which the sensors of rows (B, K) see, reflected where a mirror unfolds the row."""
     if batch.sensor_frame is None and mirrors is None:
         return None
-    shape = batch.bearing_rad.shape
-    frame = batch.sensor_frame
     rows = []
     for i in range(3):
-        if frame is None:
-            row = tuple(np.full(shape, float(i == j)) for j in range(3))
+        if batch.sensor_frame is None:
+            row = [np.full(batch.bearing_rad.shape, float(i == j)) for j in range(3)]
         else:
-            row = tuple(frame[..., i, j] for j in range(3))
-        rows.append(row if mirrors is None else mirrors.reflected(row))
-    one, two, three = rows
-    return _vector(one), _vector(two), _vector(three)
-
-
-def _vector(parts: tuple[FloatArray, ...]) -> Vector:
-    x, y, z = parts
-    return x, y, z
+            row = [batch.sensor_frame[..., i, j] for j in range(3)]
+        x, y, z = row if mirrors is None else mirrors.reflected(tuple(row))
+        rows.append((x, y, z))
+    return SensorAxes((rows[0], rows[1], rows[2]))

@@ -189,3 +189,55 @@ def test_a_source_above_a_sensor_needs_a_direction_std():
     )
     assert 2.67 < nees.mean() < 3.35
     assert 0.93 <= (nees <= 7.815).mean() <= 0.975
+
+
+@pytest.mark.parametrize("lognormal", [False, True])
+def test_ranges_beside_directions_count(lognormal: bool):
+    """Ranges beside azimuths and elevations make ml the optimum of both, with a covariance of the size of its error."""
+    generator = np.random.default_rng(8)
+    runs = 600
+    batch, source = ring_world(generator, runs, 2.0, without_elevation=True, rows=4)
+    sensor = np.concatenate([batch.sensor_xy_m, batch.sensor_z_m[..., None]], axis=-1)
+    distance = np.linalg.norm(source[:, None] - sensor, axis=-1)
+    noise = generator.standard_normal(distance.shape)
+    measured = distance * np.exp(0.02 * noise) if lognormal else distance + 5.0 * noise
+    measured[:, 0] = np.nan
+    std = np.where(np.isnan(measured), np.nan, 0.02 * measured if lognormal else 5.0)
+    batch = replace(batch, range_m=measured, range_std_m=std)
+    noise_law = "lognormal" if lognormal else "gaussian"
+    estimates = solved(batch, "ml", range_noise=noise_law)
+    rows = best(estimates)
+    assert (estimates.status[rows] == Status.OK).all()
+    error = estimates.position_m[rows] - source
+    covariance = dense_covariance(estimates.covariance_m2[rows])
+    nees = np.einsum("bi,bi->b", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    assert 2.67 < nees.mean() < 3.35
+    alone = solved(batch, "ml", use_ranges=False)
+    assert np.median(np.trace(covariance, axis1=1, axis2=2)) < 0.8 * np.median(
+        np.trace(dense_covariance(alone.covariance_m2[best(alone)]), axis1=1, axis2=2)
+    )
+    one = replace(
+        batch,
+        **{
+            field: getattr(batch, field)[:, 2:3]
+            for field in (
+                "sensor",
+                "sensor_xy_m",
+                "sensor_z_m",
+                "bearing_rad",
+                "bearing_std_rad",
+                "elevation_rad",
+                "elevation_std_rad",
+                "path",
+                "reflector",
+                "range_m",
+                "range_std_m",
+            )
+        },
+    )
+    single = solved(one, "ml", range_noise=noise_law)
+    error = single.position_m - source
+    nees = np.einsum(
+        "bi,bi->b", error, np.linalg.solve(dense_covariance(single.covariance_m2), error[..., None])[..., 0]
+    )
+    assert 2.67 < nees.mean() < 3.35

@@ -13,6 +13,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
+from nlosctl.models.space_lines import SpaceLines
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes, mark_crossings_behind
 from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor
@@ -22,7 +23,7 @@ from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
 from nlosctl.solvers.ranges.optima import RangeOptimum, are_apart, paired_estimates
 from nlosctl.solvers.ranges.search import find_two_optima
 
-__all__ = ["RangedBearingProblem", "count_scalars", "fit_ranged_bearings", "range_columns"]
+__all__ = ["RangedBearingProblem", "count_scalars", "fit_ranged_bearings", "range_columns", "ranged_lines"]
 
 _UNKNOWNS = 2
 
@@ -41,6 +42,26 @@ def count_scalars(batch: BearingBatch, range_m: FloatArray | None) -> IntArray:
     """Return the number of scalars (B,) that rows measure: a bearing each, and the ranges (B, K) that are not NaN."""
     bearings = np.full(batch.size, batch.measurements, dtype=np.int64)
     return bearings if range_m is None else bearings + np.count_nonzero(np.isfinite(range_m), axis=1)
+
+
+def ranged_lines(
+    lines: SpaceLines, range_m: FloatArray, std_m: FloatArray, *, lognormal: bool
+) -> tuple[SpaceLines, list[tuple[FloatArray, ...]], SymmetricMatrix]:
+    """Return rays in space with ranges (B, K), NaN in rows without one, as further scalars.
+
+    With them initial estimates, the ends of the rays at their ranges (their mean where there are many), and a matrix
+    (B,) in place of that of the lines' normals: ranges determine a point where lines are parallel.
+    """
+    ends = lines.ends(range_m)
+    if range_m.shape[1] > THOROUGH_UP_TO:
+        known = np.isfinite(ends[0])
+        with ignoring_invalid():
+            count = known.sum(axis=1, keepdims=True)
+            x, y, z = (np.where(known, part, 0.0).sum(axis=1, keepdims=True) / count for part in ends)
+            ends = x, y, z
+    starts = [tuple(part[:, k] for part in ends)[: lines.unknowns] for k in range(ends[0].shape[1])]
+    whole = SymmetricMatrix.full(range_m.shape[0], 0.0, lines.unknowns).add_to_diagonal(np.ones(range_m.shape[0]))
+    return lines.with_ranges(range_m, std_m, lognormal=lognormal), starts, whole
 
 
 @dataclass(frozen=True)

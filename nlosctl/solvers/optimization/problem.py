@@ -95,6 +95,11 @@ class LinearizedRows(Protocol):
         """Yield the residual (B,) over its std and its D derivatives (B,), scalar by scalar, at points as D arrays."""
         ...
 
+    @property
+    def bending(self) -> Callable[..., SymmetricMatrix]:
+        """Return the sum (B,) of residuals over their stds times their second derivatives at points."""
+        ...
+
     def take(self, rows: IntArray) -> Self:
         """Return the scalars of some snapshots."""
         ...
@@ -102,7 +107,7 @@ class LinearizedRows(Protocol):
 
 @dataclass(frozen=True)
 class LeastSquaresProblem:
-    """Half the chi-square of scalars, for a state of D unknowns, with the Gauss-Newton matrix."""
+    """Half the chi-square of scalars, for a state of D unknowns."""
 
     rows: LinearizedRows
 
@@ -111,7 +116,10 @@ class LeastSquaresProblem:
         return LeastSquaresProblem(self.rows.take(rows))
 
     def evaluate(self, *point: FloatArray) -> Evaluation:
-        """Return cost, gradient and Gauss-Newton matrix, scalar by scalar, so that temporaries stay in the caches."""
+        """Return cost, gradient and exact second derivatives, or Gauss-Newton's where those are not positive definite.
+
+        Scalar by scalar, so that temporaries stay in the caches.
+        """
         cost, gradient = np.zeros(point[0].shape), tuple(np.zeros(point[0].shape) for _ in point)
         gauss = SymmetricMatrix.full(point[0].shape, 0.0, len(point))
         with ignoring_overflow():
@@ -120,7 +128,7 @@ class LeastSquaresProblem:
                 for total, slope in zip(gradient, slopes, strict=True):
                     total += residual * slope
                 gauss += SymmetricMatrix.outer(*slopes)
-            return Evaluation(0.5 * cost, gradient, gauss)
+            return Evaluation.of_newton(0.5 * cost, gradient, gauss + self.rows.bending(*point), gauss)
 
 
 @dataclass(frozen=True)
