@@ -13,7 +13,7 @@ from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight, bearing_lines
-from nlosctl.models.space_lines import SpaceLines
+from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns, ranged_lines

@@ -14,9 +14,9 @@ from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.mirror_rows import MirrorRows
 from nlosctl.models.obstacles import DirectRows
-from nlosctl.models.plane_mirrors import PlaneMirrors
 from nlosctl.models.sight import Sight
-from nlosctl.models.space_lines import SpaceLines
+from nlosctl.models.space.lines import SpaceLines
+from nlosctl.models.space.plane_mirrors import PlaneMirrors
 
 __all__ = ["Margins", "scene_margins"]
 

@@ -16,7 +16,7 @@ __all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines"]
 def bearing_lines(batch: BearingBatch) -> Sight:
     """Return the rays of a batch about the mean of their origins in each snapshot: in the plane, or in space."""
     if batch.dimension == 3:
-        from nlosctl.models.space_rays import space_lines
+        from nlosctl.models.space.rays import space_lines
 
         return space_lines(batch)
     from nlosctl.models.bearings import sight_lines

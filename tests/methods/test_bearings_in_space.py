@@ -12,7 +12,7 @@ from space_worlds import angles_of, dense_covariance, ring_world, space_batch, w
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
-from nlosctl.models.space_rays import space_lines
+from nlosctl.models.space.rays import space_lines
 from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield
 
 METHODS = {module.METHOD.name: module.METHOD for module in (bearings_ls, bearings_stansfield, bearings_ml)}

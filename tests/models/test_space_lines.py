@@ -11,7 +11,7 @@ from space_worlds import angles_of, ring_world, space_batch, with_height
 from nlosctl.contract.scene import LineReflector, PlaneReflector, Scene
 from nlosctl.models.scene_margins import scene_margins
 from nlosctl.models.sight import bearing_lines
-from nlosctl.models.space_rays import space_lines
+from nlosctl.models.space.rays import space_lines
 from nlosctl.solvers.optimization.problem import LeastSquaresProblem
 
 WALL = LineReflector(name="wall", point=(0.0, 600.0), direction=(1.0, 0.1))

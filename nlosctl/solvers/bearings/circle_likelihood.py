@@ -12,7 +12,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.sight import Sight
-from nlosctl.models.space_lines import SpaceLines
+from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.likelihood import BearingProblem
 from nlosctl.solvers.optimization.problem import Evaluation, LeastSquaresProblem
 

@@ -13,7 +13,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.models.space_lines import SpaceLines
+from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_fixes, mark_crossings_behind
 from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor

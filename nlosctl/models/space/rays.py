@@ -7,11 +7,11 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.models.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.obstacles import locate_walls
-from nlosctl.models.plane_mirrors import PlaneMirrors, gather_plane_mirrors
-from nlosctl.models.sensor_axes import SensorAxes
-from nlosctl.models.space_lines import SpaceLines
+from nlosctl.models.space.lines import SpaceLines
+from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
+from nlosctl.models.space.plane_mirrors import PlaneMirrors, gather_plane_mirrors
+from nlosctl.models.space.sensor_axes import SensorAxes
 
 __all__ = ["space_lines"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.measured_angles import Vector
+from nlosctl.models.space.measured_angles import Vector
 
 __all__ = ["SensorAxes"]
 

@@ -17,11 +17,11 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.obstacles import WallRows
-from nlosctl.models.plane_mirrors import PlaneMirrors
-from nlosctl.models.sensor_axes import SensorAxes
 from nlosctl.models.sight import Crossing, RayResiduals
+from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
+from nlosctl.models.space.plane_mirrors import PlaneMirrors
+from nlosctl.models.space.sensor_axes import SensorAxes
 
 __all__ = ["SpaceLines"]
 
