@@ -62,6 +62,9 @@ class SymmetricMatrix:
             mine += theirs
         return self
 
+    def __sub__(self, other: SymmetricMatrix) -> SymmetricMatrix:
+        return SymmetricMatrix(*(mine - theirs for mine, theirs in zip(self.parts, other.parts, strict=True)))
+
     def __mul__(self, factor: FloatArray) -> SymmetricMatrix:
         return SymmetricMatrix(*(part * factor for part in self.parts))
 

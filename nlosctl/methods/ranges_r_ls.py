@@ -8,7 +8,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, optimize_ranges, with_covariances
 
 __all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import RangeCircles, range_circles
+from nlosctl.models.ranges.circles import RangeCircles, range_circles
 from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
 from nlosctl.solvers.ranges.optima import RangeOptimum, estimate_factors, finish_range_fix
 from nlosctl.solvers.ranges.search import End, find_range_optima
@@ -44,10 +44,8 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
     in the fit than they are worth.
     """
     circles = range_circles(batch)
-    fit = fit_squared_ranges(
-        circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
-    )
-    one, other = find_range_optima(SquaredRangeProblem.of_circles(circles), circles, fit, _MAX_ITERATIONS)
+    fit = fit_squared_ranges(circles.sensor, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m))
+    one, other = find_range_optima(SquaredRangeProblem.of_rows(circles), circles, fit, _MAX_ITERATIONS)
     factors = None
     if batch.std == "unknown":
         factors = estimate_factors(circles, one, other, options.ambiguous_within, at_optimum=False)
@@ -66,17 +64,13 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
 
 def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
     """Return the optimum with the covariance H^-1 (sum w^2 r^2 std^2 d d') H^-1, H = sum w d d', d = p - a."""
-    x, y = end.x, end.y
-    dx, dy = x[:, None] - circles.sensor_x, y[:, None] - circles.sensor_y
-    height = 0.0 if circles.height is None else circles.height
-    range_m = np.hypot(np.hypot(dx, dy), height)
-    hessian = _moment(dx / circles.std_m, dy / circles.std_m)
-    middle = _moment(dx * range_m / circles.std_m, dy * range_m / circles.std_m)
-    return RangeOptimum(x, y, hessian.inverse().congruence(middle), end.cost, end.converged)
-
-
-def _moment(x: FloatArray, y: FloatArray) -> SymmetricMatrix:
-    return SymmetricMatrix.gram(x, y)
+    away = [part[:, None] - own for part, own in zip(end.point, circles.sensor, strict=True)]
+    range_m = reduce(np.hypot, away)
+    if circles.height is not None:
+        range_m = np.hypot(range_m, circles.height)
+    hessian = SymmetricMatrix.gram(*(part / circles.std_m for part in away))
+    middle = SymmetricMatrix.gram(*(part * range_m / circles.std_m for part in away))
+    return RangeOptimum(end.point, hessian.inverse().congruence(middle), end.cost, end.converged)
 
 
 METHOD = MethodSpec(

@@ -16,7 +16,7 @@ from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.models.ranges import predict_ranges, range_circles
+from nlosctl.models.ranges.circles import predict_ranges, range_circles
 
 __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 

@@ -12,7 +12,7 @@ from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import sight_lines
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 
 __all__ = ["SCALED_RESIDUALS", "ScaledResiduals", "leverages"]
 

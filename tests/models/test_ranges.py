@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 from nlosctl.solvers.ranges.likelihood import RangeProblem, SquaredRangeProblem
 from nlosctl.testing.draws import draw_ranges
 
@@ -28,7 +28,7 @@ def test_the_gradient_agrees_with_finite_differences(height: float) -> None:
         circles = range_circles(batch)
         x, y = np.random.default_rng(seed).uniform(-scale, scale, (2, _POINTS))
         step = 1e-5 * scale
-        for problem in (RangeProblem.of_circles(circles), SquaredRangeProblem.of_circles(circles)):
+        for problem in (RangeProblem.of_rows(circles), SquaredRangeProblem.of_rows(circles)):
             at = problem.evaluate(x, y)
             slope_x = (problem.evaluate(x + step, y).cost - problem.evaluate(x - step, y).cost) / (2.0 * step)
             slope_y = (problem.evaluate(x, y + step).cost - problem.evaluate(x, y - step).cost) / (2.0 * step)
@@ -40,7 +40,7 @@ def test_the_gradient_agrees_with_finite_differences(height: float) -> None:
 def test_second_derivatives_agree_with_finite_differences(height: float) -> None:
     """Newton's matrix equals central differences of the gradient where used; elsewhere it is positive."""
     batch, scale = _batch(2, height)
-    problem = RangeProblem.of_circles(range_circles(batch))
+    problem = RangeProblem.of_rows(range_circles(batch))
     x, y = np.random.default_rng(1).uniform(-scale, scale, (2, _POINTS))
     step = 1e-5 * scale
     at, right, left = problem.evaluate(x, y), problem.evaluate(x + step, y), problem.evaluate(x - step, y)

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.models.information import INFORMATION
-from nlosctl.models.ranges import predict_ranges, range_circles
+from nlosctl.models.ranges.circles import predict_ranges, range_circles
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -171,5 +171,5 @@ def test_taking_snapshots_keeps_their_rows() -> None:
     rows = np.array([3, 3, 11, 0, 7, 3])
     taken = circles.take(rows)
     x, y = (source - np.stack([circles.center_x, circles.center_y], axis=1)).T + 3.0
-    for name in ("horizontal_m", "residual_m", "unseen"):
+    for name in ("distance_m", "residual_m", "unseen"):
         np.testing.assert_array_equal(getattr(taken, name)(x[rows], y[rows]), getattr(circles, name)(x, y)[rows])

@@ -8,7 +8,7 @@ from batches import range_batch
 from scipy.integrate import quad
 from scipy.stats import exponnorm, norm
 
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.range_rows import BiasLaw, grouped_ranges, range_outlier_model

@@ -10,7 +10,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import squared_mahalanobis
 from nlosctl.methods import ranges_r_ls
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 
 
 def touching(bend_m: float, height_m: float = 0.0) -> RangeBatch:

@@ -38,8 +38,8 @@ def cost(sensors: FloatArray, squared: FloatArray, weight: FloatArray, x: FloatA
 def test_no_random_start_finds_a_lower_cost(layout: str, measurements: int) -> None:
     """The fit costs no more than the best of eight least-squares searches from random starts."""
     sensors, squared, weight = draw_ranges(measurements, 15, measurements, layout)
-    fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
-    ours = cost(sensors, squared, weight, fit.x, fit.y)
+    fit = fit_squared_ranges(tuple(np.moveaxis(sensors, -1, 0)), squared, weight)
+    ours = cost(sensors, squared, weight, *fit.point)
     generator = np.random.default_rng(0)
     for row in range(sensors.shape[0]):
         root = np.sqrt(weight[row] / (weight[row] * squared[row] ** 2).sum())
@@ -54,31 +54,32 @@ def test_no_random_start_finds_a_lower_cost(layout: str, measurements: int) -> N
 def test_collinear_sensors_have_two_equal_minima() -> None:
     """For collinear sensors the mirror image of the fit is another minimum of equal cost."""
     sensors, squared, weight = draw_ranges(7, 200, 4, "line")
-    fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
-    one = cost(sensors, squared, weight, fit.x, fit.y)
-    other = cost(sensors, squared, weight, fit.mirror_x, fit.mirror_y)
+    fit = fit_squared_ranges(tuple(np.moveaxis(sensors, -1, 0)), squared, weight)
+    one = cost(sensors, squared, weight, *fit.point)
+    other = cost(sensors, squared, weight, *fit.mirror)
     np.testing.assert_allclose(one, other, atol=1e-12)
     across = np.array([-0.3, 1.0])
     assert (
-        (fit.x * across[0] + fit.y * across[1]) * (fit.mirror_x * across[0] + fit.mirror_y * across[1]) <= 1e-6
+        (fit.point[0] * across[0] + fit.point[1] * across[1]) * (fit.mirror[0] * across[0] + fit.mirror[1] * across[1])
+        <= 1e-6
     ).all()
 
 
 def test_fits_do_not_depend_on_the_block() -> None:
     """Fitting a block gives the bits of fitting each snapshot alone."""
     sensors, squared, weight = draw_ranges(11, 50, 5, "plane")
-    whole = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
+    whole = fit_squared_ranges(tuple(np.moveaxis(sensors, -1, 0)), squared, weight)
     for row in range(50):
         part = slice(row, row + 1)
-        alone = fit_squared_ranges(sensors[part, :, 0], sensors[part, :, 1], squared[part], weight[part])
-        assert (alone.x[0], alone.y[0]) == (whole.x[row], whole.y[row])
+        alone = fit_squared_ranges((sensors[part, :, 0], sensors[part, :, 1]), squared[part], weight[part])
+        assert [part[0] for part in alone.point] == [part[row] for part in whole.point]
 
 
 def test_coincident_sensors_have_no_fit() -> None:
     """Coincident sensors give NaN, and the row beside them is unaffected."""
     sensors, squared, weight = draw_ranges(13, 2, 4, "plane")
-    alone = fit_squared_ranges(sensors[1:, :, 0], sensors[1:, :, 1], squared[1:], weight[1:])
+    alone = fit_squared_ranges((sensors[1:, :, 0], sensors[1:, :, 1]), squared[1:], weight[1:])
     sensors[0] = sensors[0, 0]
-    fit = fit_squared_ranges(sensors[..., 0], sensors[..., 1], squared, weight)
-    assert np.isnan(fit.x[0])
-    assert fit.x[1] == alone.x[0]
+    fit = fit_squared_ranges(tuple(np.moveaxis(sensors, -1, 0)), squared, weight)
+    assert np.isnan(fit.point[0][0])
+    assert fit.point[0][1] == alone.point[0][0]

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 from nlosctl.plotting.panels import LinesPanel, Panel, Series
 from nlosctl.reproduce.experiment import Chunk, Claim, Comparison, Experiment
 from nlosctl.reproduce.liang.paper import (
@@ -71,11 +71,9 @@ def _located(trials: Simulated, size: int) -> Samples:
     batch, truth_m = direct_batch(trials, size)
     circles = range_circles(batch)
     target_x, target_y = truth_m[:, 0] - circles.center_x, truth_m[:, 1] - circles.center_y
-    squared = fit_squared_ranges(
-        circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m)
-    )
-    problem = RangeProblem.of_circles(circles)
-    found = minimize(problem, squared.x, squared.y)
+    squared = fit_squared_ranges(circles.sensor, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m))
+    problem = RangeProblem.of_rows(circles)
+    found = minimize(problem, *squared.point)
     least = minimize(problem, target_x, target_y).cost
     for start_x in _STARTS_M:
         for start_y in _STARTS_M:
@@ -88,7 +86,7 @@ def _located(trials: Simulated, size: int) -> Samples:
     global_optimum = (found.cost <= least + 1e-6 * (1.0 + least)).reshape(size, TARGETS).all(axis=1)
     return {
         "r_ls_m": rms_m(found.x, found.y),
-        "sr_ls_m": rms_m(squared.x, squared.y),
+        "sr_ls_m": rms_m(*squared.point),
         "global_optimum": global_optimum.astype(float),
     }
 

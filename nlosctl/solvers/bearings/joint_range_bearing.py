@@ -20,8 +20,8 @@ from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, sta
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
-from nlosctl.solvers.ranges.optima import RangeOptimum, are_apart, paired_estimates
-from nlosctl.solvers.ranges.search import find_two_optima
+from nlosctl.solvers.ranges.optima import RangeOptimum, paired_estimates
+from nlosctl.solvers.ranges.search import are_apart, find_two_optima
 
 __all__ = ["RangedBearingProblem", "count_scalars", "fit_ranged_bearings", "range_columns", "ranged_lines"]
 
@@ -158,7 +158,7 @@ def fit_ranged_bearings(
     ends = find_two_optima(problem, problem, pole, (x, y), (points[0], points[1]), max_iterations, thorough=thorough)
     covariances = (problem.covariance(end.x, end.y, stated=batch.std == "stated") for end in ends)
     best, other = (
-        RangeOptimum(end.x, end.y, covariance, end.cost, end.converged)
+        RangeOptimum(end.point, covariance, end.cost, end.converged)
         for end, covariance in zip(ends, covariances, strict=True)
     )
     scalars = count_scalars(batch, ranges[0])
@@ -170,7 +170,7 @@ def fit_ranged_bearings(
         chi_squares = (np.full(batch.size, np.nan), np.full(batch.size, np.nan))
         costs = (marginal_cost(best.cost, scalars - _UNKNOWNS), marginal_cost(other.cost, scalars - _UNKNOWNS))
     status, other_status = (_judge(lines, optimum, scalars, min_range_m) for optimum in (best, other))
-    another = (status == Status.OK) & other.converged & are_apart(best, other)
+    another = (status == Status.OK) & other.converged & are_apart(best.point, other.point, best.covariance)
     second = another & (other_status == Status.OK)
     with ignoring_invalid():
         ambiguous = another & (costs[1] - costs[0] <= ambiguous_within)
@@ -189,13 +189,14 @@ def fit_ranged_bearings(
         scalars - _UNKNOWNS,
         factors,
     )
-    flags = bearing_flags(batch, lines, status, best.x, best.y) if batch.want_flags else None
+    flags = bearing_flags(batch, lines, status, *best.point) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
 
 
 def _judge(lines: SightLines, optimum: RangeOptimum, scalars: IntArray, min_range_m: float) -> StatusArray:
-    rays = lines.ray_residuals(optimum.x, optimum.y)
-    status = judge_fixes(lines, (optimum.x, optimum.y), rays, optimum.covariance, min_range_m)
+    x, y = optimum.point
+    rays = lines.ray_residuals(x, y)
+    status = judge_fixes(lines, (x, y), rays, optimum.covariance, min_range_m)
     status[~optimum.converged & has_position(status)] = Status.NOT_CONVERGED
     mark_crossings_behind(status, lines, rays.chi_square)
     status[scalars < _UNKNOWNS] = Status.TOO_FEW

@@ -7,7 +7,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, ignoring_division, ignoring_invalid
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.bearings import SightLines
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.bearings.multistart import pairwise_crossings
 from nlosctl.solvers.bearings.ray_crossings import end_rays
 from nlosctl.solvers.optimization.polar_coordinates import Pole

@@ -169,7 +169,7 @@ def fit_candidates(echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray)
     settled = np.flatnonzero(minimum.converged)
     problem = problem.take(settled)
     x, y = minimum.x[settled], minimum.y[settled]
-    dx, dy = x[:, None] - problem.sensor_x, y[:, None] - problem.sensor_y
+    dx, dy = x[:, None] - problem.sensor[0], y[:, None] - problem.sensor[1]
     squared = dx * dx + dy * dy
     if problem.height is not None:
         squared += problem.height * problem.height
@@ -190,8 +190,10 @@ def _problem(echoes: Echoes, echo: IntArray) -> RangeProblem:
     seen = echo != _NOTHING
     index = np.where(seen, echo, 0)
     return RangeProblem(
-        np.asfortranarray(np.broadcast_to(echoes.sensor_x, echo.shape)),
-        np.asfortranarray(np.broadcast_to(echoes.sensor_y, echo.shape)),
+        (
+            np.asfortranarray(np.broadcast_to(echoes.sensor_x, echo.shape)),
+            np.asfortranarray(np.broadcast_to(echoes.sensor_y, echo.shape)),
+        ),
         np.asfortranarray(echoes.range_m[sensor, index]),
         np.asfortranarray(np.where(seen, 1.0 / echoes.std_m[sensor, index], 0.0)),
         np.asfortranarray(np.broadcast_to(echoes.height, echo.shape)) if echoes.height.any() else None,

@@ -15,7 +15,7 @@ from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Soluti
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import range_circles
+from nlosctl.models.ranges.circles import range_circles
 from nlosctl.models.search_regions import search_region
 from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
 from nlosctl.solvers.echoes.type_sets import Gate
@@ -147,7 +147,7 @@ def _locate(
     offset_y = circles.center_y - np.array([target.center_y for target in targets])
     own_region = region.take(snapshot)
     inside = [
-        own_region.edge_distance_m(optimum.x + offset_x, optimum.y + offset_y) >= -options.field_margin_m
+        own_region.edge_distance_m(optimum.point[0] + offset_x, optimum.point[1] + offset_y) >= -options.field_margin_m
         for optimum in (one, other)
     ]
     estimates = finish_range_fix(

@@ -27,7 +27,7 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
 from nlosctl.solvers.optimization.problem import RowDerivatives
 

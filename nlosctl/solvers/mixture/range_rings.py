@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.geometry.regions import Disc
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 
 __all__ = ["ring_density", "sample_ring"]
 

@@ -17,7 +17,7 @@ from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.regions import Disc, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import RangeCircles, range_circles
+from nlosctl.models.ranges.circles import RangeCircles, range_circles
 from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
 from nlosctl.solvers.mixture.consensus import bonus_of_agreement, log_evidence, rival_mass
@@ -148,7 +148,7 @@ class RangeOutlierModel:
 
     def uncertain(self, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix) -> BoolArray:
         """Return which fixes (B,) are degenerate: on a sensor, or a standard deviation beyond the farthest."""
-        distance = self.circles.horizontal_m(x, y)
+        distance = self.circles.distance_m(x, y)
         farthest, nearest = max_measurements(distance), -max_measurements(-distance)
         with ignoring_overflow():
             uncertain: BoolArray = ~((covariance.trace > 0.0) & (covariance.trace <= farthest * farthest))

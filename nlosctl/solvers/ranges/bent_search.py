@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_invalid
-from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.geometry.blocks import rows_of, sum_measurements
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_by_circle, pairs_by_circle
 from nlosctl.solvers.ranges.likelihood import RangeProblem
@@ -34,7 +34,7 @@ def find_bent_optima(circles: RangeCircles, max_iterations: int, infeasible_nats
     starts, snapshots = x.shape[1], x.shape[0]
     rows = np.repeat(np.arange(snapshots), starts)
     many = circles.take(rows)
-    end = minimize(RangeProblem.of_circles(many), x.ravel(), y.ravel(), max_iterations=max_iterations)
+    end = minimize(RangeProblem.of_rows(many), x.ravel(), y.ravel(), max_iterations=max_iterations)
     cost = np.where(end.converged, end.cost, np.inf) + infeasible_nats * many.unseen(end.x, end.y).any(axis=1)
     with ignoring_invalid():
         std = np.sqrt(many.information(end.x, end.y).inverse().trace)
@@ -47,7 +47,7 @@ def find_bent_optima(circles: RangeCircles, max_iterations: int, infeasible_nats
         apart = away.reshape(x.shape) > _DISTINCT_STANDARD_DEVIATIONS * std[np.arange(snapshots), index][:, None]
     others = np.where(apart, cost, np.inf)
     following = first + np.where(np.isfinite(others).any(axis=1), np.argmin(others, axis=1), index)
-    one, other = (End(end.x[at], end.y[at], end.cost[at], end.converged[at]) for at in (best, following))
+    one, other = (End(rows_of(end.point, at), end.cost[at], end.converged[at]) for at in (best, following))
     return one, other
 
 

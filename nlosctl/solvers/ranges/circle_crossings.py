@@ -15,7 +15,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.models.circle_rows import CirclePaths
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 
 __all__ = ["MOST_CROSSINGS", "cross_by_circle", "pairs_by_circle"]
 

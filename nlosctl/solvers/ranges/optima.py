@@ -12,17 +12,16 @@ from nlosctl.contract.results import Estimates, Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
 from nlosctl.solvers.ranges.bent_search import find_bent_optima
 from nlosctl.solvers.ranges.likelihood import RangeProblem
-from nlosctl.solvers.ranges.search import End, find_range_optima, surest_pole
+from nlosctl.solvers.ranges.search import End, are_apart, find_range_optima, surest_pole
 from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
 from nlosctl.solvers.ranges.valley import valley_covariance
 
 __all__ = [
     "RangeOptimum",
-    "are_apart",
     "estimate_factors",
     "finish_range_fix",
     "optimize_ranges",
@@ -31,8 +30,6 @@ __all__ = [
 ]
 
 
-_UNKNOWNS = 2
-
 _RELATIVE_MINIMUM_RANGE = 1e-6
 _ROUNDING = 1e-10
 """Determinants of covariances below this share of xx yy are rounding: the information was singular."""
@@ -40,16 +37,12 @@ _ROUNDING = 1e-10
 _RIVAL = 10.0
 """An optimum this many nats costlier than the best is no rival: its covariance is the inverse information."""
 
-_DISTINCT_STANDARD_DEVIATIONS = 1e-3
-"""Optima nearer to each other than this are the same."""
-
 
 @dataclass(frozen=True)
 class RangeOptimum:
     """Points (B,) about the local origin, their covariance, what the search minimized there, and whether it settled."""
 
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     covariance: SymmetricMatrix
     cost: FloatArray
     converged: BoolArray
@@ -90,17 +83,17 @@ def estimate_factors(
     circles: RangeCircles, one: End, other: End, infeasible_nats: float, *, at_optimum: bool = True
 ) -> StdFactors:
     """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`."""
-    degrees = circles.range_m.shape[1] - _UNKNOWNS
+    degrees = circles.degrees_of_freedom
     swap = _second_is_better(circles, one, other, infeasible_nats, degrees)
-    x, y = np.where(swap, other.x, one.x), np.where(swap, other.y, one.y)
-    gain = 0.0 if at_optimum else _gauss_newton_gain(circles, x, y)
-    return StdFactors.of(2.0 * _half_chi_square(circles, circles.residual_m(x, y)) - gain, degrees)
+    point = _where(swap, other.point, one.point)
+    gain = 0.0 if at_optimum else _gauss_newton_gain(circles, point)
+    return StdFactors.of(2.0 * _half_chi_square(circles, point, circles.residual_m(*point)) - gain, degrees)
 
 
 def _straight_optima(circles: RangeCircles, max_iterations: int) -> tuple[End, End]:
     weight = 1.0 / (circles.std_m * circles.std_m)
-    fit = fit_squared_ranges(circles.sensor_x, circles.sensor_y, circles.squared_in_plane(), weight)
-    return find_range_optima(RangeProblem.of_circles(circles), circles, fit, max_iterations)
+    fit = fit_squared_ranges(circles.sensor, circles.squared_in_plane(), weight)
+    return find_range_optima(RangeProblem.of_rows(circles), circles, fit, max_iterations)
 
 
 def _with_covariance(circles: RangeCircles, end: End, rows: IntArray) -> RangeOptimum:
@@ -109,7 +102,7 @@ def _with_covariance(circles: RangeCircles, end: End, rows: IntArray) -> RangeOp
     part = circles.take(rows)
     wider = valley_covariance(part, surest_pole(part), end.x[rows], end.y[rows], covariance.take(rows))
     covariance.put(rows, wider)
-    return RangeOptimum(end.x, end.y, covariance, end.cost, end.converged)
+    return RangeOptimum(end.point, covariance, end.cost, end.converged)
 
 
 def finish_range_fix(
@@ -133,23 +126,25 @@ def finish_range_fix(
     Gauss-Newton step. The std of the ``circles`` and the covariances include the ``factors`` of unknown ones, the
     costs do not; nats are then those of `marginal_cost`.
     """
-    degrees = batch.measurements - _UNKNOWNS
+    degrees = circles.degrees_of_freedom
     swap = _second_is_better(circles, one, other, ambiguous_within, None if factors is None else degrees)
     best, rest = _pick(swap, other, one), _pick(swap, one, other)
     status, other_status = (_judge(circles, optimum, min_range_m) for optimum in (best, rest))
-    residual, other_residual = (circles.residual_m(optimum.x, optimum.y) for optimum in (best, rest))
-    cost, other_cost = (_half_chi_square(circles, values) for values in (residual, other_residual))
+    residual = circles.residual_m(*best.point)
+    cost = _half_chi_square(circles, best.point, residual)
+    other_cost = _half_chi_square(circles, rest.point, circles.residual_m(*rest.point))
     chi_squares, nats = (2.0 * cost, 2.0 * other_cost), (cost, other_cost)
     if factors is not None:
         cost, other_cost = cost * factors.squared, other_cost * factors.squared
         chi_squares = (np.full(batch.size, np.nan), np.full(batch.size, np.nan))
         nats = (marginal_cost(cost, degrees), marginal_cost(other_cost, degrees))
     elif not at_optimum:
-        gains = (_gauss_newton_gain(circles, best.x, best.y), _gauss_newton_gain(circles, rest.x, rest.y))
+        gains = (_gauss_newton_gain(circles, best.point), _gauss_newton_gain(circles, rest.point))
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
     too_few = circles.single_origin()
     status[too_few] = other_status[too_few] = Status.TOO_FEW
-    another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged & are_apart(best, rest)
+    another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged
+    another &= are_apart(best.point, rest.point, best.covariance)
     second = another & (other_status == Status.OK)
     with ignoring_invalid():
         ambiguous = another & (nats[1] - nats[0] <= ambiguous_within)
@@ -159,13 +154,13 @@ def finish_range_fix(
         factors.mark(other_status)
     estimates = paired_estimates(
         np.flatnonzero(second),
-        (circles.center_x, circles.center_y),
+        circles.center,
         (best, rest),
         (cost, other_cost),
         (status, other_status),
         chi_squares,
         batch.measurements,
-        np.full(batch.size, degrees),
+        np.broadcast_to(np.asarray(degrees, dtype=np.int64), batch.size),
         factors,
     )
     flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
@@ -177,7 +172,7 @@ def _second_is_better(
     one: End | RangeOptimum,
     other: End | RangeOptimum,
     infeasible_nats: float,
-    degrees: int | None,
+    degrees: IntArray | int | None,
 ) -> BoolArray:
     """Return where (B,) the second optimum is better; one that the scene hides from a row counts as that much worse.
 
@@ -187,7 +182,7 @@ def _second_is_better(
     if degrees is not None:
         cost, other_cost = marginal_cost(cost, degrees), marginal_cost(other_cost, degrees)
     if circles.restricted:
-        hidden, other_hidden = (circles.unseen(part.x, part.y).any(axis=1) for part in (one, other))
+        hidden, other_hidden = (circles.unseen(*part.point).any(axis=1) for part in (one, other))
         cost, other_cost = cost + infeasible_nats * hidden, other_cost + infeasible_nats * other_hidden
     with ignoring_invalid():
         swap: BoolArray = (other.converged == one.converged) & (other_cost < cost)
@@ -196,12 +191,15 @@ def _second_is_better(
 
 def _pick(first: BoolArray, one: RangeOptimum, other: RangeOptimum) -> RangeOptimum:
     return RangeOptimum(
-        np.where(first, one.x, other.x),
-        np.where(first, one.y, other.y),
+        _where(first, one.point, other.point),
         one.covariance.where(first, other.covariance),
         np.where(first, one.cost, other.cost),
         np.where(first, one.converged, other.converged),
     )
+
+
+def _where(first: BoolArray, one: tuple[FloatArray, ...], other: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+    return tuple(np.where(first, mine, theirs) for mine, theirs in zip(one, other, strict=True))
 
 
 def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> StatusArray:
@@ -209,46 +207,41 @@ def _judge(circles: RangeCircles, optimum: RangeOptimum, min_range_m: float) -> 
 
     infeasible: the scene hides the fix from a row.
     """
-    distance = circles.horizontal_m(optimum.x, optimum.y)
+    distance = circles.distance_m(*optimum.point)
     farthest, nearest = max_measurements(distance), -max_measurements(-distance)
     with ignoring_invalid():
         covariance = optimum.covariance
-        proper = (covariance.xx > 0.0) & (covariance.yy > 0.0)
-        proper &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+        proper = np.logical_and.reduce([variance > 0.0 for variance in covariance.diagonal])
+        least = np.full(optimum.cost.shape, _ROUNDING)
+        for variance in covariance.diagonal:
+            least *= variance
+        proper &= covariance.determinant > least
         uncertain = ~(proper & (covariance.trace <= farthest * farthest))
         on_sensor = nearest < np.maximum(min_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
-    status = np.full(optimum.x.shape, Status.OK, dtype=np.uint8)
+    status = np.full(optimum.cost.shape, Status.OK, dtype=np.uint8)
     if circles.restricted:
-        status[circles.unseen(optimum.x, optimum.y).any(axis=1)] = Status.INFEASIBLE
+        status[circles.unseen(*optimum.point).any(axis=1)] = Status.INFEASIBLE
     status[~optimum.converged] = Status.NOT_CONVERGED
     status[uncertain | on_sensor] = Status.DEGENERATE
     return status
 
 
-def _half_chi_square(circles: RangeCircles, residual_m: FloatArray) -> FloatArray:
+def _half_chi_square(circles: RangeCircles, point: tuple[FloatArray, ...], residual_m: FloatArray) -> FloatArray:
     scaled = residual_m / circles.std_m
-    return 0.5 * sum_measurements(scaled * scaled)
+    half = 0.5 * sum_measurements(scaled * scaled)
+    return half if circles.level is None else half + 0.5 * circles.level.scaled_residual(point[-1]) ** 2
 
 
-def _gauss_newton_gain(circles: RangeCircles, x: FloatArray, y: FloatArray) -> FloatArray:
+def _gauss_newton_gain(circles: RangeCircles, point: tuple[FloatArray, ...]) -> FloatArray:
     """Return by how much a Gauss-Newton step from points (B,) lowers the chi-square of the linearized residuals."""
-    gradient = RangeProblem.of_circles(circles).evaluate(x, y).gradient
+    gradient = RangeProblem.of_rows(circles).evaluate(*point).gradient
     with ignoring_invalid():
-        return circles.information(x, y).inverse().quadratic_form(*gradient)
-
-
-def are_apart(best: RangeOptimum, rest: RangeOptimum) -> BoolArray:
-    """Return which optima (B,) are two points."""
-    with ignoring_invalid():
-        apart: BoolArray = np.hypot(best.x - rest.x, best.y - rest.y) > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(
-            best.covariance.trace
-        )
-    return apart
+        return circles.information(*point).inverse().quadratic_form(*gradient)
 
 
 def paired_estimates(
     second: IntArray,
-    center: tuple[FloatArray, FloatArray],
+    center: tuple[FloatArray, ...],
     optima: tuple[RangeOptimum, RangeOptimum],
     costs: tuple[FloatArray, FloatArray],
     statuses: tuple[StatusArray, StatusArray],
@@ -272,7 +265,9 @@ def paired_estimates(
 
     best, rest = optima
     status = np.concatenate([statuses[0], statuses[1][second]])[order]
-    position = (join(best.x, rest.x) + center[0][row], join(best.y, rest.y) + center[1][row])
+    position = tuple(
+        join(first, other) + origin[row] for first, other, origin in zip(best.point, rest.point, center, strict=True)
+    )
     pairs = zip(best.covariance, rest.covariance, strict=True)
     return Estimates.of(
         status,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
@@ -12,12 +13,22 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.optimization.polar_coordinates import Pole, minimize_about_pole
 from nlosctl.solvers.optimization.problem import Problem
 from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit
 
-__all__ = ["End", "cross_pairs", "every_pair", "find_range_optima", "find_two_optima", "surest_pairs", "surest_pole"]
+__all__ = [
+    "End",
+    "TwoBest",
+    "are_apart",
+    "cross_pairs",
+    "every_pair",
+    "find_range_optima",
+    "find_two_optima",
+    "surest_pairs",
+    "surest_pole",
+]
 
 _EVERY_CROSSING = 4
 """Up to this many rows a descent starts from every crossing; of more rows one descent, from the likeliest other one."""
@@ -36,21 +47,31 @@ _DISTINCT_STANDARD_DEVIATIONS = 1e-3
 class End(RowBlock):
     """Where one descent of each snapshot ended (B,), about the local origin; NaN and not converged where none did."""
 
-    x: FloatArray
-    y: FloatArray
+    point: tuple[FloatArray, ...]
     cost: FloatArray
     converged: BoolArray
 
     @classmethod
-    def missing(cls, snapshots: int) -> End:
+    def missing(cls, snapshots: int, dimension: int = 2) -> End:
         """Return the ends where no descent has been."""
-        x, y, cost = np.full((3, snapshots), np.nan)
-        return cls(x, y, cost, np.zeros(snapshots, dtype=bool))
+        cost, *point = np.full((dimension + 1, snapshots), np.nan)
+        return cls(tuple(point), cost, np.zeros(snapshots, dtype=bool))
+
+    @property
+    def x(self) -> FloatArray:
+        """The first coordinate."""
+        return self.point[0]
+
+    @property
+    def y(self) -> FloatArray:
+        """The second coordinate."""
+        return self.point[1]
 
     def put(self, rows: IntArray, other: End) -> None:
         """Replace the ends of some snapshots."""
-        self.x[rows], self.y[rows], self.cost[rows] = other.x, other.y, other.cost
-        self.converged[rows] = other.converged
+        for mine, theirs in zip(self.point, other.point, strict=True):
+            mine[rows] = theirs
+        self.cost[rows], self.converged[rows] = other.cost, other.converged
 
     def improves(self, known: End) -> BoolArray:
         """Return where this end is better: converged while the other is not, or cheaper."""
@@ -85,9 +106,9 @@ def find_range_optima(
     """
     few = circles.range_m.shape[1] <= _EVERY_CROSSING
     x, y = cross_pairs(circles, *(every_pair(circles) if few else surest_pairs(circles)))
-    points = np.concatenate([[fit.mirror_x], x]), np.concatenate([[fit.mirror_y], y])
+    points = np.concatenate([[fit.mirror[0]], x]), np.concatenate([[fit.mirror[1]], y])
     pole = surest_pole(circles)
-    return find_two_optima(problem, circles, pole, (fit.x, fit.y), points, max_iterations, thorough=few)
+    return find_two_optima(problem, circles, pole, (fit.point[0], fit.point[1]), points, max_iterations, thorough=few)
 
 
 def find_two_optima(
@@ -111,7 +132,7 @@ def find_two_optima(
     rows = np.arange(cost.shape[1])
     rounds, share = (cost.shape[0], _EXPLAINED_IF_THOROUGH) if thorough else (1, _EXPLAINED)
     end = _descend(problem, pole, *start, max_iterations)
-    optima = _TwoBest(end)
+    optima = TwoBest(end)
     for _ in range(rounds):
         there, poles = (landscape, pole) if rows.size == cost.shape[1] else (landscape.take(rows), pole.take(rows))
         information = there.information(end.x, end.y)
@@ -170,22 +191,28 @@ def surest_pairs(circles: RangeCircles) -> tuple[IntArray, IntArray]:
 
 def _descend(problem: Problem, pole: Pole, x: FloatArray, y: FloatArray, max_iterations: int) -> End:
     end = minimize_about_pole(problem, pole, x, y, max_iterations=max_iterations)
-    return End(end.x, end.y, end.cost, end.converged)
+    return End(end.point, end.cost, end.converged)
 
 
-class _TwoBest:
+def are_apart(one: tuple[FloatArray, ...], other: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> BoolArray:
+    """Return which points (B,), given as D arrays, are two, by the covariance of one."""
+    with ignoring_invalid():
+        away = reduce(np.hypot, [mine - theirs for mine, theirs in zip(one, other, strict=True)])
+        apart: BoolArray = away > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(covariance.trace)
+    return apart
+
+
+class TwoBest:
     """The cheapest optimum of each snapshot so far, and the cheapest apart from it."""
 
     def __init__(self, first: End) -> None:
         self.best = first
-        self.other = End.missing(first.x.size)
+        self.other = End.missing(first.cost.size, len(first.point))
 
     def note(self, rows: IntArray, end: End, information: SymmetricMatrix) -> None:
         """Take the ends of further descents of some snapshots into account, whose information is that at the end."""
         best, other = self.best.take(rows), self.other.take(rows)
-        with ignoring_invalid():
-            away = np.hypot(end.x - best.x, end.y - best.y)
-            apart = away > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(information.inverse().trace)
+        apart = are_apart(end.point, best.point, information.inverse())
         better = end.improves(best)
         runner_up = np.flatnonzero(better & apart & best.converged)
         self.other.put(rows[runner_up], best.take(runner_up))

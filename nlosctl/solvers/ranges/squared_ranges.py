@@ -3,14 +3,18 @@
 The problem min |A z - b|^2 over z = (p, |p|^2) is a generalized trust region subproblem: its minimum is the one
 root of a decreasing function. About the weighted mean of the sensors and along their principal axes that function is
 
-    phi(m) = c1^2 / (g + m)^2 + c2^2 / m^2 - alpha - m / 2,    m > 0,    p = (c1 / (g + m), c2 / m)
+    phi(m) = sum of c_k^2 / (g_k + m)^2 - alpha - m / 2,    m > 0,    p_k = c_k / (g_k + m)
 
-(m is the multiplier, counted from its lower end; the weights sum to 1). It is also convex.
+with g = 0 for the last axis, the one of the least moment (m is the multiplier, counted from its lower end; the weights
+sum to 1). It is also convex. Sensors on a line in the plane, or in a plane in space, have c = 0 there: where phi has no
+root, |p|^2 = alpha fixes the last coordinate up to its sign, and the two images are minima of equal cost.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -18,87 +22,128 @@ from nlosctl.arrays import FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["SquaredRangeFit", "fit_squared_ranges"]
+__all__ = ["HeightPenalty", "SquaredRangeFit", "fit_squared_ranges"]
 
 
 _BISECTIONS = 16
 _NEWTON_STEPS = 6
 _FLOOR = 1e-18
-"""Smallest multiplier, relative to its upper bound: at less the sensors are collinear to rounding."""
+"""Smallest multiplier, relative to its upper bound: at less the sensors are collinear (coplanar) to rounding."""
 
 
 @dataclass(frozen=True)
 class SquaredRangeFit:
-    """The global minima (B,), and their images in the sensors' principal axis. Metres."""
+    """The global minima (B,), and their images in the line (plane) of the principal axes, as D arrays. Metres."""
 
-    x: FloatArray
-    y: FloatArray
-    mirror_x: FloatArray
-    mirror_y: FloatArray
+    point: tuple[FloatArray, ...]
+    mirror: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class HeightPenalty:
+    """A term ``weight * (z - z_m)^2`` (B,) beside the squared ranges, in their units (m^4)."""
+
+    z_m: FloatArray
+    weight: FloatArray
 
 
 @dataclass(frozen=True)
 class _Secular:
-    c1_squared: FloatArray
-    c2_squared: FloatArray
-    gap: FloatArray
+    squares: tuple[FloatArray, ...]
+    gaps: tuple[FloatArray, ...]
     alpha: FloatArray
 
     def value(self, m: FloatArray) -> FloatArray:
-        return self.c1_squared / (self.gap + m) ** 2 + self.c2_squared / (m * m) - self.alpha - 0.5 * m
+        total = self.squares[0] / (self.gaps[0] + m) ** 2
+        for square, gap in zip(self.squares[1:-1], self.gaps[1:], strict=True):
+            total += square / (gap + m) ** 2
+        return total + self.squares[-1] / (m * m) - self.alpha - 0.5 * m
 
     def slope(self, m: FloatArray) -> FloatArray:
-        return -2.0 * (self.c1_squared / (self.gap + m) ** 3 + self.c2_squared / (m * m * m)) - 0.5
+        total = self.squares[0] / (self.gaps[0] + m) ** 3
+        for square, gap in zip(self.squares[1:-1], self.gaps[1:], strict=True):
+            total += square / (gap + m) ** 3
+        return -2.0 * (total + self.squares[-1] / (m * m * m)) - 0.5
 
     def bracket(self) -> tuple[FloatArray, FloatArray]:
         """Return a lower end, where phi >= 0 unless it is the floor, and an upper end, where phi <= 0."""
-        total = self.c1_squared + self.c2_squared
+        total, last = _add(self.squares), self.squares[-1]
         high = np.maximum(np.cbrt(4.0 * total), 4.0 * np.abs(self.alpha))
         with ignoring_division():
-            low = np.cbrt(self.c2_squared)
-            steep = np.sqrt(self.c2_squared / (2.0 * self.alpha))
+            low = np.cbrt(last)
+            steep = np.sqrt(last / (2.0 * self.alpha))
             low = np.where(self.alpha > 0.0, np.minimum(low, steep), low)
         return np.maximum(low, _FLOOR * high), high
 
 
 def fit_squared_ranges(
-    sensor_x: FloatArray, sensor_y: FloatArray, squared_range: FloatArray, weight: FloatArray
+    sensor: tuple[FloatArray, ...], squared_range: FloatArray, weight: FloatArray, penalty: HeightPenalty | None = None
 ) -> SquaredRangeFit:
     """Return the points with the least sum of ``weight * (squared_range - |p - a|^2)^2``, equation (9).
 
-    All arguments (B, K): sensors in metres, squared ranges in square metres (any sign), weights positive. Sensors
-    on one line have two minima, p and its mirror image. NaN where all sensors of a snapshot coincide.
+    ``sensor`` has D arrays (B, K), D = 2 or 3, in metres; squared ranges (B, K) in square metres (any sign), weights
+    positive. In space a ``penalty`` may be added. Sensors on one line (in one plane) have two minima, p and its mirror
+    image. NaN where all sensors of a snapshot coincide.
     """
-    weight = weight / sum_measurements(weight)[:, None]
-    mean_x, mean_y = sum_measurements(weight * sensor_x), sum_measurements(weight * sensor_y)
-    dx, dy = sensor_x - mean_x[:, None], sensor_y - mean_y[:, None]
-    moment = SymmetricMatrix.gram(dx, dy, weight=weight)
-    smaller, larger = moment.eigenvalues()
-    smaller = np.maximum(smaller, 0.0)
-    angle = 0.5 * np.arctan2(2.0 * moment.xy, moment.xx - moment.yy)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    right = squared_range - (dx * dx + dy * dy)
+    total = sum_measurements(weight)
+    weight = weight / total[:, None]
+    mean = [sum_measurements(weight * part) for part in sensor]
+    away = [part - middle[:, None] for part, middle in zip(sensor, mean, strict=True)]
+    moment = SymmetricMatrix.gram(*away, weight=weight)
+    squared = away[0] * away[0]
+    for part in away[1:]:
+        squared += part * part
+    right = squared_range - squared
     right_mean = sum_measurements(weight * right)
     right = weight * (right - right_mean[:, None])
-    pull_x, pull_y = -2.0 * sum_measurements(right * dx), -2.0 * sum_measurements(right * dy)
-    c1, c2 = cosine * pull_x + sine * pull_y, cosine * pull_y - sine * pull_x
-    along, across = _solve(c1, c2, 4.0 * (larger - smaller), right_mean - 2.0 * smaller)
-    lost = ~(larger > 0.0) | ~np.isfinite(along) | ~np.isfinite(across)  # sensors that coincide up to rounding
-    along[lost] = across[lost] = np.nan
-    return SquaredRangeFit(
-        x=mean_x + cosine * along - sine * across,
-        y=mean_y + sine * along + cosine * across,
-        mirror_x=mean_x + cosine * along + sine * across,
-        mirror_y=mean_y + sine * along - cosine * across,
+    pull = [-2.0 * sum_measurements(right * part) for part in away]
+    if penalty is not None:
+        share = penalty.weight / total
+        moment.diagonal[-1][:] += 0.25 * share
+        pull[-1] += share * (penalty.z_m - mean[-1])
+    axes, moments = _principal_axes(moment)
+    pulls = tuple(_add([part * along for part, along in zip(axis, pull, strict=True)]) for axis in axes)
+    smallest = moments[-1]
+    gaps = tuple(4.0 * (value - smallest) for value in moments[:-1])
+    coordinates = _solve(pulls, gaps, right_mean - 2.0 * smallest)
+    lost = ~(moments[0] > 0.0) | ~np.logical_and.reduce([np.isfinite(part) for part in coordinates])
+    for part in coordinates:
+        part[lost] = np.nan  # sensors that coincide up to rounding
+    mirrored = [*coordinates[:-1], -coordinates[-1]]
+    return SquaredRangeFit(_place(mean, axes, coordinates), _place(mean, axes, mirrored))
+
+
+def _principal_axes(moment: SymmetricMatrix) -> tuple[list[list[FloatArray]], list[FloatArray]]:
+    """Return the unit axes of moments (B,) as coordinates, and the moments about them (>= 0), the largest first."""
+    if moment.dimension == 2:
+        smaller, larger = moment.eigenvalues()
+        angle = 0.5 * np.arctan2(2.0 * moment.xy, moment.xx - moment.yy)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return [[cosine, sine], [-sine, cosine]], [larger, np.maximum(smaller, 0.0)]
+    values, vectors = np.linalg.eigh(np.nan_to_num(moment.dense(), posinf=0.0, neginf=0.0))
+    order = range(moment.dimension - 1, -1, -1)
+    return [list(vectors[:, :, k].T) for k in order], [np.maximum(values[:, k], 0.0) for k in order]
+
+
+def _place(mean: list[FloatArray], axes: list[list[FloatArray]], along: list[FloatArray]) -> tuple[FloatArray, ...]:
+    """Return the points with coordinates ``along`` the axes through the mean."""
+    return tuple(
+        _add([middle, *(axis[i] * part for axis, part in zip(axes, along, strict=True))])
+        for i, middle in enumerate(mean)
     )
 
 
-def _solve(c1: FloatArray, c2: FloatArray, gap: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return p along the major and the minor axis: bisection of phi, then Newton from where phi is positive."""
-    secular = _Secular(c1 * c1, c2 * c2, gap, alpha)
+def _add(terms: Sequence[FloatArray]) -> FloatArray:
+    """Return the sum of the terms, added one by one in order."""
+    return reduce(np.add, terms)
+
+
+def _solve(c: tuple[FloatArray, ...], gaps: tuple[FloatArray, ...], alpha: FloatArray) -> list[FloatArray]:
+    """Return p along the axes: bisection of phi, then Newton from where phi is positive."""
+    secular = _Secular(tuple(part * part for part in c), gaps, alpha)
     with ignoring_overflow():
         low, high = secular.bracket()
-        collinear = secular.value(low) < 0.0
+        flat = secular.value(low) < 0.0
         for _ in range(_BISECTIONS):
             middle = np.sqrt(low * high)
             positive = secular.value(middle) >= 0.0
@@ -106,8 +151,11 @@ def _solve(c1: FloatArray, c2: FloatArray, gap: FloatArray, alpha: FloatArray) -
         root = low
         for _ in range(_NEWTON_STEPS):
             root = np.minimum(np.maximum(root - secular.value(root) / secular.slope(root), low), high)
-        along = c1 / (gap + root)
-        # Sensors on one line: the multiplier is at its lower end, and |p|^2 = alpha fixes the other coordinate.
-        free = np.sqrt(np.maximum(alpha - (c1 / gap) ** 2, 0.0))
-        across = np.where(collinear, np.copysign(free, c2), c2 / root)
-        return np.where(collinear, c1 / gap, along), across
+        # Sensors on one line (in one plane): the multiplier is at its lower end, |p|^2 = alpha fixes the rest.
+        limits = [part / gap for part, gap in zip(c, gaps, strict=False)]
+        rest = alpha
+        for limit in limits:
+            rest = rest - limit**2
+        across = np.where(flat, np.copysign(np.sqrt(np.maximum(rest, 0.0)), c[-1]), c[-1] / root)
+        along = [part / (gap + root) for part, gap in zip(c, gaps, strict=False)]
+        return [*(np.where(flat, limit, part) for limit, part in zip(limits, along, strict=True)), across]

@@ -13,7 +13,7 @@ from nlosctl.arrays import BoolArray, FloatArray, ignoring_overflow
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges import RangeCircles
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.optimization.polar_coordinates import Pole
 
 __all__ = ["valley_covariance"]

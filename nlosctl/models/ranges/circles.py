@@ -12,7 +12,6 @@ by an upright mirror too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,33 +25,13 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.circle_rows import CirclePaths, circle_table, likeliest_points, locate_circle_paths
 from nlosctl.models.mirror_rows import MirrorRows, gather_mirrors
 from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls, unseen_rows
+from nlosctl.models.ranges.measured_height import MeasuredHeight
+from nlosctl.models.ranges.paths import BentPaths, RangePath
 
-__all__ = ["BentPaths", "RangeCircles", "RangePath", "predict_ranges", "range_circles"]
+__all__ = ["RangeCircles", "predict_ranges", "range_circles"]
 
 
 _FAR_OFF = 1e3
-
-
-class RangePath(NamedTuple):
-    """Paths: length, its gradient u, and the radius of the wave front; the second derivatives are (I - u u') / radius.
-
-    For slant ranges the radius is the length.
-    """
-
-    length_m: FloatArray
-    along_x: FloatArray
-    along_y: FloatArray
-    radius_m: FloatArray
-
-
-class BentPaths(NamedTuple):
-    """The paths by a circle of the snapshots (n,) in which a measurement has one.
-
-    The length is NaN, all else finite, where no path leads to the point.
-    """
-
-    snapshot: IntArray
-    path: RangePath
 
 
 @dataclass(frozen=True)
@@ -78,7 +57,27 @@ class RangeCircles(RowBlock):
     direct: tuple[DirectRows, ...] = ()
     walls: WallRows | None = None
 
-    def horizontal_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    @property
+    def center(self) -> tuple[FloatArray, ...]:
+        """The local origin (B,), as one array per coordinate."""
+        return self.center_x, self.center_y
+
+    @property
+    def sensor(self) -> tuple[FloatArray, ...]:
+        """The sensors, or their images (B, K), as one array per coordinate."""
+        return self.sensor_x, self.sensor_y
+
+    @property
+    def level(self) -> MeasuredHeight | None:
+        """In the plane no height is unknown."""
+        return None
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """The number of measured scalars minus that of the unknowns."""
+        return int(self.range_m.shape[1]) - 2
+
+    def distance_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the distance (B, K) in the plane of points (B,), about the local origin, from the sensors.
 
         Of reflected rows the length of the path; NaN where no path exists.
@@ -90,7 +89,7 @@ class RangeCircles(RowBlock):
 
     def residual_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return measured minus predicted range (B, K) at points (B,) about the local origin."""
-        distance = self.horizontal_m(x, y)
+        distance = self.distance_m(x, y)
         return self.range_m - (distance if self.height is None else np.hypot(distance, self.height))
 
     def length_m(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -135,12 +134,13 @@ class RangeCircles(RowBlock):
         radius = length if bent is None else length.copy()
         if bent is not None:
             at = bent.snapshot
-            length[at], along_x[at], along_y[at], radius[at] = bent.path
+            length[at], radius[at] = bent.path.length_m, bent.path.radius_m
+            along_x[at], along_y[at] = bent.path.along
         impossible = self._impossible(k, x, y, length)
         if impossible is not None:
             length = np.where(impossible, self._far_off(k), length)
             along_x, along_y = np.where(impossible, 0.0, along_x), np.where(impossible, 0.0, along_y)
-        return RangePath(length, along_x, along_y, radius)
+        return RangePath(length, (along_x, along_y), radius)
 
     def _impossible(self, k: int, x: FloatArray, y: FloatArray, length_m: FloatArray) -> BoolArray | None:
         """Return where row ``k`` has no path to points (B,) or (B, P); None if every row has one everywhere."""
@@ -163,7 +163,7 @@ class RangeCircles(RowBlock):
         radius, there = path.front_radius_m(), np.isfinite(path.length_m)
         radius = np.where(there & (radius != 0.0), radius, np.inf)
         along_x, along_y = np.where(there, path.cosine, 0.0), np.where(there, path.sine, 0.0)
-        return BentPaths(rows.snapshot, RangePath(path.length_m, along_x, along_y, radius))
+        return BentPaths(rows.snapshot, RangePath(path.length_m, (along_x, along_y), radius))
 
     def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of the position at points (B,): sum of u u' / std^2.

@@ -1,0 +1,1 @@
+"""Ranges as circles in the plane and spheres in space."""
