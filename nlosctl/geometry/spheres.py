@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import ReflectedPath, reflect_at
 from nlosctl.geometry.directions import Vector, combine, cross, dot, length, scaled, subtract
@@ -24,7 +25,7 @@ _ALIGNED = 1e-12
 
 
 @dataclass(frozen=True)
-class CentralPlane:
+class CentralPlane(RowBlock):
     """The plane of centre, sensor and source: unit vectors ``toward`` the sensor, ``across`` it, and their ``normal``.
 
     In it the sensor is at (``sensor_m``, 0), the source at (``source_x``, ``source_y``), ``source_y`` >= 0. Shape (N,).

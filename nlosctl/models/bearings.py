@@ -104,7 +104,7 @@ class SightLines(RowBlock):
             return range_m
         return range_m - self.focusing.strength * (range_m - self.focusing.first_leg_m)
 
-    def inside_circles(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inside_circles(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
         """Return points (B,), those that are not inside a row's circle moved into it."""
         return (x, y) if self.circles is None else self.circles.moved_inside(x, y)
 

@@ -6,6 +6,7 @@ Song, Willett, Zhou 2013, Section 3. The rows of a block (B, K) that name a circ
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Self
 
 import numpy as np
@@ -19,17 +20,21 @@ from nlosctl.geometry.visibility import clears_blocker, elevation, horizon_eleva
 from nlosctl.models.selected_rows import SelectedRows
 
 __all__ = [
+    "GROUND_TOLERANCE",
     "CirclePaths",
     "CircleRows",
     "circle_table",
+    "free_legs",
+    "least_of",
     "likeliest_points",
     "locate_circle_paths",
     "locate_circle_rows",
     "misplaced_sensors",
+    "move_inside",
 ]
 
 
-_GROUND_TOLERANCE = 1e-6
+GROUND_TOLERANCE = 1e-6
 """A sensor may be this share of the blocker's radius under it (6 m on the earth): coordinates are rounded."""
 
 
@@ -58,7 +63,7 @@ class CirclePaths(SelectedRows):
         From a sensor on the blocker that on the short arc, the only one that can be free (Lemma 3). Of several possible
         paths that of `choose_points`. NaN where the point or the sensor is not inside the circle.
         """
-        source_x, source_y = self.about_circle(x, y)
+        source_x, source_y = self.about_center(x, y)
         geometry = (self.sensor_x, self.sensor_y, source_x, source_y, self.radius)
         several = self.takes_any_path
         if not several.any():
@@ -83,20 +88,9 @@ class CirclePaths(SelectedRows):
         """Return the reflection points (n,) of some ``rows`` (N,) with several possible paths: of the likeliest."""
         return likeliest_points(sensor_x, sensor_y, source_x, source_y, radius, self.blocker_radius[rows])
 
-    def moved_inside(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points (B,) that are moved, where they are not inside a row's circle, to the middle height there.
-
-        That is half way between the sensor's distance from the centre and the radius, in the same direction.
-        """
-        source_x, source_y = self.about_circle(x, y)
-        distance = np.hypot(source_x, source_y)
-        far = distance >= self.radius
-        snapshot = self.snapshot[far]
-        scale = 0.5 * (self.radius + np.hypot(self.sensor_x, self.sensor_y))[far] / distance[far]
-        x, y = x.copy(), y.copy()
-        x[snapshot] = source_x[far] * scale + self.center_x[far]
-        y[snapshot] = source_y[far] * scale + self.center_y[far]
-        return x, y
+    def moved_inside(self, *point: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points that are moved, where they are not inside a row's circle, as `move_inside` does."""
+        return move_inside(self, self.radius, *point)
 
     def of_measurement(self, k: int) -> Self:
         """Return the rows of measurement ``k``: views, as rows are ordered by measurement."""
@@ -122,7 +116,7 @@ class CirclePaths(SelectedRows):
 
         ``path`` is that of `paths_from` for the points.
         """
-        source_x, source_y = self.about_circle(x, y)
+        source_x, source_y = self.about_center(x, y)
         limits = (self.radius, self.blocker_radius, self.least_elevation_rad)
         seen = sees_by_reflection(self.sensor_x, self.sensor_y, source_x, source_y, path, *limits)
         return ~np.where(self.has_choice, np.isfinite(path.bearing_rad), seen)
@@ -154,6 +148,22 @@ class CircleRows(CirclePaths):
     def under_horizon(self) -> BoolArray:
         """Return which rows (N,) have a bearing under their horizon, from where no wave can come."""
         return elevation(self.sensor_x, self.sensor_y, self.bearing_rad) < self.least_elevation_rad
+
+
+def move_inside(rows: SelectedRows, radius: FloatArray, *point: FloatArray) -> tuple[FloatArray, ...]:
+    """Return points, D arrays (B,), those not inside a row's circle or sphere (N,) moved to the middle height there.
+
+    That is half way between the sensor's distance from the centre and the radius, in the same direction.
+    """
+    source = rows.about_center(*point)
+    distance: FloatArray = reduce(np.hypot, source)
+    far = distance >= radius
+    snapshot = rows.snapshot[far]
+    scale = 0.5 * (radius + reduce(np.hypot, rows.sensor))[far] / distance[far]
+    moved = tuple(part.copy() for part in point)
+    for part, away, middle in zip(moved, source, rows.center, strict=True):
+        part[snapshot] = away[far] * scale + middle[far]
+    return moved
 
 
 def locate_circle_rows(
@@ -193,7 +203,7 @@ def locate_circle_paths(
         radius=radius,
         blocker_radius=blocker,
         least_elevation_rad=np.fmax(horizon, least),
-        takes_any_path=np.isnan(blocker) | (distance > blocker * (1.0 + _GROUND_TOLERANCE)),
+        takes_any_path=np.isnan(blocker) | (distance > blocker * (1.0 + GROUND_TOLERANCE)),
     )
 
 
@@ -204,7 +214,7 @@ def misplaced_sensors(
 
     ``blocker_radius`` is NaN without a blocker.
     """
-    return ~(distance_m < radius), distance_m < blocker_radius * (1.0 - _GROUND_TOLERANCE)
+    return ~(distance_m < radius), distance_m < blocker_radius * (1.0 - GROUND_TOLERANCE)
 
 
 def circle_table(scene: Scene) -> tuple[FloatArray, ...]:
@@ -237,8 +247,8 @@ def likeliest_points(
     """
     hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
     length = np.hypot(hit_x - sensor_x, hit_y - sensor_y) + np.hypot(hit_x - source_x, hit_y - source_y)
-    free = _free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
-    return _least(length + np.where(free, 0.0, 4.0 * radius), hit_x, hit_y)
+    free = free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
+    return least_of(length + np.where(free, 0.0, 4.0 * radius), hit_x, hit_y)
 
 
 def _nearest_point(
@@ -254,12 +264,12 @@ def _nearest_point(
     hit_x, hit_y = all_points(sensor_x, sensor_y, source_x, source_y, radius)
     off = np.abs(wrap_angle(bearing_rad - np.arctan2(hit_y - sensor_y, hit_x - sensor_x)))
     if not np.isnan(blocker_radius).all():
-        free = _free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
+        free = free_legs(hit_x, hit_y, sensor_x, sensor_y, source_x, source_y, blocker_radius)
         off += np.where(free, 0.0, 2.0 * np.pi)
-    return _least(off, hit_x, hit_y)
+    return least_of(off, hit_x, hit_y)
 
 
-def _free_legs(
+def free_legs(
     hit_x: FloatArray,
     hit_y: FloatArray,
     sensor_x: FloatArray,
@@ -268,12 +278,13 @@ def _free_legs(
     source_y: FloatArray,
     blocker_radius: FloatArray,
 ) -> BoolArray:
+    """Return the paths by reflection points that no blocker cuts; shapes broadcast, ``blocker_radius`` NaN: none."""
     first = clears_blocker(sensor_x, sensor_y, hit_x, hit_y, blocker_radius)
     second = clears_blocker(source_x, source_y, hit_x, hit_y, blocker_radius)
     return np.isnan(blocker_radius) | (first & second)
 
 
-def _least(figure: FloatArray, hit_x: FloatArray, hit_y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def least_of(figure: FloatArray, hit_x: FloatArray, hit_y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the points (N,) of (4, N) with the least figure."""
     best = np.argmin(np.where(np.isnan(figure), np.inf, figure), axis=0)
     column = np.arange(best.shape[0])

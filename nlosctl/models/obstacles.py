@@ -28,7 +28,7 @@ class DirectRows(SelectedRows):
 
     def outside(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Return which rows (N,) can't see their point (B,) about the local origin: not in the region A3."""
-        source_x, source_y = self.about_circle(x, y)
+        source_x, source_y = self.about_center(x, y)
         limits = (self.blocker_radius, self.min_elevation_rad)
         return ~sees_directly(self.sensor_x, self.sensor_y, source_x, source_y, *limits)
 

@@ -75,7 +75,7 @@ def _beside_planes(lines: SpaceLines, mirrors: PlaneMirrors, *point: FloatArray)
 
 
 def _within_circles(rows: CircleRows, x: FloatArray, y: FloatArray) -> list[Margins]:
-    source_x, source_y = rows.about_circle(x, y)
+    source_x, source_y = rows.about_center(x, y)
     distance = np.hypot(source_x, source_y)
     up_x, up_y = source_x / distance, source_y / distance
     clearance = _CLEARANCE * rows.radius
@@ -97,7 +97,7 @@ def _elevation_margin(rows: CircleRows, path: ReflectedPath, clearance: FloatArr
 
 
 def _above_horizon(rows: DirectRows, x: FloatArray, y: FloatArray) -> list[Margins]:
-    source_x, source_y = rows.about_circle(x, y)
+    source_x, source_y = rows.about_center(x, y)
     sensor_r, distance = np.hypot(rows.sensor_x, rows.sensor_y), np.hypot(source_x, source_y)
     up_x, up_y = rows.sensor_x / sensor_r, rows.sensor_y / sensor_r
     cross = up_x * source_y - up_y * source_x

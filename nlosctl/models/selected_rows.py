@@ -1,9 +1,9 @@
-"""Some rows of a block (B, K) as flat arrays (N,) with their indices, each about the centre of a circle."""
+"""Some rows of a block (B, K) as flat arrays (N,) with their indices, each about the centre of a circle or sphere."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray, IntArray, ScalarT
 from nlosctl.geometry.blocks import gather_rows
 
-__all__ = ["SelectedRows"]
+__all__ = ["SelectedRows", "SpaceRows"]
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,51 @@ class SelectedRows:
         taken = gather_rows(number, rows).T
         measurement, snapshot = np.nonzero(taken >= 0)
         chosen = taken[measurement, snapshot]
-        arrays = {name: array[chosen] for name, array in vars(self).items() if name != "shape"}
+        arrays = {name: _chosen(value, chosen) for name, value in vars(self).items() if name != "shape"}
         shape = (rows.shape[0], self.shape[1])
         return replace(self, **{**arrays, "shape": shape, "snapshot": snapshot, "measurement": measurement})
 
-    def about(self, origin_x: FloatArray, origin_y: FloatArray) -> Self:
-        """Return the same rows with their centres about local origins (B,)."""
-        x, y = origin_x[self.snapshot], origin_y[self.snapshot]
-        return replace(self, center_x=self.center_x - x, center_y=self.center_y - y)
+    @property
+    def sensor(self) -> tuple[FloatArray, ...]:
+        """The coordinates (N,) of the sensors about the centres."""
+        return self.sensor_x, self.sensor_y
 
-    def about_circle(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points (B,), given about the local origins, about the circle's centre of each row (N,)."""
-        return x[self.snapshot] - self.center_x, y[self.snapshot] - self.center_y
+    @property
+    def center(self) -> tuple[FloatArray, ...]:
+        """The coordinates (N,) of the centres."""
+        return self.center_x, self.center_y
+
+    def about(self, *origin: FloatArray) -> Self:
+        """Return the same rows with their centres about local origins, D arrays (B,)."""
+        shifted: dict[str, Any] = {
+            f"center_{axis}": middle - part[self.snapshot]
+            for axis, middle, part in zip("xyz"[: len(origin)], self.center, origin, strict=True)
+        }
+        return replace(self, **shifted)
+
+    def about_center(self, *point: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points, D arrays (B,) about the local origins, about the centre of each row (N,)."""
+        return tuple(part[self.snapshot] - middle for part, middle in zip(point, self.center, strict=True))
+
+
+@dataclass(frozen=True)
+class SpaceRows(SelectedRows):
+    """Rows in space, about the centre of a sphere."""
+
+    sensor_z: FloatArray
+    center_z: FloatArray
+
+    @property
+    def sensor(self) -> tuple[FloatArray, ...]:
+        """The coordinates (N,) of the sensors about the centres."""
+        return self.sensor_x, self.sensor_y, self.sensor_z
+
+    @property
+    def center(self) -> tuple[FloatArray, ...]:
+        """The coordinates (N,) of the centres."""
+        return self.center_x, self.center_y, self.center_z
+
+
+def _chosen(value: Any, rows: IntArray) -> Any:
+    """Return some rows of an array (N,), or of a tuple of arrays."""
+    return tuple(part[rows] for part in value) if isinstance(value, tuple) else value[rows]
