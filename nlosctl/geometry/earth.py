@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from nlosctl.arrays import FloatArray
 from nlosctl.errors import UsageError
 
-__all__ = ["EarthPlane", "flat_errors", "geodesics"]
+__all__ = ["EarthPlane", "flat_errors", "geodesic_solver", "geodesics", "geodetic_transformer"]
 
 
 _WGS84 = "EPSG:4326"
@@ -121,7 +122,7 @@ def flat_errors(
     """
     lat, lon = plane.to_earth(x_m, y_m)
     to_lat, to_lon = plane.to_earth(to_x_m, to_y_m)
-    azimuth_deg, _, length = _pyproj().Geod(ellps="WGS84").inv(*map(_single, (lon, lat, to_lon, to_lat)))
+    azimuth_deg, _, length = geodesic_solver().inv(*map(_single, (lon, lat, to_lon, to_lat)))
     dx, dy = to_x_m - x_m, to_y_m - y_m
     along = plane.north_rad(x_m, y_m) - np.radians(azimuth_deg)
     turned = np.pi - (np.pi - (np.arctan2(dy, dx) - along)) % (2.0 * np.pi)
@@ -140,9 +141,21 @@ def geodesics(
     known = np.isfinite(np.stack([*start, along.ravel()])).all(axis=0)
     path = np.full((known.size, 2), np.nan)
     if known.any():
-        lon, lat, _ = _pyproj().Geod(ellps="WGS84").fwd(*(part[known] for part in (*start, along.ravel())))
+        lon, lat, _ = geodesic_solver().fwd(*(part[known] for part in (*start, along.ravel())))
         path[known] = np.stack([lon, lat], axis=1)
     return path.reshape(*along.shape, 2)
+
+
+@cache
+def geodesic_solver() -> Any:
+    """Return pyproj's geodesics of WGS 84; raises UsageError where pyproj is not installed."""
+    return _pyproj().Geod(ellps="WGS84")
+
+
+@cache
+def geodetic_transformer() -> Any:
+    """Return pyproj's transformer from longitude, latitude and height (WGS 84) to earth-centred coordinates."""
+    return _pyproj().Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
 
 
 def _single(values: FloatArray) -> Any:

@@ -78,6 +78,8 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     if ranges is not None and isinstance(lines, SpaceLines):
         lines, ends, normal = ranged_lines(lines, *ranges, lognormal=options.range_noise == "lognormal")
         starts += ends
+    elif ranges is not None and not isinstance(lines, SightLines):
+        raise UsageError("ranges beside azimuths of geodesics have no model: set `parameters` use_ranges=false")
     elif ranges is not None and isinstance(lines, SightLines):
         return fit_ranged_bearings(
             batch,

@@ -14,7 +14,11 @@ __all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines"]
 
 
 def bearing_lines(batch: BearingBatch) -> Sight:
-    """Return the rays of a batch about the mean of their origins in each snapshot: in the plane, or in space."""
+    """Return the rays of a batch: in the plane, in space, or the geodesics of azimuths alone on the earth."""
+    if batch.dimension == 3 and batch.sensor_frame is not None and batch.elevation_rad is None:
+        from nlosctl.models.space.geodesic_lines import geodesic_lines
+
+        return geodesic_lines(batch)
     if batch.dimension == 3:
         from nlosctl.models.space.rays import space_lines
 

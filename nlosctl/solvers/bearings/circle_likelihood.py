@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -12,9 +13,8 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.sight import Sight
-from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.likelihood import BearingProblem
-from nlosctl.solvers.optimization.problem import Evaluation, LeastSquaresProblem
+from nlosctl.solvers.optimization.problem import Evaluation, LeastSquaresProblem, LinearizedRows
 
 __all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
 
@@ -117,9 +117,8 @@ BearingLikelihood = BearingProblem | MixedBearingProblem | LeastSquaresProblem
 
 def bearing_problem(lines: Sight) -> BearingLikelihood:
     """Return the likelihood of a block of rays: in the plane the plain one where no row is seen on a circle."""
-    if isinstance(lines, SpaceLines):
-        return LeastSquaresProblem(lines)
-    assert isinstance(lines, SightLines)  # noqa: S101 - the only other rays
+    if not isinstance(lines, SightLines):
+        return LeastSquaresProblem(cast(LinearizedRows, lines))
     if lines.circles is None:
         return BearingProblem.of_lines(lines)
     return MixedBearingProblem.of_lines(lines, lines.circles)
