@@ -25,7 +25,7 @@ _STEP_M = 20.0
 """Half the distance of the points whose azimuths differ for a derivative: geodesics are exact to nanometres."""
 
 _ROUNDS = 4
-"""Gauss-Newton steps from the crossing of great circles, after each of which the plane is moved."""
+"""Gauss-Newton steps from the crossing of great circles; the plane moves with each."""
 
 
 @dataclass(frozen=True)
