@@ -8,7 +8,7 @@ from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.ranges.circles import range_circles
+from nlosctl.models.ranges.spheres import range_rows
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, optimize_ranges, with_covariances
 
 __all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]
@@ -32,19 +32,20 @@ def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
 
     Levenberg-Marquardt from the squared-range fit, from its image in the sensors' principal axis and from the crossings
     of circles, in polar coordinates about the sensor of the surest range; with a row by a circle, from the crossings of
-    pairs of rows. The covariance is the inverse Fisher information at the estimate; where circles nearly touch, the
-    second moment of the likelihood about it.
+    pairs of rows. In space from the fit and its image in the plane that fits the sensors best, and with a measured
+    height, which is one more row, from the fits at that height. The covariance is the inverse Fisher information at the
+    estimate; where circles nearly touch, the second moment of the likelihood about it.
     """
-    circles = range_circles(batch)
-    ends = optimize_ranges(circles, options.max_iterations, options.ambiguous_within)
+    rows = range_rows(batch)
+    ends = optimize_ranges(rows, options.max_iterations, options.ambiguous_within)
     factors = None
     if batch.std == "unknown":
-        factors = estimate_factors(circles, *ends, options.ambiguous_within)
-        circles = replace(circles, std_m=factors.scaled(circles.std_m))
-    one, other = with_covariances(circles, *ends, factors)
+        factors = estimate_factors(rows, *ends, options.ambiguous_within)
+        rows = replace(rows, std_m=factors.scaled(rows.std_m))
+    one, other = with_covariances(rows, *ends, factors)
     return finish_range_fix(
         batch,
-        circles,
+        rows,
         one,
         other,
         min_range_m=options.min_range_m,
@@ -65,6 +66,7 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("residual_m",),
     scales_std=True,
+    dimensions=(2, 3),
     reads=frozenset({"reflector"}),
 )
 

@@ -12,11 +12,12 @@ from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges.circles import RangeCircles, range_circles
-from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem
-from nlosctl.solvers.ranges.optima import RangeOptimum, estimate_factors, finish_range_fix
-from nlosctl.solvers.ranges.search import End, find_range_optima
-from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
+from nlosctl.models.ranges.spheres import RangeRows, range_rows
+from nlosctl.solvers.ranges.ends import End
+from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem, fit_squares, mean_range_m
+from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix
+from nlosctl.solvers.ranges.paired_estimates import RangeOptimum
+from nlosctl.solvers.ranges.search import find_range_optima
 
 __all__ = ["METHOD", "SquaredRangeOptions", "solve"]
 
@@ -40,21 +41,21 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
     """Solve a batch by least squares on squared ranges weighted by 1 / std^2; equation (9) of Liang, Zeng, Li.
 
     The answer is the global minimum; its alternative is the best other minimum that descents from its image in the
-    sensors' principal axis and from crossings of circles reach. The covariance is the sandwich: long ranges weigh more
-    in the fit than they are worth.
+    sensors' principal axis (in space, plane) and from crossings of circles reach. A measured height in space is one
+    more row, in units of squared ranges. The covariance is the sandwich: long ranges weigh more in the fit than they
+    are worth.
     """
-    circles = range_circles(batch)
-    fit = fit_squared_ranges(circles.sensor, circles.squared_in_plane(), 1.0 / (circles.std_m * circles.std_m))
-    one, other = find_range_optima(SquaredRangeProblem.of_rows(circles), circles, fit, _MAX_ITERATIONS)
+    rows = range_rows(batch)
+    one, other = find_range_optima(SquaredRangeProblem.of_rows(rows), rows, fit_squares(rows), _MAX_ITERATIONS)
     factors = None
     if batch.std == "unknown":
-        factors = estimate_factors(circles, one, other, options.ambiguous_within, at_optimum=False)
-        circles = replace(circles, std_m=factors.scaled(circles.std_m))
+        factors = estimate_factors(rows, one, other, options.ambiguous_within, at_optimum=False)
+        rows = replace(rows, std_m=factors.scaled(rows.std_m))
     return finish_range_fix(
         batch,
-        circles,
-        _with_covariance(circles, one),
-        _with_covariance(circles, other),
+        rows,
+        _with_covariance(rows, one),
+        _with_covariance(rows, other),
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,
         at_optimum=False,
@@ -62,14 +63,19 @@ def solve(batch: RangeBatch, options: SquaredRangeOptions) -> Solution:
     )
 
 
-def _with_covariance(circles: RangeCircles, end: End) -> RangeOptimum:
+def _with_covariance(rows: RangeRows, end: End) -> RangeOptimum:
     """Return the optimum with the covariance H^-1 (sum w^2 r^2 std^2 d d') H^-1, H = sum w d d', d = p - a."""
-    away = [part[:, None] - own for part, own in zip(end.point, circles.sensor, strict=True)]
+    away = [part[:, None] - own for part, own in zip(end.point, rows.sensor, strict=True)]
     range_m = reduce(np.hypot, away)
-    if circles.height is not None:
-        range_m = np.hypot(range_m, circles.height)
-    hessian = SymmetricMatrix.gram(*(part / circles.std_m for part in away))
-    middle = SymmetricMatrix.gram(*(part * range_m / circles.std_m for part in away))
+    if rows.height is not None:
+        range_m = np.hypot(range_m, rows.height)
+    hessian = SymmetricMatrix.gram(*(part / rows.std_m for part in away))
+    middle = SymmetricMatrix.gram(*(part * range_m / rows.std_m for part in away))
+    if rows.level is not None:  # its row is (z - Z) / S times the mean range, of that std
+        mean = mean_range_m(rows)
+        weight = mean * rows.level.inverse_std
+        hessian.diagonal[-1][:] += weight * weight
+        middle.diagonal[-1][:] += weight * weight * mean * mean
     return RangeOptimum(end.point, hessian.inverse().congruence(middle), end.cost, end.converged)
 
 
@@ -85,4 +91,5 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("residual_m",),
     scales_std=True,
+    dimensions=(2, 3),
 )

@@ -16,7 +16,8 @@ from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.models.ranges.circles import predict_ranges, range_circles
+from nlosctl.models.ranges.circles import range_circles
+from nlosctl.models.ranges.predictions import predict_ranges
 
 __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 

@@ -12,7 +12,7 @@ from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import sight_lines
-from nlosctl.models.ranges.circles import range_circles
+from nlosctl.models.ranges.spheres import range_rows
 
 __all__ = ["SCALED_RESIDUALS", "ScaledResiduals", "leverages"]
 
@@ -48,14 +48,14 @@ def _bearings(batch: BearingBatch, position_m: FloatArray, *, with_ranges: bool)
 
 
 def _ranges(batch: RangeBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
-    circles = range_circles(batch)
-    x, y = position_m[:, 0] - circles.center_x, position_m[:, 1] - circles.center_y
-    slopes = np.empty((2, *circles.std_m.shape), order="F")
+    rows = range_rows(batch)
+    point = [position_m[:, axis] - middle for axis, middle in enumerate(rows.center)]
+    slopes = np.empty((len(point), *rows.std_m.shape), order="F")
     with ignoring_division():
-        for k in range(circles.std_m.shape[1]):
-            path = circles.path(k, x, y)
-            slopes[0, :, k], slopes[1, :, k] = -path.along_x, -path.along_y
-        return (ScaledResiduals.of(circles.residual_m(x, y) / circles.std_m, *(slopes / circles.std_m)),)
+        for k in range(rows.std_m.shape[1]):
+            for slope, along in zip(slopes, rows.path(k, *point).along, strict=True):
+                slope[:, k] = -along
+        return (ScaledResiduals.of(rows.residual_m(*point) / rows.std_m, *(slopes / rows.std_m)),)
 
 
 SCALED_RESIDUALS: dict[str, Callable[..., tuple[ScaledResiduals, ...]]] = {"bearings": _bearings, "ranges": _ranges}

@@ -10,7 +10,7 @@ from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.contract.scene import CircleReflector, PlaneReflector, Reflector, Scene, SegmentReflector, SphereReflector
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.lines import crosses_segment, reflect_direction
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 
 __all__ = ["TracedRays", "points_at_range", "trace_back"]
 

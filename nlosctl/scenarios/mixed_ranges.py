@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.scenarios.mixed_paths import draw_paths, valley
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.scenarios.scene_paths import SceneOptions, row_columns, scenario_in_scene, scene_paths
 from nlosctl.scenarios.spec import Columns
 

@@ -10,7 +10,7 @@ from nlosctl.arrays import IntArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.scenarios.scene_paths import SceneOptions, scenario_in_scene, scene_paths
 from nlosctl.scenarios.spec import Columns
 from nlosctl.scenarios.triplet_rows import triplet_columns

@@ -15,7 +15,7 @@ from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import LineReflector, Scene
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearing_predictions import predict_bearings
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.models.triplets import predict_triplets
 
 __all__ = [

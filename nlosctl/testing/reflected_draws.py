@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.methods import MethodSpec
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.testing.draws import DRAWS, Draw, Trial, mirror_scene, range_batch
 
 __all__ = ["draws_of"]

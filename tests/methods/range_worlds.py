@@ -14,7 +14,7 @@ from nlosctl.contract.fields import BoxField, Field
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -16,7 +16,8 @@ from nlosctl.contract.fields import CircleField
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.methods.ranges_mixture_ml import METHOD as MIXTURE
 from nlosctl.methods.ranges_r_ls import ML
-from nlosctl.models.ranges.circles import predict_ranges, range_circles
+from nlosctl.models.ranges.circles import range_circles
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.scenarios.mixed_ranges import MixedRangesOptions, draw_paths, valley
 from nlosctl.testing.moves import take_rows
 

@@ -14,7 +14,8 @@ from scipy.optimize import minimize_scalar
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector
 from nlosctl.models.information import INFORMATION
-from nlosctl.models.ranges.circles import predict_ranges, range_circles
+from nlosctl.models.ranges.circles import range_circles
+from nlosctl.models.ranges.predictions import predict_ranges
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 
 from nlosctl.contract.scene import CircleReflector, LineReflector, Reflector, Scene, SegmentReflector
 from nlosctl.models.bearing_predictions import predict_bearings
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.models.traced_rays import points_at_range, trace_back
 
 SENSOR = np.array([[0.0, 0.0], [30.0, -5.0], [-20.0, 10.0]])

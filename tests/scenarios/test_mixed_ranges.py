@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scenario_draws import draw_columns
 
-from nlosctl.models.ranges.circles import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.scenarios.mixed_ranges import MixedRangesOptions, scene
 
 

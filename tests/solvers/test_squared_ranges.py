@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from nlosctl.solvers.ranges.squared_ranges import fit_squared_ranges
+from nlosctl.solvers.ranges.squared_ranges import HeightPenalty, fit_squared_ranges
 
 FloatArray = np.ndarray
 
@@ -83,3 +83,41 @@ def test_coincident_sensors_have_no_fit() -> None:
     fit = fit_squared_ranges(tuple(np.moveaxis(sensors, -1, 0)), squared, weight)
     assert np.isnan(fit.point[0][0])
     assert fit.point[0][1] == alone.point[0][0]
+
+
+def _space_cost(sensors: FloatArray, squared: FloatArray, weight: FloatArray, point: FloatArray) -> FloatArray:
+    return (weight * (squared - ((point[:, None] - sensors) ** 2).sum(axis=2)) ** 2).sum(axis=1)
+
+
+@pytest.mark.parametrize("layout", ["space", "plane", "nearly a plane"])
+@pytest.mark.parametrize("height", [False, True])
+def test_in_space_no_random_start_finds_a_lower_cost(layout: str, height: bool) -> None:
+    """In space the fit, with a penalty on its height or without, costs no more than eight searches by scipy."""
+    generator = np.random.default_rng(17)
+    shape = (12, 5)
+    sensors = generator.uniform(-100.0, 100.0, (*shape, 3))
+    if layout != "space":
+        sensors[..., 2] = 0.3 * sensors[..., 0] + (1e-6 * generator.normal(size=shape) if layout != "plane" else 0.0)
+    source = generator.uniform(-150.0, 150.0, (12, 1, 3))
+    error = generator.choice([0.0, 0.1, 10.0], (12, 1)) * generator.normal(size=shape)
+    squared = (np.linalg.norm(sensors - source, axis=2) + error) ** 2
+    weight = 1.0 / generator.uniform(0.1, 2.0, shape) ** 2
+    level = source[:, 0, 2] + 5.0
+    penalty = HeightPenalty(level, np.full(12, 3e3)) if height else None
+    fit = fit_squared_ranges(tuple(np.moveaxis(sensors, -1, 0)), squared, weight, penalty)
+
+    def whole(point: FloatArray) -> FloatArray:
+        return _space_cost(sensors, squared, weight, point) + (3e3 * (point[:, 2] - level) ** 2 if height else 0.0)
+
+    ours, scale = whole(np.stack(fit.point, axis=1)), (weight * squared**2).sum(axis=1)
+    if layout == "plane" and not height:
+        np.testing.assert_allclose(whole(np.stack(fit.mirror, axis=1)) / scale, ours / scale, atol=1e-12)
+    for row in range(shape[0]):
+
+        def residual(point: FloatArray, row: int = row) -> FloatArray:
+            rows = np.sqrt(weight[row]) * (squared[row] - ((point - sensors[row]) ** 2).sum(axis=1))
+            rows = np.append(rows, np.sqrt(3e3) * (point[2] - level[row]) if height else 0.0)
+            return rows / np.sqrt(scale[row])
+
+        searches = [least_squares(residual, generator.uniform(-200.0, 200.0, 3)) for _ in range(8)]
+        assert ours[row] / scale[row] <= min(2.0 * search.cost for search in searches) + 1e-12

@@ -19,19 +19,15 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, i
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.circular_reflection import reflect_at
 from nlosctl.geometry.lines import reflect_points, side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.circle_rows import CirclePaths, circle_table, likeliest_points, locate_circle_paths
+from nlosctl.models.circle_rows import CirclePaths, locate_circle_paths
 from nlosctl.models.mirror_rows import MirrorRows, gather_mirrors
 from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls, unseen_rows
 from nlosctl.models.ranges.measured_height import MeasuredHeight
-from nlosctl.models.ranges.paths import BentPaths, RangePath
+from nlosctl.models.ranges.paths import FAR_OFF, BentPaths, RangePath
 
-__all__ = ["RangeCircles", "predict_ranges", "range_circles"]
-
-
-_FAR_OFF = 1e3
+__all__ = ["RangeCircles", "range_circles", "unfold_in_lines"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +38,8 @@ class RangeCircles(RowBlock):
     ``circles`` lists the rows by a circle, which have no such point: the functions of this class return their true
     lengths.
     ``height`` is None where every range is measured in the plane. ``mirrors``, ``direct`` (the direct rows, once for
-    each opaque circle) and ``walls`` are what the scene forbids; None or empty without.
+    each opaque circle) and ``walls`` are what the scene forbids; None or empty without. In space ``held_z_m`` (B,) is
+    the height of this plane.
     """
 
     center_x: FloatArray
@@ -56,11 +53,23 @@ class RangeCircles(RowBlock):
     circles: CirclePaths | None = None
     direct: tuple[DirectRows, ...] = ()
     walls: WallRows | None = None
+    held_z_m: FloatArray | None = None
 
     @property
     def center(self) -> tuple[FloatArray, ...]:
         """The local origin (B,), as one array per coordinate."""
         return self.center_x, self.center_y
+
+    def absolute(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points (B,), given about the local origins, in the frame; in space with the height of the plane."""
+        point = x + self.center_x, y + self.center_y
+        return point if self.held_z_m is None else (*point, self.held_z_m)
+
+    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+        """Return the covariances of all coordinates; zeros for the height of the plane in space."""
+        if self.held_z_m is None:
+            return covariance
+        return SymmetricMatrix(*covariance, *(np.zeros(covariance.xx.shape) for _ in range(3)))
 
     @property
     def sensor(self) -> tuple[FloatArray, ...]:
@@ -152,7 +161,7 @@ class RangeCircles(RowBlock):
         return impossible
 
     def _far_off(self, k: int) -> FloatArray:
-        return self.range_m[:, k] + _FAR_OFF * self.std_m[:, k]
+        return self.range_m[:, k] + FAR_OFF * self.std_m[:, k]
 
     def bent_paths(self, k: int, x: FloatArray, y: FloatArray) -> BentPaths | None:
         """Return the paths of row ``k`` by circles to points (B,); None if no snapshot has one."""
@@ -236,7 +245,7 @@ def range_circles(batch: RangeBatch) -> RangeCircles:
     direct = locate_direct_rows(scene, reflector, x, y)
     if (reflector >= 0).any():
         circles = locate_circle_paths(scene, reflector, x, y)
-        x, y, mirrors = _unfold(scene, reflector, x, y)
+        x, y, mirrors = unfold_in_lines(scene, reflector, x, y)
     center_x = sum_measurements(x) / x.shape[1]
     center_y = sum_measurements(y) / y.shape[1]
     return RangeCircles(
@@ -254,7 +263,7 @@ def range_circles(batch: RangeBatch) -> RangeCircles:
     )
 
 
-def _unfold(
+def unfold_in_lines(
     scene: Scene, reflector: IntArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, MirrorRows | None]:
     """Return the images of sensors (B, K) in the flat mirrors of their rows, and those mirrors; None without."""
@@ -267,32 +276,3 @@ def _unfold(
         side = np.where(flat, side_of_line(x, y, point_x, point_y, angle), np.nan)
     mirrors = MirrorRows(point_x, point_y, angle, side)
     return np.where(flat, image_x, x), np.where(flat, image_y, y), mirrors
-
-
-def predict_ranges(
-    sensor_xy_m: FloatArray,
-    sensor_height_m: FloatArray,
-    source_xy_m: FloatArray,
-    reflector: IntArray | None = None,
-    scene: Scene | None = None,
-) -> FloatArray:
-    """Return the noise-free ranges (...) of sources (..., 2) from sensors (..., 2) at heights (...), in metres.
-
-    ``reflector`` (...) are indices into ``scene.reflectors``, -1 for direct paths; by them the range is the length of
-    the path, by a circle that of the shortest one that no blocker cuts (of all where each is cut). NaN where there is
-    none.
-    """
-    x, y = source_xy_m[..., 0], source_xy_m[..., 1]
-    if reflector is None or scene is None or not (reflector >= 0).any():
-        return np.hypot(np.hypot(x - sensor_xy_m[..., 0], y - sensor_xy_m[..., 1]), sensor_height_m)
-    sensor_x, sensor_y, _ = _unfold(scene, reflector, sensor_xy_m[..., 0], sensor_xy_m[..., 1])
-    distance = np.hypot(x - sensor_x, y - sensor_y)
-    middle_x, middle_y, radius, blocker, _ = (column[reflector] for column in circle_table(scene))
-    bent = (reflector >= 0) & np.isfinite(radius)
-    if bent.any():
-        middle_x, middle_y = middle_x[bent], middle_y[bent]
-        ends = [np.broadcast_to(part, bent.shape)[bent] for part in (sensor_x, sensor_y, x, y)]
-        about = (ends[0] - middle_x, ends[1] - middle_y, ends[2] - middle_x, ends[3] - middle_y)
-        hit_x, hit_y = likeliest_points(*about, radius[bent], blocker[bent])
-        distance[bent] = reflect_at(hit_x, hit_y, *about).length_m
-    return np.hypot(distance, sensor_height_m)

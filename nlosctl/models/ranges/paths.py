@@ -6,7 +6,10 @@ from typing import NamedTuple
 
 from nlosctl.arrays import FloatArray, IntArray
 
-__all__ = ["BentPaths", "RangePath"]
+__all__ = ["FAR_OFF", "BentPaths", "RangePath"]
+
+FAR_OFF = 1e3
+"""So many standard deviations the range is too short for a point to which its row has no path."""
 
 
 class RangePath(NamedTuple):

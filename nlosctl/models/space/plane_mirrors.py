@@ -34,6 +34,13 @@ class PlaneMirrors(RowBlock):
         with ignoring_invalid():
             return np.asarray(self.side_m(*point) * self.sensor_side_m <= 0.0)
 
+    def row_beyond(self, k: int, *point: FloatArray) -> BoolArray:
+        """Return the same of row ``k`` for points (B,) or (B, P)."""
+        wide = (slice(None), k, *([None] * (point[0].ndim - 1)))
+        x, y, z = (part * normal[wide] for part, normal in zip(point, self.normal, strict=True))
+        with ignoring_invalid():
+            return np.asarray((x + y + z - self.offset_m[wide]) * self.sensor_side_m[wide] <= 0.0)
+
     def reflected(self, vector: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
         """Return vectors (B, K) reflected by the mirrors: v - 2 n (n . v)."""
         along = sum(2.0 * normal * part for normal, part in zip(self.normal, vector, strict=True))

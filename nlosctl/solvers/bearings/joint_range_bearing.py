@@ -20,8 +20,9 @@ from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, sta
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
-from nlosctl.solvers.ranges.optima import RangeOptimum, paired_estimates
-from nlosctl.solvers.ranges.search import are_apart, find_two_optima
+from nlosctl.solvers.ranges.ends import are_apart
+from nlosctl.solvers.ranges.paired_estimates import RangeOptimum, paired_estimates
+from nlosctl.solvers.ranges.search import find_two_optima
 
 __all__ = ["RangedBearingProblem", "count_scalars", "fit_ranged_bearings", "range_columns", "ranged_lines"]
 
@@ -180,7 +181,7 @@ def fit_ranged_bearings(
         factors.mark(other_status)
     estimates = paired_estimates(
         np.flatnonzero(second),
-        (lines.center_x, lines.center_y),
+        lines,
         (best, other),
         (best.cost, other.cost),
         (status, other_status),

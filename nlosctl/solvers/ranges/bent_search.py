@@ -9,8 +9,9 @@ from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_by_circle, pairs_by_circle
+from nlosctl.solvers.ranges.ends import End
 from nlosctl.solvers.ranges.likelihood import RangeProblem
-from nlosctl.solvers.ranges.search import End, cross_pairs
+from nlosctl.solvers.ranges.search import cross_pairs
 
 __all__ = ["find_bent_optima"]
 

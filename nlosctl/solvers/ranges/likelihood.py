@@ -11,9 +11,11 @@ from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.models.ranges.measured_height import MeasuredHeight
+from nlosctl.models.ranges.spheres import RangeRows
 from nlosctl.solvers.optimization.problem import Evaluation
+from nlosctl.solvers.ranges.squared_ranges import HeightPenalty, SquaredRangeFit, fit_squared_ranges
 
-__all__ = ["RangeProblem", "SquaredRangeProblem"]
+__all__ = ["RangeProblem", "SquaredRangeProblem", "fit_squares", "mean_range_m"]
 
 
 _LEAST_SHARE = 0.01
@@ -39,7 +41,7 @@ class RangeProblem(RowBlock):
     level: MeasuredHeight | None = None
 
     @classmethod
-    def of_rows(cls, rows: RangeCircles) -> RangeProblem:
+    def of_rows(cls, rows: RangeRows) -> RangeProblem:
         """Return the problem of a block of ranges."""
         bent = rows if isinstance(rows, RangeCircles) and rows.circles is not None else None
         return cls(rows.sensor, rows.range_m, 1.0 / rows.std_m, rows.height, bent, rows.level)
@@ -110,7 +112,7 @@ class SquaredRangeProblem(RowBlock):
     level: MeasuredHeight | None = None
 
     @classmethod
-    def of_rows(cls, rows: RangeCircles) -> SquaredRangeProblem:
+    def of_rows(cls, rows: RangeRows) -> SquaredRangeProblem:
         """Return the problem of a block of ranges, with weights proportional to 1 / std^2.
 
         The differences are divided by 2 std times the snapshot's mean range, which makes them about as large as
@@ -120,12 +122,16 @@ class SquaredRangeProblem(RowBlock):
         return cls(rows.sensor, rows.squared_in_plane(), 1.0 / scale, rows.level)
 
     def evaluate(self, *point: FloatArray) -> Evaluation:
-        """Return cost, gradient and Gauss-Newton matrix."""
+        """Return cost, gradient and Gauss-Newton matrix; in space Newton's, where that is positive definite.
+
+        In space Gauss-Newton's is singular for sensors in a plane and a point in it.
+        """
         away = [part[:, None] - own for part, own in zip(point, self.sensor, strict=True)]
         squared = away[0] * away[0]
         for part in away[1:]:
             squared += part * part
         residual = (squared - self.squared_range) * self.inverse_scale
+        bend = 2.0 * sum_measurements(residual * self.inverse_scale) if len(point) > 2 else None
         for part in away:
             part *= 2.0 * self.inverse_scale
         cost = 0.5 * sum_measurements(residual * residual)
@@ -136,9 +142,20 @@ class SquaredRangeProblem(RowBlock):
             cost += 0.5 * scaled * scaled
             gradient[-1][:] += scaled * precision
             matrix.diagonal[-1][:] += precision * precision
-        return Evaluation(cost, gradient, matrix)
+        if bend is None:
+            return Evaluation(cost, gradient, matrix)
+        return Evaluation.of_newton(cost, gradient, matrix.add_to_diagonal(bend), matrix, _LEAST_SHARE)
 
 
-def mean_range_m(rows: RangeCircles) -> FloatArray:
+def mean_range_m(rows: RangeRows) -> FloatArray:
     """Return the mean range (B,) of the snapshots."""
     return np.asarray(sum_measurements(rows.range_m) / rows.range_m.shape[1])
+
+
+def fit_squares(rows: RangeRows) -> SquaredRangeFit:
+    """Return the exact minimum of `SquaredRangeProblem`, by `fit_squared_ranges`."""
+    penalty = None
+    if rows.level is not None:
+        scale = 2.0 * mean_range_m(rows) * rows.level.inverse_std
+        penalty = HeightPenalty(rows.level.z_m, scale * scale)
+    return fit_squared_ranges(rows.sensor, rows.squared_in_plane(), 1.0 / (rows.std_m * rows.std_m), penalty)

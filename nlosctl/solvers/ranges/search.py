@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import reduce
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges.circles import RangeCircles
+from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres
 from nlosctl.solvers.optimization.polar_coordinates import Pole, minimize_about_pole
 from nlosctl.solvers.optimization.problem import Problem
+from nlosctl.solvers.ranges.ends import End, TwoBest
+from nlosctl.solvers.ranges.space_search import find_space_optima
 from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit
 
-__all__ = [
-    "End",
-    "TwoBest",
-    "are_apart",
-    "cross_pairs",
-    "every_pair",
-    "find_range_optima",
-    "find_two_optima",
-    "surest_pairs",
-    "surest_pole",
-]
+__all__ = ["cross_pairs", "every_pair", "find_range_optima", "find_two_optima", "surest_pairs", "surest_pole"]
 
 _EVERY_CROSSING = 4
 """Up to this many rows a descent starts from every crossing; of more rows one descent, from the likeliest other one."""
@@ -38,46 +28,6 @@ _PARTNERS = 4
 
 _EXPLAINED, _EXPLAINED_IF_THOROUGH = 0.3, 0.6
 """A point leads to a known optimum if its cost is at least this share of what the quadratic model there predicts."""
-
-_DISTINCT_STANDARD_DEVIATIONS = 1e-3
-"""Optima nearer to each other than this are the same."""
-
-
-@dataclass(frozen=True)
-class End(RowBlock):
-    """Where one descent of each snapshot ended (B,), about the local origin; NaN and not converged where none did."""
-
-    point: tuple[FloatArray, ...]
-    cost: FloatArray
-    converged: BoolArray
-
-    @classmethod
-    def missing(cls, snapshots: int, dimension: int = 2) -> End:
-        """Return the ends where no descent has been."""
-        cost, *point = np.full((dimension + 1, snapshots), np.nan)
-        return cls(tuple(point), cost, np.zeros(snapshots, dtype=bool))
-
-    @property
-    def x(self) -> FloatArray:
-        """The first coordinate."""
-        return self.point[0]
-
-    @property
-    def y(self) -> FloatArray:
-        """The second coordinate."""
-        return self.point[1]
-
-    def put(self, rows: IntArray, other: End) -> None:
-        """Replace the ends of some snapshots."""
-        for mine, theirs in zip(self.point, other.point, strict=True):
-            mine[rows] = theirs
-        self.cost[rows], self.converged[rows] = other.cost, other.converged
-
-    def improves(self, known: End) -> BoolArray:
-        """Return where this end is better: converged while the other is not, or cheaper."""
-        with ignoring_invalid():
-            cheaper: BoolArray = (self.converged == known.converged) & (self.cost < known.cost)
-        return cheaper | (self.converged & ~known.converged)
 
 
 class Landscape(Protocol):
@@ -96,19 +46,19 @@ class Landscape(Protocol):
         ...
 
 
-def find_range_optima(
-    problem: Problem, circles: RangeCircles, fit: SquaredRangeFit, max_iterations: int
-) -> tuple[End, End]:
+def find_range_optima(problem: Problem, rows: RangeRows, fit: SquaredRangeFit, max_iterations: int) -> tuple[End, End]:
     """Return the two best optima of ``problem``, a cost of ``circles``, as `find_two_optima`.
 
     The first descent starts from the squared-range fit. The other points are the fit's mirror image and the crossings
-    of all circles, of more than four rows those with the circle of the surest range.
+    of all circles, of more than four rows those with the circle of the surest range. In space `find_space_optima`.
     """
-    few = circles.range_m.shape[1] <= _EVERY_CROSSING
-    x, y = cross_pairs(circles, *(every_pair(circles) if few else surest_pairs(circles)))
+    if isinstance(rows, RangeSpheres):
+        return find_space_optima(problem, rows, fit, max_iterations)
+    few = rows.range_m.shape[1] <= _EVERY_CROSSING
+    x, y = cross_pairs(rows, *(every_pair(rows) if few else surest_pairs(rows)))
     points = np.concatenate([[fit.mirror[0]], x]), np.concatenate([[fit.mirror[1]], y])
-    pole = surest_pole(circles)
-    return find_two_optima(problem, circles, pole, (fit.point[0], fit.point[1]), points, max_iterations, thorough=few)
+    pole = surest_pole(rows)
+    return find_two_optima(problem, rows, pole, (fit.point[0], fit.point[1]), points, max_iterations, thorough=few)
 
 
 def find_two_optima(
@@ -192,34 +142,6 @@ def surest_pairs(circles: RangeCircles) -> tuple[IntArray, IntArray]:
 def _descend(problem: Problem, pole: Pole, x: FloatArray, y: FloatArray, max_iterations: int) -> End:
     end = minimize_about_pole(problem, pole, x, y, max_iterations=max_iterations)
     return End(end.point, end.cost, end.converged)
-
-
-def are_apart(one: tuple[FloatArray, ...], other: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> BoolArray:
-    """Return which points (B,), given as D arrays, are two, by the covariance of one."""
-    with ignoring_invalid():
-        away = reduce(np.hypot, [mine - theirs for mine, theirs in zip(one, other, strict=True)])
-        apart: BoolArray = away > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(covariance.trace)
-    return apart
-
-
-class TwoBest:
-    """The cheapest optimum of each snapshot so far, and the cheapest apart from it."""
-
-    def __init__(self, first: End) -> None:
-        self.best = first
-        self.other = End.missing(first.cost.size, len(first.point))
-
-    def note(self, rows: IntArray, end: End, information: SymmetricMatrix) -> None:
-        """Take the ends of further descents of some snapshots into account, whose information is that at the end."""
-        best, other = self.best.take(rows), self.other.take(rows)
-        apart = are_apart(end.point, best.point, information.inverse())
-        better = end.improves(best)
-        runner_up = np.flatnonzero(better & apart & best.converged)
-        self.other.put(rows[runner_up], best.take(runner_up))
-        second = np.flatnonzero(end.improves(other) & ~better & apart & end.converged)
-        self.other.put(rows[second], end.take(second))
-        first = np.flatnonzero(better)
-        self.best.put(rows[first], end.take(first))
 
 
 class _Optimum(NamedTuple):

@@ -33,10 +33,14 @@ _FLOOR = 1e-18
 
 @dataclass(frozen=True)
 class SquaredRangeFit:
-    """The global minima (B,), and their images in the line (plane) of the principal axes, as D arrays. Metres."""
+    """The global minima (B,), and their images in the line (plane) through the mean across the unit ``normal``.
+
+    The normal is the principal axis of the least moment. D arrays each, metres.
+    """
 
     point: tuple[FloatArray, ...]
     mirror: tuple[FloatArray, ...]
+    normal: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ def fit_squared_ranges(
     for part in coordinates:
         part[lost] = np.nan  # sensors that coincide up to rounding
     mirrored = [*coordinates[:-1], -coordinates[-1]]
-    return SquaredRangeFit(_place(mean, axes, coordinates), _place(mean, axes, mirrored))
+    return SquaredRangeFit(_place(mean, axes, coordinates), _place(mean, axes, mirrored), tuple(axes[-1]))
 
 
 def _principal_axes(moment: SymmetricMatrix) -> tuple[list[list[FloatArray]], list[FloatArray]]:
