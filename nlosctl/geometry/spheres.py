@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import ReflectedPath, reflect_at
@@ -89,6 +89,11 @@ class SpherePath:
         return self.plane.direction(*self._outgoing())
 
     @property
+    def vector(self) -> Vector:
+        """The vectors from the sensor in that direction, as long as the whole path."""
+        return scaled(self.direction, self.flat.length_m)
+
+    @property
     def across_width_m(self) -> FloatArray:
         """Width of the ray tube per radian across the plane: l1 + l2 - 2 l1 l2 cos(i) / R (sagittal).
 
@@ -111,6 +116,11 @@ class SpherePath:
             within = dot(vector, self.plane.direction(-sine, cosine)) / self.flat.tube_width_m
             beside = dot(vector, self.plane.normal) / self.across_width_m
         return combine(within, self.plane.direction(self.flat.sine, -self.flat.cosine), beside, self.plane.normal)
+
+    def take(self, rows: IntArray) -> SpherePath:
+        """Return the paths (N,) of some rows."""
+        flat = ReflectedPath(**{name: array[rows] for name, array in vars(self.flat).items()})
+        return SpherePath(self.plane.take(rows), flat)
 
     def _outgoing(self) -> tuple[FloatArray, FloatArray]:
         """Return cosine and sine, in the plane, of the direction from the sensor."""

@@ -8,9 +8,14 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.sight import bearing_lines
+from nlosctl.models.sight import linear_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, inflated_sandwich, sandwich_covariance
+from nlosctl.solvers.bearings.line_fits import (
+    fit_least_squares,
+    inflated_sandwich,
+    sandwich_covariance,
+    with_independent_errors,
+)
 
 __all__ = ["METHOD", "LeastSquaresOptions", "solve"]
 
@@ -30,8 +35,9 @@ def solve(batch: BearingBatch, options: LeastSquaresOptions) -> Solution:
     The covariance is the sandwich (U^T U)^-1 U^T S U (U^T U)^-1 with S = diag(std^2 spread^2), since the
     distances to the lines are not equally precise. On a circle the lines are those of (41)-(45).
     """
-    lines = bearing_lines(batch)
+    lines = linear_lines(batch)
     fit = fit_least_squares(lines)
+    lines = with_independent_errors(lines, fit)
     return finish_bearings_fix(
         batch,
         lines,

@@ -17,7 +17,7 @@ from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns, ranged_lines
-from nlosctl.solvers.bearings.line_fits import LineFit, fit_focused, fit_least_squares
+from nlosctl.solvers.bearings.line_fits import LineFit, fit_focused, fit_least_squares, with_independent_errors
 from nlosctl.solvers.bearings.multistart import find_optima
 from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
 from nlosctl.solvers.bearings.von_mises import fit_von_mises
@@ -67,6 +67,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     """
     lines = bearing_lines(batch)
     first = fit_least_squares(lines)
+    lines = with_independent_errors(lines, first)
     start = fit_focused(lines, first)
     ranges = range_columns(batch, options.use_ranges)
     if options.law == "vonmises":

@@ -8,7 +8,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.sight import bearing_lines
+from nlosctl.models.sight import linear_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import (
     fit_focused,
@@ -16,6 +16,7 @@ from nlosctl.solvers.bearings.line_fits import (
     fit_stansfield,
     inflated_sandwich,
     sandwich_covariance,
+    with_independent_errors,
 )
 
 __all__ = ["FOCUSED", "METHOD", "StansfieldOptions", "solve", "solve_focused"]
@@ -51,8 +52,9 @@ def solve_focused(batch: BearingBatch, options: StansfieldOptions) -> Solution:
 
 def _solve(batch: BearingBatch, options: StansfieldOptions, *, focused: bool) -> Solution:
     """Solve a batch by a weighted fit of the lines, whose errors grow with their widths at the least-squares fix."""
-    lines = bearing_lines(batch)
+    lines = linear_lines(batch)
     first = fit_least_squares(lines)
+    lines = with_independent_errors(lines, first)
     fit = (fit_focused if focused else fit_stansfield)(lines, first)
     weighed_m = (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
     return finish_bearings_fix(

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray, ScalarT
-from nlosctl.geometry.blocks import gather_rows
+from nlosctl.geometry.blocks import gather_rows, rows_of
 
 __all__ = ["SelectedRows", "SpaceRows"]
 
@@ -49,7 +49,7 @@ class SelectedRows:
         taken = gather_rows(number, rows).T
         measurement, snapshot = np.nonzero(taken >= 0)
         chosen = taken[measurement, snapshot]
-        arrays = {name: _chosen(value, chosen) for name, value in vars(self).items() if name != "shape"}
+        arrays = {name: rows_of(value, chosen) for name, value in vars(self).items() if name != "shape"}
         shape = (rows.shape[0], self.shape[1])
         return replace(self, **{**arrays, "shape": shape, "snapshot": snapshot, "measurement": measurement})
 
@@ -92,8 +92,3 @@ class SpaceRows(SelectedRows):
     def center(self) -> tuple[FloatArray, ...]:
         """The coordinates (N,) of the centres."""
         return self.center_x, self.center_y, self.center_z
-
-
-def _chosen(value: Any, rows: IntArray) -> Any:
-    """Return some rows of an array (N,), or of a tuple of arrays."""
-    return tuple(part[rows] for part in value) if isinstance(value, tuple) else value[rows]

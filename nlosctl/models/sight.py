@@ -8,9 +8,10 @@ from typing import Any, Protocol, Self
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines"]
+__all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines", "linear_lines"]
 
 
 def bearing_lines(batch: BearingBatch) -> Sight:
@@ -26,6 +27,14 @@ def bearing_lines(batch: BearingBatch) -> Sight:
     from nlosctl.models.bearings import sight_lines
 
     return sight_lines(batch)
+
+
+def linear_lines(batch: BearingBatch) -> Sight:
+    """Return the rays of a batch for a linear fit; raises UsageError for rows that no plane contains."""
+    lines = bearing_lines(batch)
+    if getattr(lines, "has_azimuth_alone", False):
+        raise UsageError("a row by a sphere without an elevation has no plane for a linear fit; use the method ml")
+    return lines
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.directions import length
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.obstacles import WallRows
 from nlosctl.models.sight import Crossing, RayResiduals
@@ -62,7 +63,7 @@ class SpaceLines(RowBlock):
         """The number of scalars of rows: those before the height."""
         return self.rows * (2 if self.measured_m is None else 3)
 
-    def with_std(self, std: FloatArray) -> SpaceLines:
+    def with_std(self, std: FloatArray) -> Self:
         """Return the same rays with other standard deviations (B, M) of the rows; that of a height stays."""
         return replace(self, std=np.concatenate([std[:, : self.of_rows].T, self.std[:, self.of_rows :].T]).T)
 
@@ -118,7 +119,7 @@ class SpaceLines(RowBlock):
 
     stansfield_width_m = tube_width_m
 
-    def paths_from(self, *point: FloatArray) -> None:
+    def paths_from(self, *point: FloatArray) -> Any:
         """Return nothing: these paths are straight."""
 
     def inside_circles(self, *point: FloatArray) -> tuple[FloatArray, ...]:
@@ -126,7 +127,7 @@ class SpaceLines(RowBlock):
         return point
 
     def linearized(
-        self, *point: FloatArray, extra_m2: FloatArray | None = None
+        self, *point: FloatArray, extra_m2: FloatArray | None = None, paths: Any = None
     ) -> Iterator[tuple[FloatArray, tuple[FloatArray, ...]]]:
         """Yield residual over std (B,) and derivatives of azimuth and elevation, row by row, of ranges and the height.
 
@@ -134,10 +135,9 @@ class SpaceLines(RowBlock):
         """
         whole = self.whole(point)
         for k in range(self.rows):
-            compared = self.angles.compare(k, self._seen(whole, k), extra_m2)
+            compared = self.compared(whole, k, extra_m2, paths)
             for index, (residual, slopes) in zip((k, self.rows + k), compared, strict=True):
                 inverse = 1.0 / self.std[:, index]
-                slopes = self._from_sensor(slopes, k)
                 yield residual * inverse, tuple(slope * inverse for slope in slopes[: self.unknowns])
         for k in range(0 if self.measured_m is None else self.rows):
             residual, slopes, _ = self._range(whole, k)
@@ -146,6 +146,13 @@ class SpaceLines(RowBlock):
             inverse = 1.0 / self.std[:, -1]
             zero = np.zeros(inverse.shape)
             yield (self.height_m - whole[2]) * inverse, (zero, zero, -inverse)
+
+    def compared(
+        self, whole: Vector, k: int, extra_m2: FloatArray | None, paths: Any
+    ) -> Iterator[tuple[FloatArray, Vector]]:
+        """Yield residual (B,) and derivatives of azimuth and elevation of row ``k``."""
+        for residual, slopes in self.angles.compare(k, self._seen(whole, k), extra_m2):
+            yield residual, self._from_sensor(slopes, k)
 
     def bending(self, *point: FloatArray) -> SymmetricMatrix:
         """Return the sum (B,) of residuals over their stds times their second derivatives."""
@@ -164,7 +171,7 @@ class SpaceLines(RowBlock):
         """Return residual over std, derivatives and second derivatives of the range of a row; 0 without one."""
         assert self.measured_m is not None  # noqa: S101 - asked for where there are ranges
         x, y, z = (part - origin[:, k] for part, origin in zip(whole, self.origin, strict=True))
-        distance = _length((x, y, z))
+        distance = length((x, y, z))
         unit = (x / distance, y / distance, z / distance)
         measured, known = self.measured_m[:, k], np.isfinite(self.measured_m[:, k])
         inverse = np.where(known, 1.0 / self.std[:, 2 * self.rows + k], 0.0)
@@ -175,15 +182,15 @@ class SpaceLines(RowBlock):
         slopes = (unit[0] * slope, unit[1] * slope, unit[2] * slope)
         return np.where(known, residual * inverse, 0.0), slopes, bend
 
-    def residual(self, *point: FloatArray, paths: None = None) -> FloatArray:
+    def residual(self, *point: FloatArray, paths: Any = None) -> FloatArray:
         """Return measured minus predicted scalars (B, M); 0 in rows without an elevation."""
-        return self._gathered([residual for residual, _ in self.linearized(*point)]) * self.std
+        return self._gathered([residual for residual, _ in self.linearized(*point, paths=paths)]) * self.std
 
     def slopes(
-        self, *point: FloatArray, paths: None = None, extra_m2: FloatArray | None = None
+        self, *point: FloatArray, paths: Any = None, extra_m2: FloatArray | None = None
     ) -> tuple[FloatArray, ...]:
         """Return the derivatives (B, M) of the residuals over their stds; with ``extra_m2`` as in `linearized`."""
-        every = [slopes for _, slopes in self.linearized(*point, extra_m2=extra_m2)]
+        every = [slopes for _, slopes in self.linearized(*point, extra_m2=extra_m2, paths=paths)]
         return tuple(self._gathered(parts) for parts in zip(*every, strict=True))
 
     def _gathered(self, parts: Sequence[FloatArray]) -> FloatArray:
@@ -191,23 +198,21 @@ class SpaceLines(RowBlock):
         angles = 2 * self.rows
         return np.stack([*parts[:angles:2], *parts[1:angles:2], *parts[angles:]]).T
 
-    def information(
-        self, *point: FloatArray, paths: None = None, extra_m2: FloatArray | None = None
-    ) -> SymmetricMatrix:
+    def information(self, *point: FloatArray, paths: Any = None, extra_m2: FloatArray | None = None) -> SymmetricMatrix:
         """Return the Fisher information (B,) of points; ``extra_m2`` as in `linearized`."""
         total = SymmetricMatrix.full(point[0].shape, 0.0, len(point))
         with ignoring_overflow():
-            for _, slopes in self.linearized(*point, extra_m2=extra_m2):
+            for _, slopes in self.linearized(*point, extra_m2=extra_m2, paths=paths):
                 total += SymmetricMatrix.outer(*slopes)
         return total
 
-    def ray_residuals(self, *point: FloatArray, paths: None = None) -> RayResiduals:
+    def ray_residuals(self, *point: FloatArray, paths: Any = None) -> RayResiduals:
         """Return distances and chi-square of points, and where they are nearly above or below a row's sensor."""
         with ignoring_overflow():
             seen = self._seen(self.whole(point))
-            range_m = _length(seen)
+            range_m = length(seen)
             chi_square = np.zeros(point[0].shape)
-            for residual, _ in self.linearized(*point):
+            for residual, _ in self.linearized(*point, paths=paths):
                 chi_square += residual * residual
             behind = np.asarray((self.angles.along_m(seen) < 0.0).any(axis=1))
             zenith = np.asarray(self.angles.at_zenith(seen, self.std[:, self.rows : 2 * self.rows]).any(axis=1))
@@ -215,7 +220,7 @@ class SpaceLines(RowBlock):
 
     def range_m(self, *point: FloatArray) -> FloatArray:
         """Return the unfolded distances (B, K) of points from the origins."""
-        return _length(self._seen(self.whole(point)))
+        return length(self._seen(self.whole(point)))
 
     def crossing(self, *point: FloatArray) -> Crossing:
         """Return points relative to the lines and planes without their directions."""
@@ -225,7 +230,7 @@ class SpaceLines(RowBlock):
             missed = np.sum(reach, axis=0) - self.offsets(normals)
             missed = np.abs(missed / (self.std * self.tube_width_m(*point)))
             seen = self._seen(whole)
-            range_m = _length(seen)
+            range_m = length(seen)
         return Crossing(missed, range_m.min(axis=1), range_m.max(axis=1), self.angles.along_m(seen).min(axis=1))
 
     def beside_nearest_origin(self, *point: FloatArray, share: float) -> tuple[FloatArray, ...]:
@@ -248,12 +253,12 @@ class SpaceLines(RowBlock):
 
     def ends(self, measured_m: FloatArray) -> Vector:
         """Return the ends (B, K) of the rays at ranges; NaN without a range or an elevation."""
-        length = np.where(self.angles.has_elevation > 0.0, measured_m, np.nan)
+        reach_m = np.where(self.angles.has_elevation > 0.0, measured_m, np.nan)
         rays = zip(self.origin, self._from_sensor(self.angles.directions()), strict=True)
-        x, y, z = (origin + length * ray for origin, ray in rays)
+        x, y, z = (origin + reach_m * ray for origin, ray in rays)
         return x, y, z
 
-    def unseen(self, *point: FloatArray, paths: None = None) -> BoolArray:
+    def unseen(self, *point: FloatArray, paths: Any = None) -> BoolArray:
         """Return to which rows (B, K) a point cannot be visible in the scene."""
         x, y, z = self.whole(point)
         unseen = np.zeros(self.origin[0].shape, dtype=bool)
@@ -263,9 +268,9 @@ class SpaceLines(RowBlock):
             unseen |= self.walls.unseen(self.origin[0], self.origin[1], x, y)
         return unseen
 
-    def outside_scene(self, *point: FloatArray, paths: None = None) -> BoolArray:
+    def outside_scene(self, *point: FloatArray, paths: Any = None) -> BoolArray:
         """Return which points (B,) the scene rules out."""
-        return np.asarray(self.unseen(*point).any(axis=1))
+        return np.asarray(self.unseen(*point, paths=paths).any(axis=1))
 
     def under_horizon(self) -> BoolArray:
         """Return which rows (B, K) have a direction from which no wave can come: these have no such limit."""
@@ -273,7 +278,7 @@ class SpaceLines(RowBlock):
 
     def all_under_horizon(self) -> BoolArray:
         """Return in which snapshots (B,) all directions are such."""
-        return np.zeros(self.origin[0].shape[0], dtype=bool)
+        return np.asarray(self.under_horizon().all(axis=1))
 
     def whole(self, point: tuple[FloatArray, ...]) -> Vector:
         """Return points about the local origins with their height."""
@@ -292,8 +297,3 @@ class SpaceLines(RowBlock):
     def _from_sensor(self, vector: Vector, k: int | None = None) -> Vector:
         """Return vectors in the axes of the sensors as unfolded vectors in the frame."""
         return vector if self.axes is None else self.axes.unfolded(vector, slice(None) if k is None else k)
-
-
-def _length(vector: Vector) -> FloatArray:
-    x, y, z = vector
-    return np.sqrt(x * x + y * y + z * z)

@@ -6,12 +6,16 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.scene import SphereReflector
 from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.directions import dot
 from nlosctl.models.obstacles import locate_walls
 from nlosctl.models.space.lines import SpaceLines
 from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.space.plane_mirrors import PlaneMirrors, gather_plane_mirrors
 from nlosctl.models.space.sensor_axes import SensorAxes
+from nlosctl.models.space.sphere_lines import SphereLines
+from nlosctl.models.space.sphere_rows import SphereRows, locate_opaque_spheres, locate_sphere_rows
 
 __all__ = ["space_lines"]
 
@@ -20,16 +24,20 @@ def space_lines(batch: BearingBatch) -> SpaceLines:
     """Return the unfolded rays of a batch in space, and the height of its source if it is measured."""
     assert batch.sensor_z_m is not None  # noqa: S101 - batches in space have heights
     sensor: Vector = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_z_m)
+    shape = batch.bearing_rad.shape
+    elevation = np.full(shape, np.nan) if batch.elevation_rad is None else batch.elevation_rad
+    angles = MeasuredAngles.of(batch.bearing_rad, elevation, in_tangent_plane=batch.direction_std_rad is not None)
     mirrors = gather_plane_mirrors(batch.scene, batch.reflector, sensor)
+    spheres = _spheres(batch, sensor, angles)
+    if spheres is not None:
+        mirrors = _with_tangents(mirrors, spheres)
     origin = sensor if mirrors is None else mirrors.images(sensor)
     count = batch.measurements
     x, y, z = (sum_measurements(part) / count for part in origin)
-    shape = batch.bearing_rad.shape
-    elevation = np.full(shape, np.nan) if batch.elevation_rad is None else batch.elevation_rad
-    return SpaceLines(
+    lines = SpaceLines(
         center=(x, y, z),
         origin=(origin[0] - x[:, None], origin[1] - y[:, None], origin[2] - z[:, None]),
-        angles=MeasuredAngles.of(batch.bearing_rad, elevation, in_tangent_plane=batch.direction_std_rad is not None),
+        angles=angles,
         std=_stds(batch, np.isfinite(elevation)),
         axes=_axes(batch, mirrors),
         mirrors=None if mirrors is None else mirrors.about(x, y, z),
@@ -37,6 +45,39 @@ def space_lines(batch: BearingBatch) -> SpaceLines:
         height_m=None if batch.target_z_m is None else batch.target_z_m - z,
         is_held=batch.height_held,
     )
+    if spheres is None:
+        return lines
+    opaque = locate_opaque_spheres(batch.scene, batch.reflector, sensor)
+    return SphereLines(
+        **vars(lines), spheres=spheres.about(x, y, z), opaque=tuple(rows.about(x, y, z) for rows in opaque)
+    )
+
+
+def _spheres(batch: BearingBatch, sensor: Vector, angles: MeasuredAngles) -> SphereRows | None:
+    """Return the rows by spheres, their measured directions in the frame; None where the scene has no sphere."""
+    if not any(isinstance(reflector, SphereReflector) for reflector in batch.scene.reflectors):
+        return None
+    axes = _axes(batch, None)
+    ray, along_azimuth = angles.directions(), angles.tangents()[0]
+    if axes is not None:
+        ray, along_azimuth = (axes.unfolded(vector, slice(None)) for vector in (ray, along_azimuth))
+    unknown = np.where(angles.has_elevation > 0.0, 0.0, np.nan)
+    share = np.ones(unknown.shape) if angles.in_tangent_plane else angles.cos_elevation
+    known = tuple(part + unknown for part in ray)
+    return locate_sphere_rows(batch.scene, batch.reflector, sensor, known, along_azimuth, share, batch.bearing_rad)
+
+
+def _with_tangents(mirrors: PlaneMirrors | None, spheres: SphereRows) -> PlaneMirrors:
+    """Return the mirrors with the tangent planes of the rows by spheres (centres in the frame), as rows (B, K)."""
+    if mirrors is None:
+        x, y, z, offset = (np.zeros(spheres.shape, order="F") for _ in range(4))
+        mirrors = PlaneMirrors((x, y, z), offset, np.full(spheres.shape, np.nan, order="F"))
+    tangents = spheres.tangents
+    for block, part in zip(mirrors.normal, tangents.normal, strict=True):
+        spheres.place_in(block, part)
+    offset = dot(tangents.normal, spheres.center) + np.where(tangents.has_plane, spheres.radius, 0.0)
+    spheres.place_in(mirrors.offset_m, offset)
+    return mirrors
 
 
 def _stds(batch: BearingBatch, has_elevation: BoolArray) -> FloatArray:

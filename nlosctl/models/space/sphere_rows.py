@@ -17,10 +17,11 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.circular_reflection import all_points
 from nlosctl.geometry.directions import Vector, dot, length
 from nlosctl.geometry.short_arc import short_arc_point
-from nlosctl.geometry.spheres import SpherePath, central_plane, elevation_above_horizon
+from nlosctl.geometry.spheres import SpherePath, central_plane, elevation_above_horizon, leave_sphere
 from nlosctl.geometry.visibility import horizon_elevation, sees_by_reflection, sees_directly
-from nlosctl.models.circle_rows import GROUND_TOLERANCE, free_legs, least_of, misplaced_sensors
+from nlosctl.models.circle_rows import GROUND_TOLERANCE, free_legs, least_of, misplaced_sensors, move_inside
 from nlosctl.models.selected_rows import SpaceRows
+from nlosctl.models.space.sphere_tangents import SphereTangents
 
 __all__ = ["OpaqueSphereRows", "SphereRows", "locate_opaque_spheres", "locate_sphere_rows", "sphere_table"]
 
@@ -43,6 +44,7 @@ class SphereRows(SpaceRows):
     ray_y: FloatArray
     ray_z: FloatArray
     azimuth_rad: FloatArray
+    tangents: SphereTangents
 
     @property
     def ray(self) -> Vector:
@@ -74,6 +76,10 @@ class SphereRows(SpaceRows):
         turned = np.abs(wrap_angle(self.azimuth_rad[rows] - np.arctan2(direction[1], direction[0])))
         return np.where(np.isnan(ray[0]), turned, apart)
 
+    def moved_inside(self, *point: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points that are moved, where they are not inside a row's sphere, as `move_inside` does."""
+        return move_inside(self, self.radius, *point)
+
     def outside(self, path: SpherePath, *point: FloatArray) -> BoolArray:
         """Return which rows (N,) can't see their point (B,): not in the sphere, or not in A2 where it has a blocker.
 
@@ -102,28 +108,36 @@ class OpaqueSphereRows(SpaceRows):
 
 
 def locate_sphere_rows(
-    scene: Scene, reflector: IntArray, sensor: Vector, ray: Vector, azimuth_rad: FloatArray
-) -> SphereRows | None:
-    """Return the sphere rows of a block (B, K), centres in the scene's coordinates, or None if it has no such rows.
+    scene: Scene,
+    reflector: IntArray,
+    sensor: Vector,
+    ray: Vector,
+    along_azimuth: Vector,
+    azimuth_share: FloatArray,
+    azimuth_rad: FloatArray,
+) -> SphereRows:
+    """Return the sphere rows of a block (B, K), centres in the scene's coordinates.
 
-    ``sensor`` and ``ray`` are three arrays (B, K). Rows whose sensor is not inside the sphere, or under the blocker,
+    ``sensor``, ``ray`` (NaN without an elevation) and its tangent ``along_azimuth`` are three arrays (B, K), the others
+    as in `SphereTangents`. Rows whose sensor is not inside the sphere, or under the blocker,
     get a sensor that is NaN: no path leads to it.
     """
     table = sphere_table(scene)
     measurement, snapshot = np.nonzero(((reflector >= 0) & np.isfinite(table[0])[reflector]).T)
-    if not snapshot.size:
-        return None
     index = (snapshot, measurement)
     *center, radius, blocker, least = (column[reflector[index]] for column in table)
     about = tuple(part[index] - middle for part, middle in zip(sensor, center, strict=True))
     distance = length(about)
     outside, under = misplaced_sensors(distance, radius, blocker)
     inside = np.where(outside | under, np.nan, 0.0)
+    mine, along = (tuple(part[index] for part in vector) for vector in (ray, along_azimuth))
+    hit = leave_sphere(about, mine, radius)
     return SphereRows(
         **_indices(reflector, snapshot, measurement),
         **_named("sensor", tuple(part + inside for part in about)),
         **_named("center", tuple(center)),
-        **_named("ray", tuple(part[index] for part in ray)),
+        **_named("ray", mine),
+        tangents=SphereTangents.of(hit, mine, along, azimuth_share[index]),
         azimuth_rad=azimuth_rad[index],
         radius=radius,
         blocker_radius=blocker,

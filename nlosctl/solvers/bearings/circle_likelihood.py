@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -13,6 +13,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.sight import Sight
+from nlosctl.models.space.sphere_lines import SphereLines
 from nlosctl.solvers.bearings.likelihood import BearingProblem
 from nlosctl.solvers.optimization.problem import Evaluation, LeastSquaresProblem, LinearizedRows
 
@@ -117,6 +118,8 @@ BearingLikelihood = BearingProblem | MixedBearingProblem | LeastSquaresProblem
 
 def bearing_problem(lines: Sight) -> BearingLikelihood:
     """Return the likelihood of a block of rays: in the plane the plain one where no row is seen on a circle."""
+    if isinstance(lines, SphereLines):
+        return LeastSquaresProblem(replace(lines, refuses=True))
     if not isinstance(lines, SightLines):
         return LeastSquaresProblem(cast(LinearizedRows, lines))
     if lines.circles is None:

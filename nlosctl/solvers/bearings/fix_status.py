@@ -14,7 +14,13 @@ from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.sight import RayResiduals, Sight
-from nlosctl.solvers.bearings.line_fits import InflatedCovariance, fit_focused, fit_least_squares, inflate_near_sensors
+from nlosctl.solvers.bearings.line_fits import (
+    InflatedCovariance,
+    fit_focused,
+    fit_least_squares,
+    inflate_near_sensors,
+    with_independent_errors,
+)
 from nlosctl.solvers.optimization.unknown_std import StdFactors
 
 Point = tuple[FloatArray, ...]
@@ -235,6 +241,7 @@ def _crosses_behind(lines: Sight, chi_square: FloatArray, answered: BoolArray) -
     point is not ``answered``, it is enough that the crossing is clearly behind the origin.
     """
     first = fit_least_squares(lines)
+    lines = with_independent_errors(lines, first)
     fit = fit_focused(lines, first)
     crossing = lines.crossing(*fit.point)
     covariance = fit.normal.inverse()

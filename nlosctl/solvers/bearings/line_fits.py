@@ -14,6 +14,7 @@ from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_ove
 from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.sight import Sight
+from nlosctl.models.space.sphere_lines import SphereLines
 
 __all__ = [
     "InflatedCovariance",
@@ -24,6 +25,7 @@ __all__ = [
     "inflate_near_sensors",
     "inflated_sandwich",
     "sandwich_covariance",
+    "with_independent_errors",
 ]
 
 InflatedCovariance = Callable[[IntArray, FloatArray], SymmetricMatrix]
@@ -77,6 +79,14 @@ def fit_focused(lines: Sight, first: LineFit) -> LineFit:
     on a focus.
     """
     return _solve_weighted(lines.tube_width_m(*first.point), lines)
+
+
+def with_independent_errors(lines: Sight, first: LineFit) -> Sight:
+    """Return the lines with the planes of rows by spheres turned about their rays: independent errors at ``first``.
+
+    Least squares does not depend on the turn; the weights of Stansfield's fit and covariances require it.
+    """
+    return lines.based_at(*first.point) if isinstance(lines, SphereLines) else lines
 
 
 def sandwich_covariance(
