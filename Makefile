@@ -1,7 +1,9 @@
 # README's two commands: `make demo` and `make test` set up everything they need in .venv, then run.
 # `make test PYTHON=python3.13` makes .venv again with another Python; `JOBS=2` runs the tests in two processes.
 PYTHON ?= python3
-JOBS ?= auto
+# One process more than CPUs, because some tests wait for other processes.
+JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+PYTEST := -m pytest -n $(JOBS) --dist loadgroup
 BIN := .venv/bin
 RUNTIME := .venv/runtime-$(notdir $(PYTHON))
 DEV := .venv/dev-$(notdir $(PYTHON))
@@ -33,7 +35,7 @@ test: $(DEV) ## lint, format, types, import contract, tests, with the locked dep
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python $(PYTEST)
 
 FAST := geometry models contract solvers methods scenarios evaluation pipeline registry
 
@@ -77,10 +79,10 @@ papers: $(DEV) ## run all figures and tables of the papers (an hour at most; con
 	$(BIN)/nlosctl reproduce all -o out/papers --page docs/papers.md --jobs 0 --overwrite
 
 coverage: $(DEV) ## the tests with coverage by branches, in subprocesses too; fails under 95 %
-	$(BIN)/python -m pytest -n $(JOBS) --cov=nlosctl --cov-report=term-missing
+	$(BIN)/python $(PYTEST) --cov=nlosctl --cov-report=term-missing
 
 reliability: $(DEV) ## long runs with faults, hostile files, fuzzing, kills and extreme numbers: see docs/reliability.md
-	$(BIN)/python -m pytest -n $(JOBS) -m '' tests/reliability
+	$(BIN)/python $(PYTEST) -m '' tests/reliability
 	$(BIN)/python tests/reliability/fuzz_files.py --inputs 100000
 	$(BIN)/python tests/reliability/kill_runs.py --kills 200
 
@@ -106,12 +108,12 @@ audit: $(DEV) ## known vulnerabilities of the locked packages; needs a network
 test-minimum: ## the tests with the oldest runtime dependencies that pyproject.toml allows
 	$(PYTHON) -m venv --clear out/minimum
 	out/minimum/bin/python -m pip install --quiet --disable-pip-version-check $(MINIMUM) -e '.[dev]'
-	out/minimum/bin/python -m pytest -n $(JOBS)
+	out/minimum/bin/python $(PYTEST)
 
 test-newest: ## the tests with the newest dependencies
 	$(PYTHON) -m venv --clear out/newest
 	out/newest/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
-	out/newest/bin/python -m pytest -n $(JOBS)
+	out/newest/bin/python $(PYTEST)
 
 test-package: $(DEV) ## build sdist and wheel, install the wheel in an empty environment, try it from there
 	rm -rf out/package && mkdir -p out/package

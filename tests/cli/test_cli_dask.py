@@ -22,7 +22,7 @@ from cli_support import PROGRAM, Outcome, plain_environment, process
 
 from nlosctl.cli.main import run
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.xdist_group("dask_cluster")]
 
 distributed = pytest.importorskip("distributed")
 

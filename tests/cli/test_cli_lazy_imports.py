@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from cli_support import PROGRAM, plain_environment
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.xdist_group("lazy_imports")]
 
 HEAVY = {"numpy", "scipy", "pyarrow", "msgspec", "pandas", "matplotlib"}
 

@@ -14,7 +14,7 @@ from warm_program import warm_path
 
 from nlosctl import registry
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.xdist_group("formats_page")]
 
 PAGE = read_page("docs/formats.md")
 SOURCE, HALL = (47.36, 8.58), (47.3765, 8.5485)

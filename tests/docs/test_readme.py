@@ -13,7 +13,7 @@ from doc_pages import ROOT, run_shell
 from nlosctl import registry
 from nlosctl.cli.main import app
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.xdist_group("readme")]
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -8,7 +8,7 @@ import pytest
 from doc_pages import ROOT, read_page, run_shell
 from plugin_environment import make_environment
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.xdist_group("writing_a_method")]
 
 PAGE = read_page("docs/writing-a-method.md")
 
