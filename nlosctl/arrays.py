@@ -12,6 +12,7 @@ __all__ = [
     "BoolArray",
     "FloatArray",
     "IntArray",
+    "Point",
     "ScalarT",
     "SeedArray",
     "StatusArray",
@@ -24,6 +25,8 @@ __all__ = [
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+Point = tuple[FloatArray, ...]
+"""Coordinates of points, as D arrays: x and y in the plane, x, y and z in space."""
 StatusArray = npt.NDArray[np.uint8]
 """Statuses of estimates, by number (`nlosctl.contract.statuses.Status`)."""
 ThreeValuedArray = npt.NDArray[np.int8]

@@ -1,59 +1,66 @@
-"""Regions of the plane, one per snapshot: is a point inside, how far from the edge, how large is it?
+"""Regions of the plane or of space, one per snapshot: is a point inside, how far from the edge, how large is it?
 
-Coordinates are metres about each snapshot's local origin. Points have shape (B,) or (B, P); a region has one row
-for each snapshot.
+Coordinates are metres about each snapshot's local origin, as D arrays. Points have shape (B,) or (B, P); a region has
+one row for each snapshot.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from math import gamma, pi
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.blocks import RowBlock
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
+from nlosctl.geometry.blocks import RowBlock, rows_of
 
-__all__ = ["BoxRegion", "CircleRegion", "Disc", "PolygonRegion", "Region"]
+__all__ = ["Ball", "BoxRegion", "CircleRegion", "PolygonRegion", "PrismRegion", "Region", "box_diagonal"]
 
 
-class Disc(NamedTuple):
-    """Discs; each array (B,)."""
+class Ball(NamedTuple):
+    """Balls (in the plane discs); each array (B,)."""
 
-    x: FloatArray
-    y: FloatArray
+    center: Point
     radius: FloatArray
 
     @classmethod
-    def about(cls, region: Region, rows: IntArray) -> Disc:
-        """Return the discs about the bounds of some rows of a region; their radius is not zero."""
-        xmin, xmax, ymin, ymax = (bound[rows] for bound in region.bounds_m)
-        radius = np.maximum(0.5 * np.hypot(xmax - xmin, ymax - ymin), np.finfo(np.float64).tiny ** 0.25)
-        return cls(0.5 * (xmin + xmax), 0.5 * (ymin + ymax), radius)
+    def about(cls, region: Region, rows: IntArray) -> Ball:
+        """Return the balls about the bounds of some rows of a region; their radius is not zero."""
+        lower, upper = rows_of(region.bounds_m, rows)
+        radius = np.maximum(0.5 * box_diagonal(lower, upper), np.finfo(np.float64).tiny ** 0.25)
+        return cls(tuple(0.5 * (least + most) for least, most in zip(lower, upper, strict=True)), radius)
+
+    @property
+    def volume(self) -> FloatArray:
+        """The volumes (B,) in m3, in the plane the areas in m2."""
+        dimension = len(self.center)
+        return np.asarray(pi ** (0.5 * dimension) / gamma(0.5 * dimension + 1.0) * self.radius**dimension)
 
 
 class Region(Protocol):
     """B regions."""
 
     @property
-    def area_m2(self) -> FloatArray:
-        """The areas (B,)."""
+    def volume(self) -> FloatArray:
+        """The volumes (B,) in m3, in the plane the areas in m2."""
         ...
 
     @property
-    def bounds_m(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The least and greatest x, then the least and greatest y, each (B,)."""
+    def bounds_m(self) -> tuple[Point, Point]:
+        """The least and the greatest coordinates, D arrays (B,) each."""
         ...
 
-    def contains(self, x: FloatArray, y: FloatArray) -> BoolArray:
+    def contains(self, *point: FloatArray) -> BoolArray:
         """Return which points are inside, the edge included (a polygon's up to rounding); false for NaN."""
         ...
 
-    def edge_distance_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def edge_distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distance to the edge, negative outside."""
         ...
 
-    def on_edge(self, x: FloatArray, y: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
+    def on_edge(self, *point: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
         """Return which points are within ``tolerance_m`` (a number or (B,)) of the edge; false for NaN."""
         ...
 
@@ -64,39 +71,42 @@ class Region(Protocol):
 
 @dataclass(frozen=True)
 class BoxRegion(RowBlock):
-    """Boxes along the axes; each array (B,)."""
+    """Boxes along the axes; D arrays (B,) of the least and the greatest coordinates."""
 
-    xmin: FloatArray
-    xmax: FloatArray
-    ymin: FloatArray
-    ymax: FloatArray
+    lower: Point
+    upper: Point
 
     @property
-    def area_m2(self) -> FloatArray:
-        """The areas (B,)."""
-        return (self.xmax - self.xmin) * (self.ymax - self.ymin)
+    def volume(self) -> FloatArray:
+        """The volumes (B,), in the plane the areas."""
+        return reduce(np.multiply, [most - least for least, most in zip(self.lower, self.upper, strict=True)])
 
     @property
-    def bounds_m(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The least and greatest x, then the least and greatest y, each (B,)."""
-        return self.xmin, self.xmax, self.ymin, self.ymax
+    def bounds_m(self) -> tuple[Point, Point]:
+        """The least and the greatest coordinates, D arrays (B,) each."""
+        return self.lower, self.upper
 
-    def contains(self, x: FloatArray, y: FloatArray) -> BoolArray:
+    def contains(self, *point: FloatArray) -> BoolArray:
         """Return which points are inside, the edge included; false for NaN."""
-        xmin, xmax, ymin, ymax = (_beside(edge, x) for edge in self.bounds_m)
-        inside: BoolArray = (x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)
+        inside = point[0] >= _beside(self.lower[0], point[0])
+        inside &= point[0] <= _beside(self.upper[0], point[0])
+        for part, least, most in zip(point[1:], self.lower[1:], self.upper[1:], strict=True):
+            inside &= part >= _beside(least, part)
+            inside &= part <= _beside(most, part)
         return inside
 
-    def edge_distance_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def edge_distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distance to the edge, negative outside."""
-        xmin, xmax, ymin, ymax = (_beside(edge, x) for edge in self.bounds_m)
-        inner_x, inner_y = np.minimum(x - xmin, xmax - x), np.minimum(y - ymin, ymax - y)
-        outside = np.hypot(np.minimum(inner_x, 0.0), np.minimum(inner_y, 0.0))
-        return np.where(outside > 0.0, -outside, np.minimum(inner_x, inner_y))
+        inner = [
+            np.minimum(part - _beside(least, part), _beside(most, part) - part)
+            for part, least, most in zip(point, self.lower, self.upper, strict=True)
+        ]
+        outside = reduce(np.hypot, [np.minimum(part, 0.0) for part in inner])
+        return np.where(outside > 0.0, -outside, reduce(np.minimum, inner))
 
-    def on_edge(self, x: FloatArray, y: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
+    def on_edge(self, *point: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
         """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
-        return _near(self.edge_distance_m(x, y), tolerance_m)
+        return _near(self.edge_distance_m(*point), tolerance_m)
 
 
 @dataclass(frozen=True)
@@ -108,27 +118,28 @@ class CircleRegion(RowBlock):
     radius: FloatArray
 
     @property
-    def area_m2(self) -> FloatArray:
+    def volume(self) -> FloatArray:
         """The areas (B,)."""
         return np.pi * self.radius * self.radius
 
     @property
-    def bounds_m(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The least and greatest x, then the least and greatest y, each (B,)."""
-        return self.x - self.radius, self.x + self.radius, self.y - self.radius, self.y + self.radius
+    def bounds_m(self) -> tuple[Point, Point]:
+        """The least and the greatest coordinates, two arrays (B,) each."""
+        return (self.x - self.radius, self.y - self.radius), (self.x + self.radius, self.y + self.radius)
 
-    def contains(self, x: FloatArray, y: FloatArray) -> BoolArray:
+    def contains(self, *point: FloatArray) -> BoolArray:
         """Return which points are inside, the edge included; false for NaN."""
-        inside: BoolArray = self.edge_distance_m(x, y) >= 0.0
+        inside: BoolArray = self.edge_distance_m(*point) >= 0.0
         return inside
 
-    def edge_distance_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def edge_distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distance to the edge, negative outside."""
+        x, y = point
         return _beside(self.radius, x) - np.hypot(x - _beside(self.x, x), y - _beside(self.y, x))
 
-    def on_edge(self, x: FloatArray, y: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
+    def on_edge(self, *point: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
         """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
-        return _near(self.edge_distance_m(x, y), tolerance_m)
+        return _near(self.edge_distance_m(*point), tolerance_m)
 
 
 @dataclass(frozen=True)
@@ -139,7 +150,7 @@ class PolygonRegion(RowBlock):
     y: FloatArray
 
     @property
-    def area_m2(self) -> FloatArray:
+    def volume(self) -> FloatArray:
         """The areas (B,), by the shoelace formula about the first vertex."""
         x, y = self.x - self.x[:, :1], self.y - self.y[:, :1]
         twice = np.zeros(x.shape[0])
@@ -148,12 +159,13 @@ class PolygonRegion(RowBlock):
         return 0.5 * np.abs(twice)
 
     @property
-    def bounds_m(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The least and greatest x, then the least and greatest y, each (B,)."""
-        return self.x.min(axis=1), self.x.max(axis=1), self.y.min(axis=1), self.y.max(axis=1)
+    def bounds_m(self) -> tuple[Point, Point]:
+        """The least and the greatest coordinates, two arrays (B,) each."""
+        return (self.x.min(axis=1), self.y.min(axis=1)), (self.x.max(axis=1), self.y.max(axis=1))
 
-    def contains(self, x: FloatArray, y: FloatArray) -> BoolArray:
+    def contains(self, *point: FloatArray) -> BoolArray:
         """Return which points are inside by counting the edges to their right; false for NaN."""
+        x, y = point
         inside = np.zeros(x.shape, dtype=bool)
         for x1, y1, x2, y2 in self._edges(x):
             with ignoring_overflow():
@@ -161,8 +173,9 @@ class PolygonRegion(RowBlock):
                 inside ^= ((y1 > y) != (y2 > y)) & (x < crossing_x)
         return inside
 
-    def edge_distance_m(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def edge_distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distance to the edge, negative outside."""
+        x, y = point
         nearest = np.full(x.shape, np.inf)
         for x1, y1, x2, y2 in self._edges(x):
             along_x, along_y = x2 - x1, y2 - y1
@@ -173,14 +186,59 @@ class PolygonRegion(RowBlock):
             np.minimum(nearest, np.hypot(x - x1 - share * along_x, y - y1 - share * along_y), out=nearest)
         return np.where(self.contains(x, y), nearest, -nearest)
 
-    def on_edge(self, x: FloatArray, y: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
+    def on_edge(self, *point: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
         """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
-        return _near(self.edge_distance_m(x, y), tolerance_m)
+        return _near(self.edge_distance_m(*point), tolerance_m)
 
     def _edges(self, like: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
         count = self.x.shape[1]
         corners = [(_beside(self.x[:, v], like), _beside(self.y[:, v], like)) for v in range(count)]
         return [(*corners[v - 1], *corners[v]) for v in range(count)]
+
+
+@dataclass(frozen=True)
+class PrismRegion(RowBlock):
+    """Upright prisms in space: a region of the plane between two heights (B,)."""
+
+    base: Region
+    zmin: FloatArray
+    zmax: FloatArray
+
+    @property
+    def volume(self) -> FloatArray:
+        """The volumes (B,)."""
+        return self.base.volume * (self.zmax - self.zmin)
+
+    @property
+    def bounds_m(self) -> tuple[Point, Point]:
+        """The least and the greatest coordinates, three arrays (B,) each."""
+        lower, upper = self.base.bounds_m
+        return (*lower, self.zmin), (*upper, self.zmax)
+
+    def contains(self, *point: FloatArray) -> BoolArray:
+        """Return which points are inside, the edge included; false for NaN."""
+        z = point[2]
+        inside: BoolArray = self.base.contains(*point[:2]) & (z >= _beside(self.zmin, z)) & (z <= _beside(self.zmax, z))
+        return inside
+
+    def edge_distance_m(self, *point: FloatArray) -> FloatArray:
+        """Return the distance to the edge, negative outside."""
+        z = point[2]
+        beside, within = (
+            self.base.edge_distance_m(*point[:2]),
+            np.minimum(z - _beside(self.zmin, z), _beside(self.zmax, z) - z),
+        )
+        outside = np.hypot(np.minimum(beside, 0.0), np.minimum(within, 0.0))
+        return np.where(outside > 0.0, -outside, np.minimum(beside, within))
+
+    def on_edge(self, *point: FloatArray, tolerance_m: FloatArray | float) -> BoolArray:
+        """Return which points are within ``tolerance_m`` of the edge; false for NaN."""
+        return _near(self.edge_distance_m(*point), tolerance_m)
+
+
+def box_diagonal(lower: Point, upper: Point) -> FloatArray:
+    """Return the lengths (B,) of the diagonals of boxes."""
+    return reduce(np.hypot, [most - least for least, most in zip(lower, upper, strict=True)])
 
 
 def _beside(values: FloatArray, points: FloatArray) -> FloatArray:

@@ -14,7 +14,6 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
-from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
 from nlosctl.solvers.mixture.modes import Modes, find_modes
 from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha
@@ -56,12 +55,11 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
     grouped, groups = grouped_batch(batch)
     model = outlier_model(grouped, groups, options)
     candidates = _candidates(grouped, model, options)
-    outside = OutsideSearch(batch.size, candidates.beyond) if options.search_outside else None
+    outside = OutsideSearch(batch.size, model.mixture.dimension, candidates.beyond) if options.search_outside else None
     modes = _modes(model, candidates, options, outside)
     fixes, probability = rank_modes(model.mixture, modes)
-    best = Mode(modes.x[:, 0], modes.y[:, 0], modes.cost[:, 0], modes.hessian.at(slice(None), 0))
     found = FixesToJudge(
-        fixes, probability, probability > 0.5, best, modes.settled, modes.at_boundary, modes.candidates
+        fixes, probability, probability > 0.5, modes.best, modes.settled, modes.at_boundary, modes.candidates
     )
     judged = judge_robust_fixes(model, groups, options, found, outside, too_few=model.too_few(), distinct=True)
     fixes, status = judged.fixes, judged.status
@@ -69,11 +67,11 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     lines = model.lines
-    estimates = ranked_estimates(fixes, status, lines.center_x, lines.center_y, options.covariance)
+    estimates = ranked_estimates(fixes, status, (lines.center_x, lines.center_y), options.covariance)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, judged.probability, status)
-    numbers = lines.residuals(grouped, fixes.x[:, 0], fixes.y[:, 0])
+    numbers = lines.residuals(grouped, *fixes.best_point)
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, judged.used, probability, numbers))
 
 
@@ -114,8 +112,9 @@ def _direct_rows(batch: BearingBatch, options: MixtureOptions) -> tuple[FloatArr
         model = outlier_model(grouped, groups, options)
         modes = _modes(model, _candidates(grouped, model, options), options, None)
         fixes, direct = rank_modes(model.mixture, modes)
-        position[rows, 0] = fixes.x[:, 0] + model.lines.center_x
-        position[rows, 1] = fixes.y[:, 0] + model.lines.center_y
+        center = model.lines.center_x, model.lines.center_y
+        for axis, middle in enumerate(center):
+            position[rows, axis] = fixes.best_point[axis] + middle
         probability[rows] = restore_rows(direct, groups)
     return position, probability
 

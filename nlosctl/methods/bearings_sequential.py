@@ -104,14 +104,14 @@ def _fit(ranged: RangedLines, x: FloatArray, y: FloatArray) -> tuple[FloatArray,
     rows = DirectBearings.of(ranged.lines, smallest, *ranges, lognormal=ranged.lognormal)
     everything = np.ones(rows.weight.shape, dtype=bool)
     if ranged.prior is None:
-        chi_square, scalars = least_chi_square(rows, x, y, everything)
+        chi_square, scalars = least_chi_square(rows, (x, y), everything)
         return chi_square, scalars - _UNKNOWNS
     known = ranged.prior.known
     dx, dy = (np.where(known, part, 0.0) for part in (x - ranged.prior.x, y - ranged.prior.y))
     precision = ranged.prior.information()
     slope = (precision.xx * dx + precision.xy * dy, precision.xy * dx + precision.yy * dy)
     expected = RowDerivatives(0.5 * precision.quadratic_form(dx, dy), slope, precision, precision)
-    chi_square, scalars = least_chi_square(rows, x, y, everything, expected)
+    chi_square, scalars = least_chi_square(rows, (x, y), everything, expected)
     return chi_square, scalars + np.where(known, _UNKNOWNS, 0) - _UNKNOWNS
 
 

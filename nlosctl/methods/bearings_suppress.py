@@ -79,7 +79,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     candidates = BearingCandidates.of(
         grouped, model, max_pairs=options.max_pairs, exclude_behind_walls=options.exclude_behind_walls
     )
-    outside = OutsideSearch(batch.size, candidates.beyond) if options.search_outside else None
+    outside = OutsideSearch(batch.size, model.mixture.dimension, candidates.beyond) if options.search_outside else None
     bootstraps, failure = _initial_pairs(groups, options)
     found = suppress_outliers(
         candidates,
@@ -93,15 +93,15 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
         max_pairs=options.max_pairs,
         outside=outside,
     )
-    probability = model.mixture.responsibilities(found.fixes.x[:, 0], found.fixes.y[:, 0])[0]
+    probability = model.mixture.responsibilities(*found.fixes.best_point)[0]
     mode, settled, at_boundary = follow_best(candidates, found.fixes, outside)
     to_judge = FixesToJudge(found.fixes, probability, found.used, mode, settled, at_boundary, found.candidates)
     judged = judge_robust_fixes(model, groups, options, to_judge, outside, too_few=model.too_few())
-    estimates = ranked_estimates(judged.fixes, judged.status, lines.center_x, lines.center_y, "inliers")
+    estimates = ranked_estimates(judged.fixes, judged.status, (lines.center_x, lines.center_y), "inliers")
     estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
         return Solution(estimates=estimates)
-    numbers = lines.residuals(grouped, judged.fixes.x[:, 0], judged.fixes.y[:, 0])
+    numbers = lines.residuals(grouped, *judged.fixes.best_point)
     flags = ranked_flags(judged.status, groups, judged.used, judged.probability, numbers)
     return Solution(estimates=estimates, flags=flags)
 

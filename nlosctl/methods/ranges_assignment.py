@@ -89,7 +89,7 @@ def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
     """
 
     def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
-        area_m2 = float(gate.region.area_m2[0])
+        area_m2 = float(gate.region.volume[0])
         hypotheses = Hypotheses(
             detection_probability=options.detection_probability,
             reward=options.target_reward,

@@ -15,7 +15,6 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.solvers.mixture.feasible_modes import prefer_feasible_modes
 from nlosctl.solvers.mixture.modes import Modes, find_modes
 from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha, next_bias_mean_m
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
@@ -29,6 +28,7 @@ from nlosctl.solvers.mixture.range_rows import (
     range_outlier_model,
 )
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.mixture.verdicts import prefer_feasible_modes
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
@@ -90,13 +90,13 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     groups, model, candidates, modes = _search(batch, options)
     modes = prefer_feasible_modes(model, modes, options.ambiguous_within)
     fixes, at_best = rank_modes(model.mixture, modes)
-    x, y, best = fixes.x[:, 0], fixes.y[:, 0], modes.hessian.at(slice(None), 0)
+    point, best = fixes.best_point, modes.hessian.at(slice(None), 0)
     evidence = model.log_evidence(fixes.cost[:, 0], at_best, best)
     further = {
         Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > _CHANCE),
         Status.AMBIGUOUS: model.rivalled(fixes, options.ambiguous_within + _FURTHER_NATS),
-        Status.DEGENERATE: model.uncertain(x, y, fixes.covariance.at(slice(None), 0)),
-        Status.INFEASIBLE: np.any(model.circles.unseen(x, y) & (at_best > 0.5), axis=1),
+        Status.DEGENERATE: model.uncertain(point, fixes.covariance.at(slice(None), 0)),
+        Status.INFEASIBLE: np.any(model.circles.unseen(*point) & (at_best > 0.5), axis=1),
     }
     kind = "posterior" if options.bias == "positive" else options.covariance
     status = ranked_status(
@@ -114,11 +114,11 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     circles = model.circles
-    estimates = ranked_estimates(fixes, status, circles.center_x, circles.center_y, kind)
+    estimates = ranked_estimates(fixes, status, (circles.center_x, circles.center_y), kind)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, at_best, status)
-    numbers = {"residual_m": circles.residual_m(x, y)}
+    numbers = {"residual_m": circles.residual_m(*point)}
     return Solution(estimates=estimates, flags=ranked_flags(status, groups, at_best > 0.5, probability, numbers))
 
 
@@ -151,7 +151,8 @@ def _direct_rows(batch: RangeBatch, options: RangeMixtureOptions) -> tuple[Float
     groups, model, _, modes = _search(batch, options)
     fixes, direct = rank_modes(model.mixture, modes)
     center = (model.circles.center_x, model.circles.center_y)
-    return np.stack([fixes.x[:, 0] + center[0], fixes.y[:, 0] + center[1]], axis=1), restore_rows(direct, groups)
+    position = [part + middle for part, middle in zip(fixes.best_point, center, strict=True)]
+    return np.stack(position, axis=1), restore_rows(direct, groups)
 
 
 def _count_outliers(batch: RangeBatch, options: RangeMixtureOptions) -> FloatArray:

@@ -2,46 +2,59 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.fields import BoxField, CircleField, Field, PolygonField
 from nlosctl.geometry.blocks import max_measurements
-from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
+from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, PrismRegion, Region
 
 __all__ = ["reach_region", "search_region"]
 
 
-def search_region(
-    field: Field, sensor_x: FloatArray, sensor_y: FloatArray, center_x: FloatArray, center_y: FloatArray
-) -> Region:
-    """Return the regions (B,) that ``field`` means, about the local origins ``center`` (B,).
+def search_region(field: Field, sensors: Point, center: Point) -> Region:
+    """Return the regions (B,) that ``field`` means, about the local origins ``center``, D arrays (B,).
 
-    ``sensor_x`` and ``sensor_y`` (B, K) are the sensors' positions in the same frame as ``center`` (metres). A
-    `SensorsField` of sensors at a single point is that point alone; `reach_region` enlarges it by measured ranges.
+    ``sensors``, D arrays (B, K), are the sensors' positions in the same frame as ``center`` (metres). A `SensorsField`
+    of sensors at a single point is that point alone; `reach_region` enlarges it by measured ranges. In space a circle,
+    a polygon or a box is a prism whose heights are those of the sensors, extended up and down by the
+    larger side of its bounds.
     """
+    if isinstance(field, BoxField | CircleField | PolygonField):
+        base = _plane_region(field, center)
+        return base if len(center) == 2 else _prism(base, sensors[2] - center[2][:, None])
+    about = [part - origin[:, None] for part, origin in zip(sensors, center, strict=True)]
+    lower, upper = [-max_measurements(-part) for part in about], [max_measurements(part) for part in about]
+    sides = [most - least for least, most in zip(lower, upper, strict=True)]
+    margin = field.factor * reduce(np.maximum, sides)
+    return BoxRegion(tuple(part - margin for part in lower), tuple(part + margin for part in upper))
+
+
+def reach_region(region: Region, points: Point, reach_m: FloatArray) -> Region:
+    """Return boxes (B,) that contain regions and all within ``reach_m`` (B,) of the box of points, D arrays (B, K)."""
+    lower, upper = region.bounds_m
+    return BoxRegion(
+        tuple(np.minimum(least, -max_measurements(-part) - reach_m) for least, part in zip(lower, points, strict=True)),
+        tuple(np.maximum(most, max_measurements(part) + reach_m) for most, part in zip(upper, points, strict=True)),
+    )
+
+
+def _plane_region(field: BoxField | CircleField | PolygonField, center: Point) -> Region:
+    center_x, center_y = center[:2]
     if isinstance(field, BoxField):
         return BoxRegion(
-            field.xmin_m - center_x, field.xmax_m - center_x, field.ymin_m - center_y, field.ymax_m - center_y
+            (field.xmin_m - center_x, field.ymin_m - center_y), (field.xmax_m - center_x, field.ymax_m - center_y)
         )
     if isinstance(field, CircleField):
         return CircleRegion(field.x_m - center_x, field.y_m - center_y, np.full(center_x.shape, field.radius_m))
-    if isinstance(field, PolygonField):
-        x, y = np.array(field.vertices_m).T
-        return PolygonRegion(x - center_x[:, None], y - center_y[:, None])
-    x, y = sensor_x - center_x[:, None], sensor_y - center_y[:, None]
-    xmin, xmax = -max_measurements(-x), max_measurements(x)
-    ymin, ymax = -max_measurements(-y), max_measurements(y)
-    margin = field.factor * np.maximum(xmax - xmin, ymax - ymin)
-    return BoxRegion(xmin - margin, xmax + margin, ymin - margin, ymax + margin)
+    x, y = np.array(field.vertices_m).T
+    return PolygonRegion(x - center_x[:, None], y - center_y[:, None])
 
 
-def reach_region(region: Region, x: FloatArray, y: FloatArray, reach_m: FloatArray) -> Region:
-    """Return boxes (B,) that contain regions and all within ``reach_m`` (B,) of the box of points x, y (B, K)."""
-    xmin, xmax, ymin, ymax = region.bounds_m
-    return BoxRegion(
-        np.minimum(xmin, -max_measurements(-x) - reach_m),
-        np.maximum(xmax, max_measurements(x) + reach_m),
-        np.minimum(ymin, -max_measurements(-y) - reach_m),
-        np.maximum(ymax, max_measurements(y) + reach_m),
-    )
+def _prism(base: Region, sensor_z: FloatArray) -> PrismRegion:
+    """Return the regions of space over regions of the plane, about as high as those are wide."""
+    lower, upper = base.bounds_m
+    margin = reduce(np.maximum, [most - least for least, most in zip(lower, upper, strict=True)])
+    return PrismRegion(base, -max_measurements(-sensor_z) - margin, max_measurements(sensor_z) + margin)

@@ -187,8 +187,10 @@ def _targets(
     if options.target is not None:
         return np.broadcast_to(np.array(options.target), (snapshots, 2)).copy()
     origin = np.zeros(1)
-    region = search_region(parse_field(options.region), positions[None, :, 0], positions[None, :, 1], origin, origin)
-    xmin, xmax, ymin, ymax = (float(bound[0]) for bound in region.bounds_m)
+    region = search_region(
+        parse_field(options.region), (positions[None, :, 0], positions[None, :, 1]), (origin, origin)
+    )
+    (xmin, ymin), (xmax, ymax) = ([float(part[0]) for part in bound] for bound in region.bounds_m)
     targets = np.empty((snapshots, 2))
     pending = np.arange(snapshots)
     for _ in range(_DRAWS):

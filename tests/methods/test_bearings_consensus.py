@@ -101,9 +101,10 @@ def test_the_evidence_is_that_of_a_grid(paths: int, outliers: int) -> None:
     fixes, probability = rank_modes(model.mixture, modes)
     hessian = modes.hessian.at(slice(None), 0)
     found = log_evidence(
-        model.mixture, fixes.cost[:, 0], probability, hessian, model.region.area_m2, outlier_gain(np.pi)
+        model.mixture, fixes.cost[:, 0], probability, hessian, model.region.volume, outlier_gain(np.pi)
     )
-    middle = np.stack([fixes.x[:, 0] + model.lines.center_x, fixes.y[:, 0] + model.lines.center_y], axis=1)
+    x, y = fixes.best_point
+    middle = np.stack([x + model.lines.center_x, y + model.lines.center_y], axis=1)
     reach = 6.0 / np.sqrt(hessian.eigenvalues()[0])
     expected = [_evidence_by_grid(grouped, row, middle[row], reach[row], 0.2) for row in range(12)]
     np.testing.assert_allclose(found, expected, atol=0.25)  # a mode is not quite Gaussian

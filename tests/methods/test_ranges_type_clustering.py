@@ -78,7 +78,8 @@ def clustered(world: EchoWorld, unique: str):  # type: ignore[no-untyped-def]
     options = ranges_tca.METHOD.options(targets=1, unique=unique)
     echoes = read_echoes(world.batch, 0, 100)
     center = np.array([echoes.center_x]), np.array([echoes.center_y])
-    region = search_region(world.batch.field, world.batch.sensor_xy_m[..., 0], world.batch.sensor_xy_m[..., 1], *center)
+    sensors = (world.batch.sensor_xy_m[..., 0], world.batch.sensor_xy_m[..., 1])
+    region = search_region(world.batch.field, sensors, center)
     return cluster_echoes(echoes, Gate(region, options.field_margin_m), options)
 
 

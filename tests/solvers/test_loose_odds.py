@@ -41,7 +41,7 @@ def test_the_odds_are_those_of_a_fine_grid(error_deg: float) -> None:
     end = minimize(model.mixture, source[:1] - center[0], source[1:] - center[1])
     direct, information = model.mixture.responsibilities(end.x, end.y)
     covariance, used = information.inverse(), np.ones((1, 3), dtype=bool)
-    odds = loose_odds(model.mixture, end.x, end.y, covariance, direct, used, model.region.area_m2)[0]
+    odds = loose_odds(model.mixture, end.point, covariance, direct, used, model.region.volume)[0]
 
     axis = (np.arange(2000) + 0.5) * _SIDE_M / 2000
     x, y = np.meshgrid(axis, axis)
@@ -62,7 +62,7 @@ def test_the_mass_of_rivals_by_hand() -> None:
     covariance = SymmetricMatrix(np.array([[4.0, 1.0, 1e6]]), np.zeros((1, 3)), np.array([[1.0, 9.0, 1e6]]))
     cost, used = np.array([[5.0, 5.0 + np.log(3.0), 8.0]]), np.array([[4, 3, 2]])
     misfit = Misfit.unknown((1, 3))
-    fixes = RankedFixes(np.zeros((1, 3)), np.zeros((1, 3)), cost, covariance, used, misfit)
+    fixes = RankedFixes((np.zeros((1, 3)), np.zeros((1, 3))), cost, covariance, used, misfit)
     area = np.array([1000.0])
     best = 2.0 * np.pi * 2.0
     second, third = (2.0 * np.pi * 3.0) / best / 3.0, 1000.0 / best * np.exp(-3.0)

@@ -26,14 +26,14 @@ BoolArray = npt.NDArray[np.bool_]
 def test_candidates_on_the_slope_of_a_mode_are_left_out() -> None:
     """Candidates whose cost matches the quadratic model of a mode are skipped; those with less are followed."""
     mode = Mode(
-        np.array([1.0]), np.array([0.0]), np.array([2.0]), Symmetric2x2(*(np.ones((1,)) * v for v in (4, 0, 1)))
+        (np.array([1.0]), np.array([0.0])), np.array([2.0]), Symmetric2x2(*(np.ones((1,)) * v for v in (4, 0, 1)))
     )
     x, y = np.array([[2.0, 2.0, 1.0, 1.0]]), np.array([[0.0, 0.0, 3.0, 3.0]])
-    scores = Scores(x, y, np.array([[4.0, 3.5, 6.6, 5.0]]))  # parabola: 4, 4, 6.5, 6.5
+    scores = Scores((x, y), np.array([[4.0, 3.5, 6.6, 5.0]]))  # parabola: 4, 4, 6.5, 6.5
     leave_out_slope(scores, mode)
     assert np.isinf(scores.cost).tolist() == [[True, False, True, False]]
-    unsettled = Mode(*(np.full(1, np.nan) for _ in range(3)), Symmetric2x2(*(np.full(1, np.nan) for _ in range(3))))
-    scores = Scores(x, y, np.array([[4.0, 3.5, 6.6, 5.0]]))
+    unsettled = Mode.missing(1, 2)
+    scores = Scores((x, y), np.array([[4.0, 3.5, 6.6, 5.0]]))
     leave_out_slope(scores, unsettled)
     assert np.isfinite(scores.cost).all()
 

@@ -157,10 +157,11 @@ class ChunkSolver:
             return np.zeros(row.shape[0], dtype=bool)
         sensor_x, sensor_y = chunk.columns["sensor_x_m"][row], chunk.columns["sensor_y_m"][row]
         center_x, center_y = sensor_x[:, 0], sensor_y[:, 0]
-        region = search_region(self.field, sensor_x, sensor_y, center_x, center_y)
-        xmin, xmax, ymin, ymax = region.bounds_m
+        region = search_region(self.field, (sensor_x, sensor_y), (center_x, center_y))
+        (xmin, ymin), (xmax, ymax) = region.bounds_m
         x, y = position_m[:, 0], position_m[:, 1]
-        return region.on_edge(x - center_x, y - center_y, _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin))
+        tolerance_m = _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin)
+        return region.on_edge(x - center_x, y - center_y, tolerance_m=tolerance_m)
 
     def _chunk_flags(self, chunk: Chunk, run: MethodRun, solved: Sequence[Solved]) -> Flags:
         """Return flags (N,): rows that took no part are not used, and null in the other columns."""

@@ -59,7 +59,7 @@ def candidate_sets(
 def _gate(batch: RangeBatch, snapshot: int, echoes: Echoes, margin_m: float) -> Gate:
     xy = batch.sensor_xy_m[snapshot : snapshot + 1]
     center_x, center_y = np.array([echoes.center_x]), np.array([echoes.center_y])
-    return Gate(search_region(batch.field, xy[..., 0], xy[..., 1], center_x, center_y), margin_m)
+    return Gate(search_region(batch.field, (xy[..., 0], xy[..., 1]), (center_x, center_y)), margin_m)
 
 
 def _cases(sets: StructuredSets, target: IntArray, los: BoolArray) -> tuple[IntArray, BoolArray]:

@@ -50,13 +50,13 @@ def _laplace_ml(trials: Simulated) -> FloatArray:
     """
     lines = sight_lines(batch_of(trials))
     candidates = cross_rays(lines, *np.triu_indices(lines.origin_x.shape[1], 1))
-    sums = np.full(candidates.x.shape, np.inf)
-    for column in range(candidates.x.shape[1]):
-        x, y = candidates.x[:, column].copy(), candidates.y[:, column].copy()
+    sums = np.full(candidates.valid.shape, np.inf)
+    for column in range(candidates.valid.shape[1]):
+        x, y = (part[:, column].copy() for part in candidates.point)
         sums[:, column] = np.abs(lines.bearing_residual_rad(x, y)).sum(axis=1)
     sums[~candidates.valid] = np.inf
     best = np.argmin(sums, axis=1)[:, None]
-    x, y = (np.take_along_axis(part, best, axis=1)[:, 0] for part in (candidates.x, candidates.y))
+    x, y = (np.take_along_axis(part, best, axis=1)[:, 0] for part in candidates.point)
     position = np.stack([x + lines.center_x, y + lines.center_y], axis=1)
     return np.asarray(np.hypot(*(position - trials.truth_m).T))
 

@@ -26,8 +26,7 @@ def mean_end(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -> tuple
     weight = np.where(ends.valid, 1.0 / (spread * spread + std_m * std_m), 0.0)
     with ignoring_division():
         total = sum_measurements(weight)
-        x = sum_measurements(np.where(ends.valid, weight * ends.x, 0.0)) / total
-        y = sum_measurements(np.where(ends.valid, weight * ends.y, 0.0)) / total
+        x, y = (sum_measurements(np.where(ends.valid, weight * part, 0.0)) / total for part in ends.point)
     return x, y
 
 
@@ -44,7 +43,7 @@ def starting_points(lines: SightLines, range_m: FloatArray, std_m: FloatArray) -
         crossings = cross_pairs(circles, *(every_pair(circles) if few else surest_pairs(circles)))
     if not few:
         return crossings
-    parts = [(ends.x.T, ends.y.T), crossings]
+    parts = [(ends.point[0].T, ends.point[1].T), crossings]
     if range_m.shape[1] > 1:
         parts.append(pairwise_crossings(lines))
     x, y = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, SeedArray, ignoring_overflow
 from nlosctl.contract.random_streams import random_keys
 from nlosctl.models.bearings import SightLines
 
@@ -21,8 +21,7 @@ _LEAST_SINE = 1e-6
 class Candidates:
     """Points (B, P) about the local origin; ``valid`` where there is one."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     valid: BoolArray
 
     @classmethod
@@ -30,8 +29,10 @@ class Candidates:
         """Return all candidates of several sources."""
         if len(parts) == 1:
             return parts[0]
-        joined = [np.concatenate([getattr(part, name).T for part in parts]).T for name in ("x", "y", "valid")]
-        return cls(*joined)
+        point = tuple(
+            np.concatenate([part.T for part in same]).T for same in zip(*(part.point for part in parts), strict=True)
+        )
+        return cls(point, np.concatenate([part.valid.T for part in parts]).T)
 
 
 def choose_pairs(seed: SeedArray, count: int, most: int) -> tuple[IntArray, IntArray]:
@@ -63,14 +64,13 @@ def cross_rays(lines: SightLines, first: IntArray, second: IntArray) -> Candidat
         along1 = (x2 * s2 - y2 * c2) / sine  # equation (15)
         along2 = (x2 * s1 - y2 * c1) / sine
         valid = (np.abs(sine) > _LEAST_SINE) & (along1 > 0.0) & (along2 > 0.0)
-        return Candidates(x1 + along1 * c1, y1 + along1 * s1, valid)
+        return Candidates((x1 + along1 * c1, y1 + along1 * s1), valid)
 
 
 def end_rays(lines: SightLines, range_m: FloatArray) -> Candidates:
     """Return the point (B, K) of each ray at its measured range; not valid in rows without one (NaN)."""
-    return Candidates(
-        lines.origin_x + range_m * lines.cosine, lines.origin_y + range_m * lines.sine, np.isfinite(range_m)
-    )
+    point = lines.origin_x + range_m * lines.cosine, lines.origin_y + range_m * lines.sine
+    return Candidates(point, np.isfinite(range_m))
 
 
 def _gather(array: FloatArray, index: IntArray) -> FloatArray:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_division
+from nlosctl.arrays import FloatArray, IntArray, Point, ignoring_division
 from nlosctl.geometry.blocks import RowBlock
-from nlosctl.geometry.regions import Disc
+from nlosctl.geometry.regions import Ball
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.mirror_rows import Focusing
@@ -69,16 +68,22 @@ class DirectBearings(RowBlock):
             lognormal,
         )
 
+    @property
+    def dimension(self) -> int:
+        """The number of coordinates of a point: two."""
+        return 2
+
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) of each row: two where it has a range."""
         ranged = 0 if self.precision is None else self.precision > 0.0
         return np.ones(self.weight.shape, dtype=np.int64) + ranged
 
-    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def half_chi_square(self, k: int, *point: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P); infinite where it can't be direct.
 
         The squared angle is a series in its squared sine: 0.2 % short at 30 degrees, 2 % at 45.
         """
+        x, y = point
         cosine, sine = self.lines.cosine[:, k, None], self.lines.sine[:, k, None]
         along = cosine * x
         along += sine * y
@@ -111,7 +116,7 @@ class DirectBearings(RowBlock):
         np.copyto(half_chi_square, np.inf, where=impossible)
         return half_chi_square
 
-    def ridges(self, disc: Disc) -> FloatArray:
+    def ridges(self, ball: Ball) -> FloatArray:
         """Return the density (B, K) on the ray of the points of `sample_ridge`; 0 for rows seen on a circle.
 
         The points of a row with a range are about the end of the ray.
@@ -119,28 +124,26 @@ class DirectBearings(RowBlock):
         if self.lines.focusing is not None:
             return np.zeros(self.weight.shape)
         ridge = np.sqrt(self.weight / np.pi)
-        along = 2.0 / self._squared_reach(disc)
+        along = 2.0 / self._squared_reach(ball)
         if self.precision is not None and self.measured_m is not None:
             power = 2.0 if self.lognormal else 1.0
             end = self.precision / (np.sqrt(2.0 * np.pi) * self.measured_m**power)
             along = np.where(self.precision > 0.0, end, along)
         return ridge * along
 
-    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+    def on_ridge(self, k: int, ratio: FloatArray, *point: FloatArray) -> FloatArray:
         """Return the density over that (B, P), ``ratio`` itself."""
         return ratio
 
-    def sample_ridge(
-        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def sample_ridge(self, ball: Ball, snapshot: IntArray, k: IntArray, normal: Point, uniform: Point) -> Point:
         """Return points (N,) about the ray of row ``k`` of a snapshot, as the bearing's error is distributed."""
         at = snapshot, k
-        angle = normal * np.sqrt(0.5 / self.weight[at])
-        range_m = np.sqrt(v * self._squared_reach(disc)[at])
+        angle = normal[0] * np.sqrt(0.5 / self.weight[at])
+        range_m = np.sqrt(uniform[1] * self._squared_reach(ball)[at])
         if self.precision is not None and self.measured_m is not None:
             precision, measured = self.precision[at], self.measured_m[at]
             with ignoring_division():
-                scaled = ndtri(v) / precision
+                scaled = normal[1] / precision
                 end = measured * np.exp(scaled) if self.lognormal else measured + scaled
             range_m = np.where(precision > 0.0, end, range_m)
         along, across = range_m * np.cos(angle), range_m * np.sin(angle)
@@ -148,15 +151,17 @@ class DirectBearings(RowBlock):
         x, y = self.lines.origin_x[at], self.lines.origin_y[at]
         return x + cosine * along - sine * across, y + sine * along + cosine * across
 
-    def _squared_reach(self, disc: Disc) -> FloatArray:
+    def _squared_reach(self, ball: Ball) -> FloatArray:
         """Return the squared distance (B, K) of the origins from the farthest points of the discs."""
-        reach = np.hypot(self.lines.origin_x - disc.x[:, None], self.lines.origin_y - disc.y[:, None])
-        reach += disc.radius[:, None]
+        x, y = ball.center
+        reach = np.hypot(self.lines.origin_x - x[:, None], self.lines.origin_y - y[:, None])
+        reach += ball.radius[:, None]
         reach *= reach
         return reach
 
-    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+    def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""
+        x, y = point
         row, along, squared_range = self._seen_from_anywhere(k, x, y)
         impossible = along <= 0.0
         impossible |= squared_range < self.squared_minimum

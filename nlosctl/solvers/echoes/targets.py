@@ -124,7 +124,7 @@ def _regions(batch: RangeBatch, all_echoes: list[Echoes]) -> Region:
     """Return the search regions (B,) about the local origins of the echoes."""
     center_x = np.array([echoes.center_x for echoes in all_echoes])
     center_y = np.array([echoes.center_y for echoes in all_echoes])
-    return search_region(batch.field, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], center_x, center_y)
+    return search_region(batch.field, (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]), (center_x, center_y))
 
 
 def _rows(echoes: Echoes, echo: IntArray) -> IntArray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.models.obstacles import hidden_by_walls
@@ -66,22 +66,23 @@ class BearingCandidates:
             snapshot = np.arange(rows.shape[0])[:, None]
             may = (share[snapshot, first] > 0.0) & (share[snapshot, second] > 0.0)
             may &= leader[snapshot, first] != leader[snapshot, second]
-        parts = [Candidates(crossings.x, crossings.y, crossings.valid & may)]
+        parts = [Candidates(crossings.point, crossings.valid & may)]
         if self.range_m is not None:
             ends = end_rays(lines, self.range_m[rows])
-            parts.append(Candidates(ends.x, ends.y, ends.valid & (share > 0.0)))
+            parts.append(Candidates(ends.point, ends.valid & (share > 0.0)))
         return Candidates.join(parts)
 
-    def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+    def allowed(self, rows: IntArray, *point: FloatArray) -> BoolArray:
         """Return which points (b, P) of some snapshots are in the search region, and not hidden if that matters."""
-        return self._unhidden(rows, x, y, self.model.region.take(rows).contains(x, y))
+        return self._unhidden(rows, point, self.model.region.take(rows).contains(*point))
 
-    def beyond(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+    def beyond(self, rows: IntArray, *point: FloatArray) -> BoolArray:
         """Return which points (b, P) of some snapshots are outside the region, and not hidden if that matters."""
-        return self._unhidden(rows, x, y, ~self.model.region.take(rows).contains(x, y))
+        return self._unhidden(rows, point, ~self.model.region.take(rows).contains(*point))
 
-    def _unhidden(self, rows: IntArray, x: FloatArray, y: FloatArray, among: BoolArray) -> BoolArray:
+    def _unhidden(self, rows: IntArray, point: Point, among: BoolArray) -> BoolArray:
         if self.scene is not None:
+            x, y = point[:2]  # walls are upright
             center_x, center_y = self.model.lines.center_x[rows], self.model.lines.center_y[rows]
             among &= ~hidden_by_walls(self.scene, self.sensor_x[rows], self.sensor_y[rows], x, y, center_x, center_y)
         return among

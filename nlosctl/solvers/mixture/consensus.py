@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
 from math import log, pi, tau
 
 import numpy as np
 from scipy.special import ndtr
 
-from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, Point, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import rows_of, sum_measurements
+from nlosctl.geometry.eigensystems import eigensystem
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.initial_estimates import Mode
@@ -28,6 +30,8 @@ _FAR = 10.0
 
 _CHANCE = 2
 """This many rows always agree on some point."""
+
+_PLANE = 2
 
 _LEVERAGE = 0.5
 """Without a row of less leverage, its share of the information in its direction, the fix is not far away."""
@@ -57,15 +61,15 @@ def log_evidence(
     cost: FloatArray,
     probability: FloatArray,
     hessian: SymmetricMatrix,
-    area_m2: FloatArray,
+    volume: FloatArray,
     gain: FloatArray | float = 1.0,
 ) -> FloatArray:
     """Return the logarithm of the evidence of modes (B,) over that of "no source" (every row is an outlier), in nats.
 
     The evidence of a mode is its likelihood times its share of the search region: the volume of the Gaussian with the
-    second derivatives ``hessian`` (B,) of the cost, over ``area_m2`` (B,), at most 1. ``cost`` (B,) and ``probability``
-    (B, K) to be direct are those at the mode, with rows in the mixture's order. Outliers are rarer by ``gain`` in both
-    hypotheses than the mixture assumes. NaN where there is no mode.
+    second derivatives ``hessian`` (B,) of the cost, over the region's ``volume`` (B,), at most 1. ``cost`` (B,) and
+    ``probability`` (B, K) to be direct are those at the mode, with rows in the mixture's order. Outliers are rarer by
+    ``gain`` in both hypotheses than the mixture assumes. NaN where there is no mode.
     """
     evidence = -cost - mixture.log_nlos
     group = np.zeros(cost.shape)
@@ -75,7 +79,7 @@ def log_evidence(
         evidence += np.where(closes, np.log1p((gain - 1.0) * group), 0.0)
         group = np.where(closes, 0.0, group)
     with ignoring_overflow(), ignoring_division():
-        share = log(tau) - 0.5 * np.log(hessian.determinant) - np.log(area_m2)
+        share = 0.5 * mixture.dimension * log(tau) - 0.5 * np.log(hessian.determinant) - np.log(volume)
     return evidence + np.where(share < 0.0, share, 0.0)
 
 
@@ -92,18 +96,19 @@ def bonus_of_agreement(mixture: Mixture, probability: FloatArray, log_chance: Fl
     return np.asarray(gain + seldom)
 
 
-def rival_mass(fixes: RankedFixes, area_m2: FloatArray, gain: FloatArray | float = 1.0) -> FloatArray:
+def rival_mass(fixes: RankedFixes, region_volume: FloatArray, gain: FloatArray | float = 1.0) -> FloatArray:
     """Return the posterior mass (B,) of all other modes of each snapshot in units of the best's: peaks times volumes.
 
-    A volume is at most the area (B,) of the search region. Outliers are rarer by ``gain`` than in the fixes' costs.
+    A volume is at most that (B,) of the search region. Outliers are rarer by ``gain`` than in the fixes' costs.
     """
     count = fixes.cost.shape[1]
-    log_gain = np.broadcast_to(np.log(gain), area_m2.shape)[:, None]
+    log_gain = np.broadcast_to(np.log(gain), region_volume.shape)[:, None]
     with ignoring_overflow():
-        volume = np.minimum(tau * np.sqrt(fixes.covariance.determinant), area_m2[:, None])
+        unit = tau ** (0.5 * len(fixes.point))
+        volume = np.minimum(unit * np.sqrt(fixes.covariance.determinant), region_volume[:, None])
         mass = np.exp(fixes.cost[:, :1] - fixes.cost + (fixes.n_used - fixes.n_used[:, :1]) * log_gain)
         mass *= volume / volume[:, :1]
-    total = np.zeros(area_m2.shape)
+    total = np.zeros(region_volume.shape)
     for t in range(1, count):
         total += np.where(mass[:, t] > 0.0, mass[:, t], 0.0)
     return total
@@ -111,31 +116,30 @@ def rival_mass(fixes: RankedFixes, area_m2: FloatArray, gain: FloatArray | float
 
 def loose_odds(
     mixture: Mixture,
-    x: FloatArray,
-    y: FloatArray,
+    point: Point,
     covariance: SymmetricMatrix,
     probability: FloatArray,
     used: BoolArray,
-    area_m2: FloatArray,
+    volume: FloatArray,
 ) -> FloatArray:
-    """Return the odds (B,) that a row of fixes x, y (B,) is an outlier that keeps them far from the source.
+    """Return the odds (B,) that a row of fixes (B,) is an outlier that keeps them far from the source.
 
-    Without a row the cost is that of the others at their own optimum, and the volume of the mode larger, at most the
-    area (B,) of the search region: together the odds of that row to be an outlier. Times the probability that the
+    Without a row the cost is that of the others at their own optimum, and the volume of the mode larger, at most
+    that (B,) of the search region: together the odds of that row to be an outlier. Times the probability that the
     source is then more than `_FAR` standard deviations from the fix, by the ``covariance`` (B,) of all rows. By the
     quadratic model of the cost; summed over the rows ``used`` (B, K), which are direct with a ``probability`` (B, K),
     if they have leverage.
     0 for fixes on one or two rows, which agree by chance: that is for the evidence to judge.
     """
-    odds = np.zeros(x.shape)
+    odds = np.zeros(volume.shape)
     with ignoring_overflow(), ignoring_division():
         information = covariance.inverse()
         for k in range(mixture.count):
-            row, weight = mixture.rows.derivatives(k, x, y), probability[:, k]
+            row, weight = mixture.rows.derivatives(k, *point), probability[:, k]
             some = np.flatnonzero(used[:, k] & (weight * _trace_of_product(row.gauss, covariance) > _LEVERAGE))
             gradient, gauss = rows_of(row.gradient, some), row.gauss.take(some)
             left_out = RowDerivatives(row.half_chi_square[some], gradient, gauss, gauss)
-            gain, far = _leave_out(left_out, weight[some], information.take(some), area_m2[some])
+            gain, far = _leave_out(left_out, weight[some], information.take(some), volume[some])
             log_odds = np.minimum(gain, _MOST_GAIN) - mixture.log_direct[some, k]
             of_row = mixture.obstructed[some] * np.exp(log_odds) * far
             odds[some] += np.where(np.isfinite(of_row), of_row, 0.0)
@@ -143,22 +147,46 @@ def loose_odds(
 
 
 def _leave_out(
-    row: RowDerivatives, weight: FloatArray, information: SymmetricMatrix, area_m2: FloatArray
+    row: RowDerivatives, weight: FloatArray, information: SymmetricMatrix, volume: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gain in log evidence (B,) from leaving out a row, and the probability that the source is then far."""
     others = information + row.gauss * -weight
-    determinant = np.maximum(others.determinant, (tau / area_m2) ** 2)
-    spread = SymmetricMatrix(others.yy, -others.xy, others.xx) * (1.0 / determinant)
-    u, v = (weight * slope for slope in row.gradient)
-    gain = weight * row.half_chi_square + 0.5 * spread.quadratic_form(u, v)
+    determinant, spread = _limited_inverse(others, volume)
+    pull = [weight * slope for slope in row.gradient]
+    gain = weight * row.half_chi_square + 0.5 * spread.quadratic_form(*pull)
     gain += 0.5 * np.log(np.maximum(information.determinant / determinant, 1.0))
-    shift = np.sqrt(information.quadratic_form(spread.xx * u + spread.xy * v, spread.xy * u + spread.yy * v))
-    scale = np.sqrt(np.maximum(_trace_of_product(information, spread) - 1.0, 1.0))
+    shift = np.sqrt(information.quadratic_form(*_times(spread, pull)))
+    scale = np.sqrt(np.maximum(_trace_of_product(information, spread) - (len(pull) - 1.0), 1.0))
     return gain, ndtr((shift - _FAR) / scale) + ndtr((-shift - _FAR) / scale)
 
 
+def _limited_inverse(matrix: SymmetricMatrix, volume: FloatArray) -> tuple[FloatArray, SymmetricMatrix]:
+    """Return determinants and inverses of matrices (B,) that may be singular, whose Gaussians have at most a volume."""
+    if matrix.dimension == _PLANE:
+        determinant = np.maximum(matrix.determinant, (tau / volume) ** 2)
+        return determinant, SymmetricMatrix(matrix.yy, -matrix.xy, matrix.xx) * (1.0 / determinant)
+    values, directions = eigensystem(matrix)
+    least = tau / volume ** (2.0 / matrix.dimension)
+    values = tuple(np.maximum(value, least) for value in values)
+    inverse = SymmetricMatrix.full(volume.shape, 0.0, matrix.dimension)
+    for value, direction in zip(values, directions, strict=True):
+        inverse += SymmetricMatrix.outer(*direction, weight=1.0 / value)
+    return reduce(np.multiply, values), inverse
+
+
+def _times(matrix: SymmetricMatrix, vector: list[FloatArray]) -> list[FloatArray]:
+    """Return ``matrix v`` for vectors v, given as D arrays."""
+    indices = range(matrix.dimension)
+    return [reduce(np.add, [matrix.entry(i, j) * vector[j] for j in indices]) for i in indices]
+
+
 def _trace_of_product(one: SymmetricMatrix, other: SymmetricMatrix) -> FloatArray:
-    return one.xx * other.xx + 2.0 * one.xy * other.xy + one.yy * other.yy
+    total = one.xx * other.xx
+    for i in range(1, one.dimension):
+        for j in range(i):
+            total = total + 2.0 * one.entry(i, j) * other.entry(i, j)
+        total = total + one.entry(i, i) * other.entry(i, i)
+    return total
 
 
 @dataclass(frozen=True)
@@ -190,31 +218,35 @@ def find_rival(
     """
     margin = np.where(at_boundary, _BEYOND_EDGE, 0.0)
     rows = np.flatnonzero(outside.cost < fixes.cost[:, 0] - margin)
-    mixture, x, y, cost = model.mixture.take(rows), outside.x[rows], outside.y[rows], outside.cost[rows]
-    own, _ = mixture.responsibilities(x, y)
+    mixture, point, cost = model.mixture.take(rows), rows_of(outside.point, rows), outside.cost[rows]
+    own, _ = mixture.responsibilities(*point)
     count = np.count_nonzero(own > 0.5, axis=1)
-    area = _area_with(model.region.take(rows), x, y)
-    evidence = log_evidence(mixture, cost, own, outside.hessian.take(rows), area, gain)
+    volume = _volume_with(model.region.take(rows), point)
+    evidence = log_evidence(mixture, cost, own, outside.hessian.take(rows), volume, gain)
     wins = (count > 0) & (evidence >= least_evidence)
     if unordered is not None:
         wins &= ~unordered[rows] | (count > fixes.n_used[rows, 0] + ambiguous_rows)
-    rows, own, count, x, y, cost = (part[wins] for part in (rows, own, count, x, y, cost))
+    rows, own, count, cost = rows[wins], own[wins], count[wins], cost[wins]
+    point = tuple(part[wins] for part in point)
     better = np.zeros(at_boundary.shape, dtype=bool)
     better[rows] = True
     if not rows.size:
         return Rival(better, fixes, probability)
-    columns = {name: getattr(fixes, name).copy() for name in ("x", "y", "cost", "n_used")}
-    for name, values in (("x", x), ("y", y), ("cost", cost), ("n_used", count)):
-        columns[name][rows, 0] = values
+    n_used, columns = fixes.n_used.copy(), [part.copy() for part in (fixes.cost, *fixes.point)]
+    n_used[rows, 0] = count
+    for column, values in zip(columns, (cost, *point), strict=True):
+        column[rows, 0] = values
     misfit = Misfit(fixes.misfit.chi_square.copy(), fixes.misfit.degrees_of_freedom.copy())
-    misfit.put((rows, np.zeros_like(rows)), model.mixture.take(rows).rows, x, y, own > 0.5)
+    misfit.put((rows, np.zeros_like(rows)), model.mixture.take(rows).rows, point, own > 0.5)
     probability = probability.copy(order="F")
     probability[rows] = own
-    return Rival(better, replace(fixes, misfit=misfit, **columns), probability)
+    fixes = replace(fixes, cost=columns[0], n_used=n_used, point=tuple(columns[1:]), misfit=misfit)
+    return Rival(better, fixes, probability)
 
 
-def _area_with(region: Region, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the areas (B,) of squares about the middles of the regions that reach to points x, y (B,)."""
-    xmin, xmax, ymin, ymax = region.bounds_m
-    reach = np.maximum(np.abs(x - 0.5 * (xmin + xmax)), np.abs(y - 0.5 * (ymin + ymax)))
-    return np.maximum(region.area_m2, 4.0 * reach * reach)
+def _volume_with(region: Region, point: Point) -> FloatArray:
+    """Return the volumes (B,) of cubes about the middles of the regions that reach to points (B,)."""
+    bounds = zip(point, *region.bounds_m, strict=True)
+    sides = [2.0 * np.abs(part - 0.5 * (least + most)) for part, least, most in bounds]
+    side = reduce(np.maximum, sides)
+    return np.maximum(region.volume, reduce(np.multiply, [side] * len(point)))

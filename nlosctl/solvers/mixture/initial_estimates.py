@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid, ignoring_overflow
-from nlosctl.geometry.blocks import RowBlock
+from nlosctl.arrays import FloatArray, IntArray, Point, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.blocks import RowBlock, rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 
@@ -26,56 +26,64 @@ mode, up to this slack (nats)."""
 class Mode(RowBlock):
     """A mode (B,) of each snapshot about the local origin, with the second derivatives of its cost; NaN where none."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     cost: FloatArray
     hessian: SymmetricMatrix
+
+    @classmethod
+    def missing(cls, size: int, dimension: int) -> Mode:
+        """Return no mode of each of ``size`` snapshots: NaN."""
+        point = tuple(np.full(size, np.nan) for _ in range(dimension))
+        return cls(point, np.full(size, np.nan), SymmetricMatrix.full(size, np.nan, dimension))
 
 
 @dataclass(frozen=True)
 class Scores:
     """Candidates (B, P) and their cost in nats, infinite for invalid ones; the cost is modified in place."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     cost: FloatArray
 
     def take(self, rows: IntArray) -> Scores:
         """Return the candidates of some snapshots, in rising order."""
         if rows.shape[0] == self.cost.shape[0]:
             return self
-        return Scores(*(np.take(part.T, rows, axis=1).T for part in (self.x, self.y, self.cost)))
+        return Scores(rows_of(self.point, rows), rows_of(self.cost, rows))
 
     def lowest(self) -> tuple[IntArray, FloatArray]:
         """Return index and cost (B,) of the cheapest candidates."""
         index: IntArray = np.argmin(self.cost, axis=1)
         return index, self.cost[np.arange(index.shape[0]), index]
 
-    def at(self, index: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return x and y of one candidate (B,) each."""
+    def at(self, index: IntArray) -> Point:
+        """Return the point of one candidate (B,) each."""
         rows = np.arange(index.shape[0])
-        return self.x[rows, index], self.y[rows, index]
+        return tuple(part[rows, index] for part in self.point)
 
     def leave_out(self, index: IntArray) -> None:
         """Leave out one candidate (B,) each."""
         self.cost[np.arange(index.shape[0]), index] = np.inf
 
-    def squared_distance(self, x: FloatArray, y: FloatArray, matrix: SymmetricMatrix) -> FloatArray:
+    def squared_distance(self, matrix: SymmetricMatrix, *point: FloatArray) -> FloatArray:
         """Return the squared distance (B, P) from points (B,) in the metric of matrices (B,)."""
-        dx, dy = self.x - x[:, None], self.y - y[:, None]
+        away = [mine - other[:, None] for mine, other in zip(self.point, point, strict=True)]
         with ignoring_overflow():
-            squared: FloatArray = matrix.xx[:, None] * dx
-            squared += (2.0 * matrix.xy)[:, None] * dy
-            squared *= dx
-            dy *= dy
-            dy *= matrix.yy[:, None]
-            squared += dy
-        return squared
+            squared: FloatArray | None = None
+            for i, part in enumerate(away[:-1]):
+                slope: FloatArray = matrix.entry(i, i)[:, None] * part
+                for j in range(i + 1, len(away)):
+                    slope += (2.0 * matrix.entry(i, j))[:, None] * away[j]
+                slope *= part
+                squared = slope if squared is None else squared + slope
+            last = away[-1]
+            last *= last
+            last *= matrix.diagonal[-1][:, None]
+            return last if squared is None else np.add(squared, last, out=squared)
 
 
 def leave_out_slope(scores: Scores, mode: Mode) -> None:
     """Leave out candidates in the basin of a mode, to which they would converge."""
-    rise = scores.squared_distance(mode.x, mode.y, mode.hessian)
+    rise = scores.squared_distance(mode.hessian, *mode.point)
     rise *= 0.5
     rise += (mode.cost - _SLACK)[:, None]
     with ignoring_invalid():
@@ -88,8 +96,7 @@ class Starts:
 
     snapshot: IntArray
     index: IntArray
-    x: FloatArray
-    y: FloatArray
+    point: Point
 
 
 def choose_starts(mixture: Mixture, rows: IntArray, scores: Scores, limit: FloatArray, most: int) -> Starts:
@@ -97,7 +104,7 @@ def choose_starts(mixture: Mixture, rows: IntArray, scores: Scores, limit: Float
 
     None is costlier than ``limit`` (B,).
     """
-    chosen = [Starts(rows[:0], rows[:0], limit[:0], limit[:0])]
+    chosen = [Starts(rows[:0], rows[:0], tuple(limit[:0] for _ in scores.point))]
     part: Mixture | None = None
     for number in range(most):
         index, lowest = scores.lowest()
@@ -105,13 +112,14 @@ def choose_starts(mixture: Mixture, rows: IntArray, scores: Scores, limit: Float
         if not keep.size:
             break
         rows, scores, limit, index = rows[keep], scores.take(keep), limit[keep], index[keep]
-        x, y = scores.at(index)
-        chosen.append(Starts(rows, np.full(rows.shape, number), x, y))
+        point = scores.at(index)
+        chosen.append(Starts(rows, np.full(rows.shape, number), point))
         if number < most - 1:
             part = mixture.take(rows) if part is None else part.take_rows(keep)
             scores.leave_out(index)
-            _, information = part.responsibilities(x, y)
-            near = scores.squared_distance(x, y, information) < _APART * _APART
+            _, information = part.responsibilities(*point)
+            near = scores.squared_distance(information, *point) < _APART * _APART
             np.copyto(scores.cost, np.inf, where=near)
-    fields = ("snapshot", "index", "x", "y")
-    return Starts(*(np.concatenate([getattr(part, name) for part in chosen]) for name in fields))
+    point = tuple(map(np.concatenate, zip(*(part.point for part in chosen), strict=True)))
+    snapshot, index = (np.concatenate([getattr(part, name) for part in chosen]) for name in ("snapshot", "index"))
+    return Starts(snapshot, index, point)

@@ -107,17 +107,16 @@ def _beside_likelihood(
 ) -> dict[Status, BoolArray]:
     """Return the snapshots (B,) of each status that the scene, the evidence or the mass of other modes imposes."""
     fixes, used, mode = found.fixes, found.used, found.mode
-    x, y = fixes.x[:, 0], fixes.y[:, 0]
-    area_m2 = model.region.area_m2
+    point, volume = fixes.best_point, model.region.volume
     covariance = fixes.covariance.at(slice(None), 0)
-    further = verdicts(model.lines, x, y, covariance, used)
-    further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, x, y, model.minimum_range_m)
+    further = verdicts(model.lines, point, covariance, used)
+    further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, point, model.minimum_range_m)
     if used.shape[1] > 1:  # a row alone agrees with nothing, nor does it disagree
-        evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, area_m2, gain)
+        evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, volume, gain)
         further[Status.NO_CONSENSUS] = evidence < options.least_evidence
     if distinct:
-        elsewhere = rival_mass(fixes, area_m2)
-        elsewhere += loose_odds(model.mixture, x, y, covariance, found.probability, used, area_m2)
+        elsewhere = rival_mass(fixes, volume)
+        elsewhere += loose_odds(model.mixture, point, covariance, found.probability, used, volume)
         leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
         least = np.where(leaves_out, exp(-options.ambiguous_within), _ELSEWHERE_OF_ALL_ROWS)
         further[Status.AMBIGUOUS] = elsewhere >= least

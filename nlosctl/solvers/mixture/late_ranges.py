@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfcx, log_ndtr
 
-from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.arrays import FloatArray, IntArray, Point
 from nlosctl.geometry.blocks import RowBlock
-from nlosctl.geometry.regions import Disc
+from nlosctl.geometry.regions import Ball
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
@@ -57,12 +57,15 @@ class _Radial(NamedTuple):
     bend: FloatArray
     least_bend: FloatArray
 
-    def in_plane(self, radius_m: FloatArray, u: FloatArray, v: FloatArray) -> RowDerivatives:
-        """Return the derivatives by x and y; (u, v) is the gradient of the distance, (I - u u') / radius its second."""
+    def by_position(self, radius_m: FloatArray, *along: FloatArray) -> RowDerivatives:
+        """Return the derivatives by the position; u = ``along`` is the gradient of the distance.
+
+        (I - u u') / radius are its second derivatives.
+        """
         around = -self.slope / radius_m
-        hessian = SymmetricMatrix.outer(u, v, weight=self.bend - around).add_to_diagonal(around)
-        gradient = (-self.slope * u, -self.slope * v)
-        return RowDerivatives(self.value, gradient, SymmetricMatrix.outer(u, v, weight=self.least_bend), hessian)
+        hessian = SymmetricMatrix.outer(*along, weight=self.bend - around).add_to_diagonal(around)
+        gradient = tuple(-self.slope * part for part in along)
+        return RowDerivatives(self.value, gradient, SymmetricMatrix.outer(*along, weight=self.least_bend), hessian)
 
 
 @dataclass(frozen=True)
@@ -86,36 +89,39 @@ class LateRanges(RowBlock):
         share = _STRAY_SHARE * np.exp(log_density)[:, None]
         return cls(circles, mean_m, np.asfortranarray(share * circles.std_m * sqrt(2.0 * pi)))
 
-    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def half_chi_square(self, k: int, *point: FloatArray) -> FloatArray:
         """Return the negative logarithm of the ratio of row ``k`` at points (B, P)."""
-        scaled = self._scaled(k, x, y)
+        scaled = self._scaled(k, *point)
         return 0.5 * scaled * scaled + self._log_outlier(k, scaled)
+
+    @property
+    def dimension(self) -> int:
+        """The number of coordinates of a point: two."""
+        return 2
 
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) of each row: one."""
         return np.ones(self.circles.std_m.shape, dtype=np.int64)
 
-    def ridges(self, disc: Disc) -> FloatArray:
+    def ridges(self, ball: Ball) -> FloatArray:
         """Return the density (B, K) on the circle of the points of `sample_ridge`."""
         return ring_density(self.circles)
 
-    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+    def on_ridge(self, k: int, ratio: FloatArray, *point: FloatArray) -> FloatArray:
         """Return the density over that (B, P), that of a direct row."""
-        scaled = self._scaled(k, x, y)
+        scaled = self._scaled(k, *point)
         return np.exp(-0.5 * scaled * scaled)
 
-    def sample_ridge(
-        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def sample_ridge(self, ball: Ball, snapshot: IntArray, k: IntArray, normal: Point, uniform: Point) -> Point:
         """Return points (N,) about the circle of row ``k`` of a snapshot, as the range's error is distributed."""
-        return sample_ring(self.circles, disc, snapshot, k, normal, v)
+        return sample_ring(self.circles, ball, snapshot, k, normal, uniform)
 
-    def scores(self, x: FloatArray, y: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    def scores(self, *point: FloatArray) -> tuple[list[FloatArray], FloatArray]:
         """Return that of every row, and the negative logarithm (B, P) of the product of the densities of outliers."""
         ratios: list[FloatArray] = []
-        total = np.zeros_like(x)
+        total = np.zeros_like(point[0])
         for k in range(self.circles.std_m.shape[1]):
-            ratio = self._scaled(k, x, y)
+            ratio = self._scaled(k, *point)
             outlier = self._log_outlier(k, ratio)
             total -= outlier
             ratio *= ratio
@@ -124,10 +130,10 @@ class LateRanges(RowBlock):
             ratios.append(ratio)
         return ratios, total
 
-    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+    def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
         """Return the same as ``half_chi_square`` at points (B,), and its derivatives, with those of the outlier."""
         circles, precision = self.circles, 1.0 / self.circles.std_m[:, k]
-        path = circles.path(k, x, y)
+        path = circles.path(k, *point)
         radius, along = path.radius_m, (path.along_x, path.along_y)
         scaled = (circles.range_m[:, k] - path.length_m) * precision
         value, slope, bend, least_bend = self._outlier(k, scaled)
@@ -139,23 +145,23 @@ class LateRanges(RowBlock):
             (1.0 - bend) * squared,
             (1.0 - least_bend) * squared,
         )
-        return dataclasses.replace(ratio.in_plane(radius, *along), outlier=outlier.in_plane(radius, *along))
+        return dataclasses.replace(ratio.by_position(radius, *along), outlier=outlier.by_position(radius, *along))
 
-    def late_bias(self, k: int, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def late_bias(self, k: int, *point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return which share of row ``k`` as an outlier is late at points (B, P), and the mean of its bias in metres.
 
         Where the mean of all biases is unknown, the bias is only known to be positive.
         """
-        scaled, std = self._scaled(k, x, y), self.circles.std_m[:, k, None]
+        scaled, std = self._scaled(k, *point), self.circles.std_m[:, k, None]
         share: FloatArray = -np.expm1(-self._log_outlier(k, scaled))
         if self.mean_m is not None:
             scaled -= std / self.mean_m
         return share, std * np.maximum(scaled + _mills(scaled), 0.0)
 
-    def _scaled(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def _scaled(self, k: int, *point: FloatArray) -> FloatArray:
         """Return the excess of row ``k`` over the distance of points (B, P), in standard deviations."""
         circles = self.circles
-        return (circles.range_m[:, k, None] - circles.length_m(k, x, y)) / circles.std_m[:, k, None]
+        return (circles.range_m[:, k, None] - circles.length_m(k, *point)) / circles.std_m[:, k, None]
 
     def _log_outlier(self, k: int, scaled: FloatArray) -> FloatArray:
         """Return the logarithm (B, P) of the density of row ``k`` as an outlier, in units of a stray's."""

@@ -7,15 +7,14 @@ summed out: ``sum_l w_l p_l prod_{m != l} u_m + w_0 prod u_m``, w_0 the probabil
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.blocks import RowBlock
-from nlosctl.geometry.regions import Disc
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.mixture.mixture_rows import MixtureRows, OutlierRows
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
 __all__ = ["FACTORS", "Mixture", "MixtureRows", "OutlierRows"]
@@ -23,55 +22,6 @@ __all__ = ["FACTORS", "Mixture", "MixtureRows", "OutlierRows"]
 
 FACTORS = 8
 """Number of factors of the likelihood multiplied before a logarithm is taken, without overflow or underflow."""
-
-
-class MixtureRows(Protocol):
-    """Rows (B, K) of measurements whose model is compared with points about each snapshot's local origin."""
-
-    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return half the chi-square of row ``k`` at points (B, P), within a per cent; infinite where impossible."""
-        ...
-
-    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
-        """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives."""
-        ...
-
-    def scalars(self) -> IntArray:
-        """Return the number of scalars (B, K) that each row measures."""
-        ...
-
-    def ridges(self, disc: Disc) -> FloatArray:
-        """Return the density (B, K) of the points of `sample_ridge` where they are densest, 0 without points."""
-        ...
-
-    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
-        """Return the density (B, P) over that; ``ratio`` is exp(-half chi-square)."""
-        ...
-
-    def sample_ridge(
-        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return points (N,) in a disc from normal deviates of row ``k``'s error and uniform numbers along it."""
-        ...
-
-    def take(self, rows: IntArray) -> MixtureRows:
-        """Return the rows of some snapshots; a snapshot may be named several times."""
-        ...
-
-
-class OutlierRows(Protocol):
-    """Rows (B, K) whose density as an outlier, u, depends on the point."""
-
-    def scores(self, x: FloatArray, y: FloatArray) -> tuple[list[FloatArray], FloatArray]:
-        """Return ``half_chi_square`` of every row at points (B, P), and the negative logarithm of the product of u.
-
-        The latter is apart from ``log_nlos``.
-        """
-        ...
-
-    def take(self, rows: IntArray) -> OutlierRows:
-        """Return the rows of some snapshots."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -114,6 +64,11 @@ class Mixture(RowBlock):
         return cls(rows, log_direct, obstructed, last, log_nlos, -total, outliers)
 
     @property
+    def dimension(self) -> int:
+        """The number of coordinates of a point, D."""
+        return self.rows.dimension
+
+    @property
     def count(self) -> int:
         """The number of rows, K."""
         return int(self.log_direct.shape[1])
@@ -127,19 +82,19 @@ class Mixture(RowBlock):
         """The number of groups, of each snapshot where it differs."""
         return self.count if self.last is None else np.count_nonzero(self.last, axis=1)
 
-    def score(self, x: FloatArray, y: FloatArray, terms: list[FloatArray] | None = None) -> FloatArray:
+    def score(self, *point: FloatArray, terms: list[FloatArray] | None = None) -> FloatArray:
         """Return the cost (B, P) of points (B, P): the negative log-likelihood in nats, within a few per cent.
 
         The terms of the rows, w_l p_l / u_l (B, P), are appended to ``terms``.
         """
-        logarithm = np.zeros_like(x)
-        product = np.ones_like(x)
+        logarithm = np.zeros_like(point[0])
+        product = np.ones_like(point[0])
         obstructed = self.obstructed[:, None]
         group = obstructed
-        ratios = None if self.outliers is None else self.outliers.scores(x, y)
+        ratios = None if self.outliers is None else self.outliers.scores(*point)
         for k in range(self.count):
             note_step(k, self.count)
-            direct = self.rows.half_chi_square(k, x, y) if ratios is None else ratios[0][k]
+            direct = self.rows.half_chi_square(k, *point) if ratios is None else ratios[0][k]
             np.subtract(self.log_direct[:, k, None], direct, out=direct)
             np.exp(direct, out=direct)
             if terms is not None:
@@ -160,16 +115,16 @@ class Mixture(RowBlock):
             logarithm += ratios[1]
         return logarithm
 
-    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+    def evaluate(self, *point: FloatArray) -> Evaluation:
         """Return the cost above ``least_cost``, its gradient and second derivatives at points (B,).
 
         Where the exact second derivatives are not positive definite, the EM algorithm's matrix replaces them.
         """
-        total = _Totals.zero(x.shape[0])
-        group = _Group.empty(x.shape[0], self.obstructed)
+        total = _Totals.zero(*point)
+        group = _Group.empty(self.obstructed, *point)
         with ignoring_overflow():
             for k in range(self.count):
-                row = self.rows.derivatives(k, x, y)
+                row = self.rows.derivatives(k, *point)
                 direct = np.exp(self.log_direct[:, k] - row.half_chi_square)
                 if self.last is None:
                     total.add_single(direct, direct + self.obstructed, row)
@@ -182,22 +137,22 @@ class Mixture(RowBlock):
         cost = -total.logarithm - self.log_nlos - self.least_cost
         return Evaluation.of_newton(cost, total.gradient, total.exact, total.gauss)
 
-    def responsibilities(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, SymmetricMatrix]:
+    def responsibilities(self, *point: FloatArray) -> tuple[FloatArray, SymmetricMatrix]:
         """Return each row's probability (B, K) to be direct at points (B,), and the information they carry.
 
         The information (B,) is the sum of the rows' Gauss-Newton matrices, each times its probability, and of those
         of outliers.
         """
         count = self.count
-        direct = np.empty((x.shape[0], count), order="F")
+        direct = np.empty((point[0].shape[0], count), order="F")
         rows: list[RowDerivatives] = []
         with ignoring_overflow():
             for k in range(count):
-                rows.append(self.rows.derivatives(k, x, y))
+                rows.append(self.rows.derivatives(k, *point))
                 np.exp(self.log_direct[:, k] - rows[k].half_chi_square, out=direct[:, k])
             evidence = self._evidence(direct)
             direct /= evidence
-            information = SymmetricMatrix.full(x.shape, 0.0)
+            information = SymmetricMatrix.full(point[0].shape, 0.0, len(point))
             for k, row in enumerate(rows):
                 information.add_scaled(row.gauss, direct[:, k])
                 if row.outlier is not None:
@@ -227,9 +182,11 @@ class _Totals:
     gauss: SymmetricMatrix
 
     @classmethod
-    def zero(cls, size: int) -> _Totals:
-        gradient = (np.zeros(size), np.zeros(size))
-        return cls(np.zeros(size), gradient, SymmetricMatrix.full(size, 0.0), SymmetricMatrix.full(size, 0.0))
+    def zero(cls, *point: FloatArray) -> _Totals:
+        size, dimension = point[0].shape[0], len(point)
+        gradient = tuple(np.zeros(size) for _ in point)
+        exact, gauss = (SymmetricMatrix.full(size, 0.0, dimension) for _ in range(2))
+        return cls(np.zeros(size), gradient, exact, gauss)
 
     def add_single(self, direct: FloatArray, evidence: FloatArray, row: RowDerivatives) -> None:
         """Add a group of one row, ``evidence`` = direct + w_0."""
@@ -272,9 +229,9 @@ class _Group:
     gauss: SymmetricMatrix
 
     @classmethod
-    def empty(cls, size: int, obstructed: FloatArray) -> _Group:
-        gradient = (np.zeros(size), np.zeros(size))
-        return cls(obstructed.copy(), gradient, SymmetricMatrix.full(size, 0.0), SymmetricMatrix.full(size, 0.0))
+    def empty(cls, obstructed: FloatArray, *point: FloatArray) -> _Group:
+        sums = _Totals.zero(*point)
+        return cls(obstructed.copy(), sums.gradient, sums.exact, sums.gauss)
 
     def add(self, direct: FloatArray, row: RowDerivatives) -> None:
         self.evidence += direct

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.geometry.regions import Disc, Region
+from nlosctl.geometry.regions import Ball, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
@@ -52,11 +52,11 @@ def expected_counts(mixture: Mixture, modes: Modes, region: Region, candidates: 
         weighed = mass > 0.0
         weight = weighted.weight / np.where(weighed, mass, 1.0)[:, None]
         counts[rows, 0] = counts[rows, 1] = np.where(weighed, part.groups, 0.0)
-        x, y = weighted.x + modes.x[rows, :1], weighted.y + modes.y[rows, :1]
+        point = [part + mode[rows, :1] for part, mode in zip(weighted.away, modes.point, strict=True)]
         for k, share in enumerate(share_direct(part, weighted.direct)):
             counts[rows, 0] -= sum_points(share, weight)
             if isinstance(part.rows, LateRanges):
-                is_late, bias = part.rows.late_bias(k, x, y)
+                is_late, bias = part.rows.late_bias(k, *point)
                 outlier = (1.0 - share) * is_late
                 counts[rows, 2] += sum_points(outlier, weight)
                 counts[rows, 3] += sum_points(outlier * bias, weight)
@@ -80,10 +80,11 @@ def _with_centers(mixture: Mixture, modes: Modes, region: Region) -> Modes:
     rows = np.flatnonzero(~np.isfinite(modes.cost[:, 0]))
     if not rows.size:
         return modes
-    disc = Disc.about(region, rows)
-    x, y, cost = (part.copy(order="F") for part in (modes.x, modes.y, modes.cost))
-    x[rows, 0], y[rows, 0] = disc.x, disc.y
-    cost[rows, 0] = mixture.take(rows).score(disc.x[:, None], disc.y[:, None])[:, 0]
+    center = Ball.about(region, rows).center
+    *point, cost = (part.copy(order="F") for part in (*modes.point, modes.cost))
+    for part, middle in zip(point, center, strict=True):
+        part[rows, 0] = middle
+    cost[rows, 0] = mixture.take(rows).score(*(part[:, None] for part in center))[:, 0]
     hessian = modes.hessian.map(lambda part: part.copy(order="F"))
-    hessian.put((rows, 0), SymmetricMatrix.full(rows.shape, 0.0))
-    return replace(modes, x=x, y=y, cost=cost, hessian=hessian)
+    hessian.put((rows, 0), SymmetricMatrix.full(rows.shape, 0.0, mixture.dimension))
+    return replace(modes, point=tuple(point), cost=cost, hessian=hessian)

@@ -14,7 +14,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.regions import Region
+from nlosctl.geometry.regions import Region, box_diagonal
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.solvers.bearings.fix_status import nearly_singular
@@ -27,8 +27,6 @@ from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_sh
 
 __all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
 
-
-_UNKNOWNS = 2
 
 _RANGE_STANDARD_DEVIATIONS = 4.0
 """The default search region reaches beyond the longest range by this many of its standard deviations."""
@@ -65,7 +63,7 @@ class OutlierModel(RowBlock):
     def too_few(self) -> BoolArray:
         """Return which snapshots (B,) measure fewer scalars than a position has."""
         scalars = self.direct.scalars().sum(axis=1)
-        few: BoolArray = scalars < _UNKNOWNS
+        few: BoolArray = scalars < self.direct.dimension
         return few
 
     def uninformative(self) -> BoolArray:
@@ -107,13 +105,12 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     lines = sight_lines(batch)
     sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
     ranges = range_columns(batch, options.use_ranges)
-    region = search_region(batch.field, sensor_x, sensor_y, lines.center_x, lines.center_y)
+    region = search_region(batch.field, (sensor_x, sensor_y), (lines.center_x, lines.center_y))
     if ranges is not None and isinstance(batch.field, SensorsField):
         reach = np.where(np.isnan(ranges[0]), -np.inf, ranges[0] + _RANGE_STANDARD_DEVIATIONS * ranges[1])
         x, y = sensor_x - lines.center_x[:, None], sensor_y - lines.center_y[:, None]
-        region = reach_region(region, x, y, max_measurements(reach))
-    xmin, xmax, ymin, ymax = region.bounds_m
-    extent = np.hypot(xmax - xmin, ymax - ymin)
+        region = reach_region(region, (x, y), max_measurements(reach))
+    extent = box_diagonal(*region.bounds_m)
     sensor_extent = _larger_side(sensor_x, sensor_y)
     least = options.min_range_m
     minimum = _MINIMUM_RANGE_SHARE * sensor_extent if least is None else np.full(extent.shape, least)

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, StatusArray, ignoring_division, ignoring_overflow
 from nlosctl.contract.results import has_covariance, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.regions import Disc, Region
+from nlosctl.geometry.regions import Ball, Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
@@ -36,12 +38,36 @@ _POINTS_OF_ROWS = 32
 _POINTS_OF_AMBIGUOUS = 128
 """Numbers of sampled points for the probabilities of the rows, the second where several modes carry mass."""
 
-_S, _T = sqrt((9.0 - 3.0 * sqrt(5.0)) / 4.0), sqrt((9.0 + 3.0 * sqrt(5.0)) / 4.0)
-_RULE_U = np.array([sqrt(6.0), -sqrt(6.0), 0.0, 0.0, _S, _S, -_S, -_S, _T, _T, -_T, -_T])
-_RULE_V = np.array([0.0, 0.0, sqrt(6.0), -sqrt(6.0), _S, -_S, _S, -_S, _T, -_T, _T, -_T])
-_RULE_WEIGHT = np.repeat([5.0, 20.0 + 8.0 * sqrt(5.0), 20.0 - 8.0 * sqrt(5.0)], 4) / 180.0
-_RULE_WEIGHT *= np.exp(0.5 * (_RULE_U**2 + _RULE_V**2))
-"""Stroud's rule of 12 points and degree 7 for means over a normal distribution (E2 r2 7-1), weights over density."""
+
+class _Rule(NamedTuple):
+    """Points (P,) for means over a standard normal distribution of D dimensions, and their weights over its density."""
+
+    point: Point
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, point: Point, weight: FloatArray) -> _Rule:
+        """Return the rule of points and weights."""
+        return cls(point, weight * np.exp(0.5 * reduce(np.add, [part**2 for part in point])))
+
+    @classmethod
+    def in_plane(cls) -> _Rule:
+        """Return Stroud's rule of 12 points and degree 7 (E2 r2 7-1)."""
+        s, t = sqrt((9.0 - 3.0 * sqrt(5.0)) / 4.0), sqrt((9.0 + 3.0 * sqrt(5.0)) / 4.0)
+        u = np.array([sqrt(6.0), -sqrt(6.0), 0.0, 0.0, s, s, -s, -s, t, t, -t, -t])
+        v = np.array([0.0, 0.0, sqrt(6.0), -sqrt(6.0), s, -s, s, -s, t, -t, t, -t])
+        return cls.of((u, v), np.repeat([5.0, 20.0 + 8.0 * sqrt(5.0), 20.0 - 8.0 * sqrt(5.0)], 4) / 180.0)
+
+    @classmethod
+    def in_space(cls) -> _Rule:
+        """Return the rule of 14 points and degree 5 on the axes and in the corners of a cube."""
+        on_axes = sqrt(2.5) * np.concatenate([np.eye(3), -np.eye(3)])
+        corners = sqrt(5.0) * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        point = tuple(np.concatenate([on_axes, corners]).T.copy())
+        return cls.of(point, np.repeat([0.16, 0.005], [6, 8]))
+
+
+_RULES = {2: _Rule.in_plane(), 3: _Rule.in_space()}
 
 _DOMINANT = 0.9
 _NEGLIGIBLE = 1e-3
@@ -66,15 +92,19 @@ def posterior_covariance(
     another mode, on a single ray, or anywhere. ``inliers`` (B, T) replaces those that are not positive definite.
     """
     with_mode = np.flatnonzero(np.isfinite(modes.cost[:, 0]) & has_covariance(status))
-    moments = np.full((6, modes.cost.shape[0]), np.nan)
+    moments = np.full((_count_moments(mixture.dimension), modes.cost.shape[0]), np.nan)
     for rows in _sections(with_mode, max(_FIRST, candidates.count)):
         moments[:, rows] = _settle(make_proposal(mixture, modes, region, rows, candidates), modes, rows, candidates)
     with ignoring_division():
-        mean_x, mean_y, xx, xy, yy = ((part / moments[0])[:, None] for part in moments[1:])
-    dx, dy = modes.x - modes.x[:, :1], modes.y - modes.y[:, :1]  # moments are about the best mode: shift them
-    about = SymmetricMatrix(
-        xx - 2.0 * dx * mean_x + dx * dx, xy - dx * mean_y - dy * mean_x + dx * dy, yy - 2.0 * dy * mean_y + dy * dy
-    )
+        ratios = [(part / moments[0])[:, None] for part in moments[1:]]
+    mean, second = ratios[: mixture.dimension], iter(ratios[mixture.dimension :])
+    away = [part - part[:, :1] for part in modes.point]  # moments are about the best mode: shift them
+    parts = []
+    for i, right in enumerate(away):
+        for j, left in enumerate(away[:i]):
+            parts.append(next(second) - left * mean[i] - right * mean[j] + left * right)
+        parts.append(next(second) - 2.0 * right * mean[i] + right * right)
+    about = SymmetricMatrix(*parts)
     with ignoring_overflow():
         definite = (about.determinant > 0.0) & (about.trace > 0.0)
     return about.where(definite, inliers)
@@ -95,7 +125,7 @@ def direct_probability(
     ambiguous = status == Status.AMBIGUOUS
     sampled = integrated.copy()
     if mixture.outliers is None:
-        for rows in _sections(np.flatnonzero(integrated & ~ambiguous), _RULE_WEIGHT.shape[0]):
+        for rows in _sections(np.flatnonzero(integrated & ~ambiguous), _RULES[mixture.dimension].weight.shape[0]):
             about_best, dominates = _by_rule(mixture.take(rows), modes, region, rows, candidates)
             probability[rows[dominates]] = about_best[dominates]
             sampled[rows[dominates]] = False
@@ -116,15 +146,15 @@ def _by_rule(
 
     They are means over the best mode and those at other modes, weighted by mass; a row alone has its mass too.
     """
-    spots, disc = mode_spots(modes, rows), Disc.about(region, rows)
-    axes = spots.half_axes(disc)
-    dx, dy = axes.points(0, _RULE_U, _RULE_V)
-    x, y = spots.x[:, :1] + dx, spots.y[:, :1] + dy
+    spots, ball, rule = mode_spots(modes, rows), Ball.about(region, rows), _RULES[mixture.dimension]
+    axes = spots.half_axes(ball)
+    offset = axes.at(slice(None), 0, None).points([np.zeros(1)] * mixture.dimension, *rule.point)
+    point = [middle[:, :1] + part for middle, part in zip(spots.point, offset, strict=True)]
     direct: list[FloatArray] = []
     with ignoring_overflow():
-        weight = np.exp(spots.cost[:, :1] - mixture.score(x, y, direct)) * _RULE_WEIGHT
-    weight[~(candidates.allowed(rows, x, y) & np.isfinite(weight))] = 0.0
-    mass, best = component_masses(mixture, disc, spots, axes), 1 + mixture.count
+        weight = np.exp(spots.cost[:, :1] - mixture.score(*point, terms=direct)) * rule.weight
+    weight[~(candidates.allowed(rows, *point) & np.isfinite(weight))] = 0.0
+    mass, best = component_masses(mixture, ball, spots, axes), 1 + mixture.count
     scale = mass[:, best].copy()
     mass[:, best] *= sum_points(weight)
     total = total_mass(mass)
@@ -136,9 +166,9 @@ def _by_rule(
             ],
             axis=1,
         )
-        for other in range(1, spots.x.shape[1]):
+        for other in range(1, spots.cost.shape[1]):
             some = np.flatnonzero(mass[:, best + other] > _NEGLIGIBLE * mass[:, best])
-            there, _ = mixture.take(some).responsibilities(spots.x[some, other], spots.y[some, other])
+            there, _ = mixture.take(some).responsibilities(*(part[some, other] for part in spots.point))
             probability[some] += there * mass[some, best + other, None]
         probability /= total
         return probability, mass[:, best] > _DOMINANT * total[:, 0]
@@ -168,6 +198,11 @@ def share_direct(mixture: Mixture, terms: list[FloatArray]) -> list[FloatArray]:
     return [term / total for term, total in zip(terms, evidence, strict=True)]
 
 
+def _count_moments(dimension: int) -> int:
+    """Return the number of moments from the zeroth to the second."""
+    return 1 + dimension + dimension * (dimension + 1) // 2
+
+
 def _sections(rows: IntArray, points: int) -> Iterator[IntArray]:
     step = max(1, _POINTS // points)
     for first in range(0, rows.shape[0], step):
@@ -175,8 +210,10 @@ def _sections(rows: IntArray, points: int) -> Iterator[IntArray]:
 
 
 def _settle(proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCandidates) -> FloatArray:
-    """Return mass and moments up to the second (6, B) about the best mode, with as many points as each needs."""
-    moments, squares = np.zeros((6, rows.shape[0])), np.zeros((3, rows.shape[0]))
+    """Return mass and moments up to the second (M, B) about the best mode, with as many points as each needs."""
+    dimension = proposal.mixture.dimension
+    moments, squares = np.zeros((_count_moments(dimension), rows.shape[0])), np.zeros((3, rows.shape[0]))
+    diagonal = [dimension + (i + 1) * (i + 2) // 2 for i in range(dimension)]
     moving, count = np.arange(rows.shape[0]), 0
     while moving.size and count < MOST_POINTS:
         new = min(max(_FIRST, count // 2), MOST_POINTS - count)
@@ -186,7 +223,7 @@ def _settle(proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCan
         moments[:, moving] += added
         squares[:, moving] += scatter
         count += new
-        mass, trace = moments[0, moving], moments[3, moving] + moments[5, moving]
+        mass, trace = moments[0, moving], reduce(np.add, [moments[i, moving] for i in diagonal])
         with ignoring_division():
             mean = trace / mass
             of_trace, of_both, of_mass = squares[:, moving]
@@ -199,28 +236,23 @@ def _settle(proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCan
 class Weighted:
     """Points (B, P) about the best mode with their weights, and the rows' terms there."""
 
-    x: FloatArray
-    y: FloatArray
+    away: Point
     weight: FloatArray
     direct: list[FloatArray]
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Return mass and moments up to the second (6, B), and sums (3, B) for the variance of their ratio.
+        """Return mass and moments up to the second (M, B), and sums (3, B) for the variance of their ratio.
 
         These are sums of squared weights times the squared distance from the best mode to the powers 2, 1 and 0.
         """
-        x, y = self.weight * self.x, self.weight * self.y
-        moments = [
-            sum_points(self.weight),
-            sum_points(x),
-            sum_points(y),
-            sum_points(x, self.x),
-            sum_points(x, self.y),
-            sum_points(y, self.y),
-        ]
-        x *= self.x
-        y *= self.y
-        x += y
+        weighed = [self.weight * part for part in self.away]
+        moments = [sum_points(self.weight), *map(sum_points, weighed)]
+        moments += [sum_points(weighed[j], part) for i, part in enumerate(self.away) for j in range(i + 1)]
+        for mine, part in zip(weighed, self.away, strict=True):
+            mine *= part
+        for other in weighed[1:]:
+            weighed[0] += other
+        x = weighed[0]
         squares = [sum_points(x, x), sum_points(x, self.weight), sum_points(self.weight, self.weight)]
         return np.stack(moments), np.stack(squares)
 
@@ -229,18 +261,18 @@ def _weigh(
     proposal: Proposal, modes: Modes, rows: IntArray, candidates: RowCandidates, first: int, count: int
 ) -> Weighted:
     """Return ``count`` points after the ``first`` of some snapshots, weighted by posterior over proposal."""
-    x, y, share = proposal.sample(first, count)
+    point, share = proposal.sample(first, count)
     direct: list[FloatArray] = []
     with ignoring_overflow():
-        cost = proposal.mixture.score(x, y, direct)
+        cost = proposal.mixture.score(*point, terms=direct)
         np.subtract(modes.cost[rows, :1], cost, out=cost)
         weight = np.exp(cost)
-        weight /= proposal.density(x, y, direct, share)
-    outside = ~(candidates.allowed(rows, x, y) & np.isfinite(weight))
-    x, y = x - modes.x[rows, :1], y - modes.y[rows, :1]
-    for values in (weight, x, y):
+        weight /= proposal.density(point, direct, share)
+    outside = ~(candidates.allowed(rows, *point) & np.isfinite(weight))
+    away = tuple(part - mode[rows, :1] for part, mode in zip(point, modes.point, strict=True))
+    for values in (weight, *away):
         values[outside] = 0.0
-    return Weighted(x, y, weight, direct)
+    return Weighted(away, weight, direct)
 
 
 def sum_points(values: FloatArray, other: FloatArray | None = None) -> FloatArray:

@@ -6,8 +6,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.geometry.regions import Disc
+from nlosctl.arrays import FloatArray, IntArray, Point
+from nlosctl.geometry.regions import Ball
 from nlosctl.models.ranges.circles import RangeCircles
 
 __all__ = ["ring_density", "sample_ring"]
@@ -22,16 +22,17 @@ def ring_density(circles: RangeCircles) -> FloatArray:
 
 
 def sample_ring(
-    circles: RangeCircles, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    circles: RangeCircles, ball: Ball, snapshot: IntArray, k: IntArray, normal: Point, uniform: Point
+) -> Point:
     """Return points (N,) about the circle of row ``k`` of a snapshot, from normal deviates and uniform numbers.
 
-    The first are deviates of the range, the second turn about the sensor, from the direction of the disc's centre.
+    The first are deviates of the range, the second turn about the sensor, from the direction of the ball's centre.
     """
     at = snapshot, k
     x, y = circles.sensor_x[at], circles.sensor_y[at]
-    distance = circles.range_m[at] + circles.std_m[at] * normal
+    distance = circles.range_m[at] + circles.std_m[at] * normal[0]
     if circles.height is not None:
         distance = np.sqrt(np.maximum(distance * distance - circles.height[at] ** 2, 0.0))
-    angle = np.arctan2(disc.y[snapshot] - y, disc.x[snapshot] - x) + 2.0 * pi * v
+    middle_x, middle_y = (part[snapshot] for part in ball.center)
+    angle = np.arctan2(middle_y - y, middle_x - x) + 2.0 * pi * uniform[1]
     return x + distance * np.cos(angle), y + distance * np.sin(angle)

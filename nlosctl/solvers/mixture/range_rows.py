@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ScalarT, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.circles import cross_circles
-from nlosctl.geometry.regions import Disc, Region
+from nlosctl.geometry.regions import Ball, Region, box_diagonal
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges.circles import RangeCircles, range_circles
 from nlosctl.models.search_regions import reach_region, search_region
@@ -52,35 +52,38 @@ class DirectRanges(RowBlock):
 
     circles: RangeCircles
 
+    @property
+    def dimension(self) -> int:
+        """The number of coordinates of a point: two."""
+        return 2
+
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) of each row: one."""
         return np.ones(self.circles.range_m.shape, dtype=np.int64)
 
-    def half_chi_square(self, k: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    def half_chi_square(self, k: int, *point: FloatArray) -> FloatArray:
         """Return half the chi-square of row ``k`` at points (B, P); half a million where it can't be direct."""
-        half_chi_square = self.circles.length_m(k, x, y)
+        half_chi_square = self.circles.length_m(k, *point)
         half_chi_square -= self.circles.range_m[:, k, None]
         half_chi_square *= sqrt(0.5) / self.circles.std_m[:, k, None]
         half_chi_square *= half_chi_square
         return half_chi_square
 
-    def ridges(self, disc: Disc) -> FloatArray:
+    def ridges(self, ball: Ball) -> FloatArray:
         """Return the density (B, K) on the circle of the points of `sample_ridge`."""
         return ring_density(self.circles)
 
-    def on_ridge(self, k: int, x: FloatArray, y: FloatArray, ratio: FloatArray) -> FloatArray:
+    def on_ridge(self, k: int, ratio: FloatArray, *point: FloatArray) -> FloatArray:
         """Return the density over that (B, P), ``ratio`` itself."""
         return ratio
 
-    def sample_ridge(
-        self, disc: Disc, snapshot: IntArray, k: IntArray, normal: FloatArray, v: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def sample_ridge(self, ball: Ball, snapshot: IntArray, k: IntArray, normal: Point, uniform: Point) -> Point:
         """Return points (N,) about the circle of row ``k`` of a snapshot, as the range's error is distributed."""
-        return sample_ring(self.circles, disc, snapshot, k, normal, v)
+        return sample_ring(self.circles, ball, snapshot, k, normal, uniform)
 
-    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+    def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), and its derivatives."""
-        path = self.circles.path(k, x, y)
+        path = self.circles.path(k, *point)
         precision = 1.0 / self.circles.std_m[:, k]
         scaled = (path.length_m - self.circles.range_m[:, k]) * precision
         u, v = path.along_x, path.along_y
@@ -96,7 +99,7 @@ class DirectRanges(RowBlock):
 class RangeOutlierModel:
     """A block of ranges with all that the mixture needs; shapes (B,) and (B, K).
 
-    ``share`` is each row's probability to be the direct one of its group, given that one is; ``area_m2`` (B,) the area
+    ``share`` is each row's probability to be the direct one of its group, given that one is; ``volume`` (B,) the area
     in which a source is expected; ``log_density`` (B,) the logarithm of the density of an outlier of any range.
     """
 
@@ -105,7 +108,7 @@ class RangeOutlierModel:
     leader: IntArray
     share: FloatArray
     region: Region
-    area_m2: FloatArray
+    volume: FloatArray
     log_density: FloatArray
 
     def log_evidence(self, cost: FloatArray, probability: FloatArray, hessian: SymmetricMatrix) -> FloatArray:
@@ -117,17 +120,17 @@ class RangeOutlierModel:
         """
         gain = self._gain()
         if self.mixture.outliers is None:
-            evidence = log_evidence(self.mixture, cost, probability, hessian, self.area_m2, gain)
+            evidence = log_evidence(self.mixture, cost, probability, hessian, self.volume, gain)
             gain = gain[:, None]
             probability = gain * probability / (1.0 + (gain - 1.0) * probability)
         else:
             no_source = self.mixture.count * (self.log_density - np.log(gain))
-            evidence = log_evidence(self.mixture, cost, probability, hessian, self.area_m2)
+            evidence = log_evidence(self.mixture, cost, probability, hessian, self.volume)
             evidence += self.mixture.log_nlos - no_source
         if self.mixture.last is not None:  # of several paths of a sensor all but one are outliers
             return evidence
         log_width = sum_measurements(np.log(_WITHIN_STDS * self.circles.std_m)) / self.mixture.count
-        log_chance = log_width - 0.5 * np.log(self.area_m2)
+        log_chance = log_width - np.log(self.volume) / self.mixture.dimension
         return np.maximum(evidence, evidence + bonus_of_agreement(self.mixture, probability, log_chance))
 
     def rivalled(self, fixes: RankedFixes, within: float) -> BoolArray:
@@ -136,9 +139,9 @@ class RangeOutlierModel:
         A late range widens its own posterior (`LateRanges`): there are no other modes to weigh.
         """
         if self.mixture.outliers is not None:
-            return np.zeros(self.area_m2.shape, dtype=bool)
+            return np.zeros(self.volume.shape, dtype=bool)
         sensors = self.mixture.count if self.mixture.last is None else np.count_nonzero(self.mixture.last, axis=1)
-        rivals = rival_mass(fixes, self.area_m2, self._gain()) >= exp(-within)
+        rivals = rival_mass(fixes, self.volume, self._gain()) >= exp(-within)
         return np.asarray(rivals & (fixes.n_used[:, 0] < sensors))
 
     def _gain(self) -> FloatArray:
@@ -146,9 +149,9 @@ class RangeOutlierModel:
         longest = np.maximum(max_measurements(self.circles.range_m), np.finfo(np.float64).tiny)
         return np.asarray(np.minimum(np.exp(self.log_density) * longest, 1.0))
 
-    def uncertain(self, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix) -> BoolArray:
+    def uncertain(self, point: Point, covariance: SymmetricMatrix) -> BoolArray:
         """Return which fixes (B,) are degenerate: on a sensor, or a standard deviation beyond the farthest."""
-        distance = self.circles.distance_m(x, y)
+        distance = self.circles.distance_m(*point)
         farthest, nearest = max_measurements(distance), -max_measurements(-distance)
         with ignoring_overflow():
             uncertain: BoolArray = ~((covariance.trace > 0.0) & (covariance.trace <= farthest * farthest))
@@ -199,8 +202,7 @@ def range_outlier_model(
     with ignoring_division():
         log_share = np.log(share * (1.0 - alpha))
     log_width = np.log(circles.std_m * sqrt(2.0 * pi))
-    xmin, xmax, ymin, ymax = region.bounds_m
-    extent = np.hypot(xmax - xmin, ymax - ymin)
+    extent = box_diagonal(*region.bounds_m)
     log_density = np.full(extent.shape, log(law.density_per_m)) if law.density_per_m else -np.log(extent)
     if law.bias == "positive":
         rows = LateRanges.of(circles, law.mean_m, log_density)
@@ -211,18 +213,18 @@ def range_outlier_model(
         log_direct = log_share - log_width - log_density[:, None]
         log_nlos = batch.measurements * log_density
         mixture = Mixture.of(DirectRanges(circles), log_direct, obstructed, groups.last, log_nlos)
-    area_m2 = region.area_m2 * (_PLAUSIBLE_SHARE if isinstance(batch.field, SensorsField) else 1.0)
+    volume = region.volume * (_PLAUSIBLE_SHARE if isinstance(batch.field, SensorsField) else 1.0)
     leader = sort_rows(groups.leader, groups)
-    return RangeOutlierModel(circles, mixture, leader, share, region, area_m2, log_density)
+    return RangeOutlierModel(circles, mixture, leader, share, region, volume, log_density)
 
 
 def _region(batch: RangeBatch, circles: RangeCircles) -> Region:
     """Return the search regions; a default field of the sensors is enlarged by the longest range."""
-    sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
-    region = search_region(batch.field, sensor_x, sensor_y, circles.center_x, circles.center_y)
+    sensors = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
+    region = search_region(batch.field, sensors, (circles.center_x, circles.center_y))
     if not isinstance(batch.field, SensorsField):
         return region
-    return reach_region(region, circles.sensor_x, circles.sensor_y, max_measurements(batch.range_m))
+    return reach_region(region, (circles.sensor_x, circles.sensor_y), max_measurements(batch.range_m))
 
 
 @dataclass(frozen=True)
@@ -270,8 +272,8 @@ class RangeCandidates:
         if circles.circles is not None:
             points = self._with_crossings_by_circle(points, rows, first, second)
         each = points.shape[-2]
-        x, y = (np.concatenate([points[..., n, axis] for n in range(each)], axis=1) for axis in (0, 1))
-        return Candidates(x, y, np.isfinite(x) & np.concatenate([may] * each, axis=1))
+        point = tuple(np.concatenate([points[..., n, axis] for n in range(each)], axis=1) for axis in (0, 1))
+        return Candidates(point, np.isfinite(point[0]) & np.concatenate([may] * each, axis=1))
 
     def _with_crossings_by_circle(
         self, points: FloatArray, rows: IntArray, first: IntArray, second: IntArray
@@ -287,6 +289,6 @@ class RangeCandidates:
             wide[at] = np.stack(cross_by_circle(circles, at[0], first[at], second[at]), axis=-1)
         return wide
 
-    def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+    def allowed(self, rows: IntArray, *point: FloatArray) -> BoolArray:
         """Return which points (b, P) of some snapshots are in the search region."""
-        return self.model.region.take(rows).contains(x, y)
+        return self.model.region.take(rows).contains(*point)

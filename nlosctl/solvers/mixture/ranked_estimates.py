@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates, Flags, has_covariance, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.solvers.mixture.likelihood import Mixture, MixtureRows
+from nlosctl.solvers.mixture.likelihood import Mixture
+from nlosctl.solvers.mixture.mixture_rows import MixtureRows
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 from nlosctl.solvers.optimization.problem import least_chi_square
@@ -21,25 +23,27 @@ from nlosctl.solvers.optimization.problem import least_chi_square
 __all__ = ["Misfit", "RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
 
-_UNKNOWNS = 2
-
 _CHANCE = 2
 """This many rows always agree on some point."""
 
 _ROUNDING = 1e-10
-"""Determinants of covariances below this share of xx yy are rounding: the information was singular."""
+"""Determinants of covariances below this share of the diagonal's product are rounding: the information was singular."""
 
 
 @dataclass(frozen=True)
 class RankedFixes:
     """Up to T fixes (B, T) of each snapshot, the most likely first; ``cost`` is infinite for missing ones."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     cost: FloatArray
     covariance: SymmetricMatrix
     n_used: IntArray
     misfit: Misfit
+
+    @property
+    def best_point(self) -> Point:
+        """The point (B,) of the best fix of each snapshot."""
+        return tuple(part[:, 0] for part in self.point)
 
 
 @dataclass(frozen=True)
@@ -54,26 +58,26 @@ class Misfit:
         """Return as many that are not yet known."""
         return cls(np.full(shape, np.nan), np.zeros(shape, dtype=np.int64))
 
-    def put(self, index: Any, rows: MixtureRows, x: FloatArray, y: FloatArray, used: BoolArray) -> None:
-        """Fill in the fixes x, y (N,) with an ``index``, which use the rows marked by ``used`` (N, K)."""
-        chi_square, scalars = least_chi_square(rows, x, y, used)
-        self.chi_square[index], self.degrees_of_freedom[index] = chi_square, scalars - _UNKNOWNS
+    def put(self, index: Any, rows: MixtureRows, point: Point, used: BoolArray) -> None:
+        """Fill in the fixes at points (N,) with an ``index``, which use the rows marked by ``used`` (N, K)."""
+        chi_square, scalars = least_chi_square(rows, point, used)
+        self.chi_square[index], self.degrees_of_freedom[index] = chi_square, scalars - len(point)
 
 
 def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:
     """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
     snapshot, index = np.nonzero(np.isfinite(modes.cost))
-    taken, x, y = mixture.take(snapshot), modes.x[snapshot, index], modes.y[snapshot, index]
-    probability, information = taken.responsibilities(x, y)
+    taken, point = mixture.take(snapshot), tuple(part[snapshot, index] for part in modes.point)
+    probability, information = taken.responsibilities(*point)
     misfit = Misfit.unknown(modes.cost.shape)
-    misfit.put((snapshot, index), taken.rows, x, y, probability > 0.5)
-    covariance = SymmetricMatrix.full(modes.cost.shape, np.nan)
+    misfit.put((snapshot, index), taken.rows, point, probability > 0.5)
+    covariance = SymmetricMatrix.full(modes.cost.shape, np.nan, mixture.dimension)
     covariance.put((snapshot, index), information.inverse())
     n_used = np.zeros(modes.cost.shape, dtype=np.int64)
     n_used[snapshot, index] = np.count_nonzero(probability > 0.5, axis=1)
     best = np.full((modes.cost.shape[0], mixture.count), np.nan, order="F")
     best[snapshot[index == 0]] = probability[index == 0]
-    return RankedFixes(modes.x, modes.y, modes.cost, covariance, n_used, misfit), best
+    return RankedFixes(modes.point, modes.cost, covariance, n_used, misfit), best
 
 
 def ranked_status(
@@ -125,12 +129,10 @@ def ranked_status(
     return status
 
 
-def ranked_estimates(
-    fixes: RankedFixes, status: StatusArray, center_x: FloatArray, center_y: FloatArray, covariance_kind: str
-) -> Estimates:
+def ranked_estimates(fixes: RankedFixes, status: StatusArray, center: Point, covariance_kind: str) -> Estimates:
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status.
 
-    A position without a covariance is alone.
+    The fixes are about the local origins ``center``, D arrays (B,). A position without a covariance is alone.
     """
     written = np.isfinite(fixes.cost) & has_position(status)[:, None] & _sound(fixes.covariance)
     written &= has_covariance(status)[:, None]
@@ -140,7 +142,7 @@ def ranked_estimates(
     before = np.cumsum(written, axis=1) - 1
     return Estimates.of(
         status[row],
-        (fixes.x[at] + center_x[row], fixes.y[at] + center_y[row]),
+        tuple(part[at] + middle[row] for part, middle in zip(fixes.point, center, strict=True)),
         fixes.covariance.at(*at),
         fixes.cost[at],
         fixes.n_used[at],
@@ -155,8 +157,9 @@ def ranked_estimates(
 def _sound(covariance: SymmetricMatrix) -> BoolArray:
     """Return which covariances are positive definite beyond rounding."""
     with ignoring_overflow():
-        sound: BoolArray = np.isfinite(covariance.trace) & (covariance.xx > 0.0) & (covariance.yy > 0.0)
-        sound &= covariance.determinant > _ROUNDING * covariance.xx * covariance.yy
+        diagonal = covariance.diagonal
+        sound: BoolArray = np.isfinite(covariance.trace) & np.logical_and.reduce([part > 0.0 for part in diagonal])
+        sound &= covariance.determinant > reduce(np.multiply, diagonal[1:], _ROUNDING * diagonal[0])
     return sound
 
 

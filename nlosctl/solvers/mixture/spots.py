@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from functools import reduce
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.regions import Disc
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
+from nlosctl.geometry.eigensystems import eigensystem
+from nlosctl.geometry.regions import Ball
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.mixture.initial_estimates import Mode, Scores, choose_starts, leave_out_slope
@@ -19,7 +22,9 @@ __all__ = ["HalfAxes", "RowCandidates", "Spots", "component_masses", "further_sp
 
 
 _LARGEST_SPOT = 0.5
-"""Largest standard deviation of a spot, in units of the disc's radius."""
+"""Largest standard deviation of a spot, in units of the ball's radius."""
+
+_PLANE = 2
 
 _FURTHER = 8
 _FURTHER_NATS = 14.0
@@ -40,32 +45,49 @@ class RowCandidates(Protocol):
         """Return the crossings of some snapshots."""
         ...
 
-    def allowed(self, rows: IntArray, x: FloatArray, y: FloatArray) -> BoolArray:
+    def allowed(self, rows: IntArray, *point: FloatArray) -> BoolArray:
         """Return which points (b, P) of some snapshots are in the search region."""
         ...
 
 
 class HalfAxes(NamedTuple):
-    """Half-axes (B, S) of spots in metres, and cosine and sine of the short one's direction."""
+    """Half-axes of spots: D lengths (B, S) in metres, the shortest first, and their D directions of D arrays (B, S)."""
 
-    short: FloatArray
-    long: FloatArray
-    cosine: FloatArray
-    sine: FloatArray
+    lengths: Point
+    directions: tuple[Point, ...]
 
-    def points(self, number: int, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return offsets (B, P) from one spot of points u, v (P,) in units of its short and long half-axis."""
-        short, long = self.short[:, number, None] * u, self.long[:, number, None] * v
-        cosine, sine = self.cosine[:, number, None], self.sine[:, number, None]
-        return cosine * short - sine * long, sine * short + cosine * long
+    def at(self, *index: Any) -> HalfAxes:
+        """Return the half-axes at an index, as in ``length[index]``."""
+        return HalfAxes(
+            tuple(part[index] for part in self.lengths),
+            tuple(tuple(part[index] for part in direction) for direction in self.directions),
+        )
+
+    def points(self, center: Sequence[FloatArray], *number: FloatArray) -> Point:
+        """Return points by their coordinates about centers along the half-axes, in units of these."""
+        along = [length * part for length, part in zip(self.lengths, number, strict=True)]
+        return tuple(
+            reduce(np.add, [cosine * part for cosine, part in zip(cosines, along, strict=True)], middle)
+            for middle, cosines in zip(center, zip(*self.directions, strict=True), strict=True)
+        )
+
+    def squared_distance(self, *offset: FloatArray) -> FloatArray:
+        """Return the squared distances of points at offsets (B, P) from the spots (B, 1), in units of the half-axes."""
+        squared: FloatArray | None = None
+        for length, direction in zip(self.lengths, self.directions, strict=True):
+            along = (direction[0] / length) * offset[0]
+            for cosine, part in zip(direction[1:], offset[1:], strict=True):
+                along += (cosine / length) * part
+            along *= along
+            squared = along if squared is None else np.add(squared, along, out=squared)
+        return np.zeros_like(offset[0]) if squared is None else squared
 
 
 @dataclass(frozen=True)
 class Spots:
     """Points (B, S) with their cost, infinite where missing, and its second derivatives."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     cost: FloatArray
     hessian: SymmetricMatrix
 
@@ -73,28 +95,34 @@ class Spots:
         """Return these spots and others beside them."""
         pairs = zip(self.hessian, other.hessian, strict=True)
         hessian = SymmetricMatrix(*(np.concatenate(pair, axis=1) for pair in pairs))
-        parts = ((self.x, other.x), (self.y, other.y), (self.cost, other.cost))
-        x, y, cost = (np.concatenate(pair, axis=1) for pair in parts)
-        return Spots(x, y, cost, hessian)
+        parts = zip((*self.point, self.cost), (*other.point, other.cost), strict=True)
+        *point, cost = (np.concatenate(pair, axis=1) for pair in parts)
+        return Spots(tuple(point), cost, hessian)
 
-    def half_axes(self, disc: Disc) -> HalfAxes:
-        """Return the half-axes of one standard deviation; the short one points to the side of the disc's centre."""
-        tiny, largest = np.finfo(np.float64).tiny, _LARGEST_SPOT * disc.radius[:, None]
+    def half_axes(self, ball: Ball) -> HalfAxes:
+        """Return the half-axes of one standard deviation; they point to the side of the ball's centre.
+
+        In the plane only the short one does, and the long one is a quarter turn further.
+        """
+        tiny, largest = np.finfo(np.float64).tiny, _LARGEST_SPOT * ball.radius[:, None]
         with ignoring_overflow():
-            smaller, larger = self.hessian.eigenvalues()
-            turn = 0.5 * np.arctan2(2.0 * self.hessian.xy, self.hessian.xx - self.hessian.yy)
-            short = np.minimum(1.0 / np.sqrt(np.maximum(larger, tiny)), largest)
-            long = np.minimum(1.0 / np.sqrt(np.maximum(smaller, tiny)), largest)
-            cosine, sine = np.cos(turn), np.sin(turn)
-            sign = np.where(cosine * (disc.x[:, None] - self.x) + sine * (disc.y[:, None] - self.y) < 0.0, -1.0, 1.0)
-        return HalfAxes(short, long, cosine * sign, sine * sign)
+            values, directions = eigensystem(self.hessian)
+            lengths = tuple(np.minimum(1.0 / np.sqrt(np.maximum(value, tiny)), largest) for value in values)
+            toward = [middle[:, None] - part for middle, part in zip(ball.center, self.point, strict=True)]
+            signs = [np.where(_dot(direction, toward) < 0.0, -1.0, 1.0) for direction in directions]
+        if len(signs) == _PLANE:
+            signs[1] = signs[0]
+        directions = tuple(
+            tuple(part * sign for part in direction) for direction, sign in zip(directions, signs, strict=True)
+        )
+        return HalfAxes(lengths, directions)
 
 
 def mode_spots(modes: Modes, rows: IntArray) -> Spots:
     """Return the modes of some snapshots."""
     most = max(1, int(np.isfinite(modes.cost[rows]).sum(axis=1).max(initial=0)))
     at = rows, slice(0, most)
-    return Spots(modes.x[at], modes.y[at], modes.cost[at], modes.hessian.at(*at))
+    return Spots(tuple(part[at] for part in modes.point), modes.cost[at], modes.hessian.at(*at))
 
 
 def further_spots(
@@ -103,46 +131,54 @@ def further_spots(
     """Return crossings outside the basins of the modes (B, T), with the information of their direct rows."""
     points = candidates.points(rows)
     with ignoring_overflow():
-        cost = mixture.score(points.x, points.y)
-        cost[~(points.valid & candidates.allowed(rows, points.x, points.y))] = np.inf
-        away = np.hypot(points.x - modes.x[:, :1], points.y - modes.y[:, :1])
+        cost = mixture.score(*points.point)
+        cost[~(points.valid & candidates.allowed(rows, *points.point))] = np.inf
+        pairs = zip(points.point, modes.point, strict=True)
+        away = reduce(np.hypot, [mine - other[:, :1] for mine, other in pairs])
         cost = np.round(cost, _TIE_DIGITS) + 10.0**-_TIE_DIGITS * away / (away + reach[:, None])
-    scores = Scores(points.x, points.y, cost)
+    scores = Scores(points.point, cost)
     for t in range(modes.cost.shape[1]):
         known = np.isfinite(modes.cost[:, t])
-        x, y, cost = (np.where(known, part[:, t], np.nan) for part in (modes.x, modes.y, modes.cost))
-        leave_out_slope(scores, Mode(x, y, cost, modes.hessian.at(slice(None), t)))
+        *point, cost = (np.where(known, part[:, t], np.nan) for part in (*modes.point, modes.cost))
+        leave_out_slope(scores, Mode(tuple(point), cost, modes.hessian.at(slice(None), t)))
     starts = choose_starts(mixture, np.arange(rows.shape[0]), scores, modes.cost[:, 0] + _FURTHER_NATS, _FURTHER)
     shape = rows.shape[0], _FURTHER
-    spots = Spots(np.zeros(shape), np.zeros(shape), np.full(shape, np.inf), SymmetricMatrix.full(shape, 1.0))
+    somewhere = tuple(np.zeros(shape) for _ in starts.point)
+    spots = Spots(somewhere, np.full(shape, np.inf), SymmetricMatrix.full(shape, 1.0, mixture.dimension))
     at = starts.snapshot, starts.index
     chosen = mixture.take(starts.snapshot)
-    spots.x[at], spots.y[at] = starts.x, starts.y
-    spots.cost[at] = chosen.score(starts.x[:, None], starts.y[:, None])[:, 0]
-    spots.hessian.put(at, chosen.responsibilities(starts.x, starts.y)[1])
+    for part, values in zip(spots.point, starts.point, strict=True):
+        part[at] = values
+    spots.cost[at] = chosen.score(*(part[:, None] for part in starts.point))[:, 0]
+    spots.hessian.put(at, chosen.responsibilities(*starts.point)[1])
     return spots
 
 
-def component_masses(mixture: Mixture, disc: Disc, spots: Spots, axes: HalfAxes) -> FloatArray:
+def component_masses(mixture: Mixture, ball: Ball, spots: Spots, axes: HalfAxes) -> FloatArray:
     """Return the posterior masses (B, 1 + K + S) where no row is direct, each row alone, and of each spot.
 
-    They are in units of the likelihood at the first spot. The first two are of the whole disc; those of rows that have
+    They are in units of the likelihood at the first spot. The first two are of the whole ball; those of rows that have
     no ridge are 0.
     """
-    ridge = mixture.rows.ridges(disc)
-    area = np.pi * disc.radius**2
+    ridge = mixture.rows.ridges(ball)
     with ignoring_overflow():
         outliers = np.exp(spots.cost[:, 0] + mixture.log_nlos + mixture.groups * np.log(mixture.obstructed))[:, None]
         on_ridges = outliers * np.exp(mixture.log_direct) / mixture.obstructed[:, None] / ridge
-        in_spots = np.exp(np.minimum(spots.cost[:, :1] - spots.cost, 0.0)) * (2.0 * np.pi) * axes.short * axes.long
+        in_spots = np.exp(np.minimum(spots.cost[:, :1] - spots.cost, 0.0)) * (2.0 * np.pi) ** (0.5 * mixture.dimension)
+        for length in axes.lengths:
+            in_spots *= length
         return np.concatenate(
             [
-                outliers * area[:, None],
+                outliers * ball.volume[:, None],
                 np.where(ridge > 0.0, on_ridges, 0.0),
                 np.where(np.isfinite(spots.cost), in_spots, 0.0),
             ],
             axis=1,
         )
+
+
+def _dot(one: Point, other: Sequence[FloatArray]) -> FloatArray:
+    return reduce(np.add, [mine * theirs for mine, theirs in zip(one, other, strict=True)])
 
 
 def total_mass(mass: FloatArray) -> FloatArray:

@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, StatusArray, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, Point, StatusArray, ignoring_overflow
 from nlosctl.contract.results import is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.fix_status import mark_crossings_behind
+from nlosctl.solvers.mixture.modes import Modes
+from nlosctl.solvers.mixture.range_rows import RangeOutlierModel
 
-__all__ = ["mark_behind", "near_sensor", "verdicts"]
+__all__ = ["mark_behind", "near_sensor", "prefer_feasible_modes", "verdicts"]
 
 _NEAR = 3.0
 """A point is near a sensor up to this many times the distance from which a row can be direct."""
 
 
 def verdicts(
-    lines: SightLines, x: FloatArray, y: FloatArray, covariance: SymmetricMatrix, direct: BoolArray
+    lines: SightLines, point: Point, covariance: SymmetricMatrix, direct: BoolArray
 ) -> dict[Status, BoolArray]:
-    """Return which fixes x, y (B,) about the local origin are infeasible or degenerate; ``direct`` (B, K) marks rows.
+    """Return which fixes (B,) about the local origin are infeasible or degenerate; ``direct`` (B, K) marks rows.
 
     infeasible: the scene hides the point from a direct row, or every direct row's bearing is below its horizon;
     degenerate: a standard deviation beyond the distance to the farthest origin.
     """
+    x, y = point
     with ignoring_overflow():
-        farthest_m = lines.range_m(x, y).max(axis=1)
+        farthest_m = lines.range_m(*point).max(axis=1)
         uncertain = ~((covariance.trace > 0.0) & (covariance.trace <= farthest_m * farthest_m))
-    hidden = np.zeros(x.shape, dtype=bool)
+    hidden = np.zeros(uncertain.shape, dtype=bool)
     if lines.mirrors is not None or lines.walls is not None or lines.direct:
         hidden |= (lines.unseen(x, y) & direct).any(axis=1)
     if lines.circles is not None:
@@ -38,13 +43,13 @@ def verdicts(
     return {Status.INFEASIBLE: hidden, Status.DEGENERATE: uncertain}
 
 
-def near_sensor(lines: SightLines, x: FloatArray, y: FloatArray, minimum_range_m: FloatArray) -> BoolArray:
+def near_sensor(lines: SightLines, point: Point, minimum_range_m: FloatArray) -> BoolArray:
     """Return which points (B,) are about as near to a sensor as a direct row allows.
 
     A likelihood that has no smooth optimum there still rises towards the sensor. The origins of circle rows, which are
     unfolded at one point of the circle, are no sensors.
     """
-    range_m = lines.range_m(x, y)
+    range_m = lines.range_m(*point)
     if lines.circles is not None:
         lines.circles.place_in(range_m, np.full(lines.circles.snapshot.shape, np.inf))
     near: BoolArray = range_m.min(axis=1) <= _NEAR * minimum_range_m
@@ -57,3 +62,27 @@ def mark_behind(status: StatusArray, lines: SightLines) -> None:
     probe = np.where(suspect, Status.DEGENERATE, Status.OK).astype(np.uint8)
     mark_crossings_behind(probe, lines, np.zeros(status.shape))
     status[probe == Status.BEHIND] = Status.BEHIND
+
+
+def prefer_feasible_modes(model: RangeOutlierModel, modes: Modes, within_nats: float) -> Modes:
+    """Return the modes without those that the scene forbids.
+
+    They stay where no other mode is left, or where they are likelier than the best other by more than ``within_nats``:
+    a fix there is infeasible.
+    """
+    if not model.circles.restricted:
+        return modes
+    snapshot, index = np.nonzero(np.isfinite(modes.cost))
+    point = tuple(part[snapshot, index] for part in modes.point)
+    probability, _ = model.mixture.take(snapshot).responsibilities(*point)
+    hidden = np.zeros(modes.cost.shape, dtype=bool)
+    hidden[snapshot, index] = (model.circles.take(snapshot).unseen(*point) & (probability > 0.5)).any(axis=1)
+    feasible = np.where(hidden, np.inf, modes.cost).min(axis=1)
+    dropped = hidden & (modes.cost >= feasible[:, None] - within_nats) & np.isfinite(feasible)[:, None]
+    if not dropped.any():
+        return modes
+    cost = np.where(dropped, np.inf, modes.cost)
+    order = np.argsort(cost, axis=1, kind="stable")
+    at = np.arange(cost.shape[0])[:, None], order
+    point = tuple(part[at] for part in modes.point)
+    return replace(modes, point=point, cost=cost[at], hessian=modes.hessian.at(*at))

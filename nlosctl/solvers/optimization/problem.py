@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import reduce
 from itertools import chain
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["Evaluation", "LeastSquaresProblem", "LinearizedRows", "Problem", "RowDerivatives", "least_chi_square"]
@@ -159,7 +160,7 @@ class RowDerivatives:
 class MeasuredRows(Protocol):
     """Rows (B, K) of measurements that are compared with points (B,)."""
 
-    def derivatives(self, k: int, x: FloatArray, y: FloatArray) -> RowDerivatives:
+    def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` and its derivatives."""
         ...
 
@@ -169,24 +170,25 @@ class MeasuredRows(Protocol):
 
 
 def least_chi_square(
-    rows: MeasuredRows, x: FloatArray, y: FloatArray, used: BoolArray, further: RowDerivatives | None = None
+    rows: MeasuredRows, point: Point, used: BoolArray, further: RowDerivatives | None = None
 ) -> tuple[FloatArray, IntArray]:
     """Return the chi-square (B,) of the ``used`` rows (B, K) at the optimum near points (B,), and their scalars.
 
     It is that of the linearized residuals after a Gauss-Newton step on these rows: the points need not minimize it.
     NaN where a used row is impossible there. ``further`` is added to the rows, such as a prior.
     """
-    half, slope_x, slope_y = (np.zeros(x.shape) for _ in range(3))
-    information = SymmetricMatrix.full(x.shape, 0.0)
+    shape = used.shape[:1]
+    half, *slope = (np.zeros(shape) for _ in range(1 + len(point)))
+    information = SymmetricMatrix.full(shape, 0.0, len(point))
     with ignoring_overflow():
-        terms = ((rows.derivatives(k, x, y).direct(), used[:, k]) for k in range(used.shape[1]))
-        for row, mine in chain(terms, () if further is None else [(further, np.ones(x.shape, dtype=bool))]):
+        terms = ((rows.derivatives(k, *point).direct(), used[:, k]) for k in range(used.shape[1]))
+        for row, mine in chain(terms, () if further is None else [(further, np.ones(shape, dtype=bool))]):
             share = mine.astype(np.float64)
             half += np.where(mine, row.half_chi_square, 0.0)
-            slope_x += share * row.gradient[0]
-            slope_y += share * row.gradient[1]
+            for total, part in zip(slope, row.gradient, strict=True):
+                total += share * part
             information.add_scaled(row.gauss, share)
-        step_x, step_y = information.solve(slope_x, slope_y)
-        chi_square = 2.0 * half - (slope_x * step_x + slope_y * step_y)
+        step = information.solve(*slope)
+        chi_square = 2.0 * half - reduce(np.add, [part * move for part, move in zip(slope, step, strict=True)])
     chi_square = np.where(np.isfinite(chi_square), chi_square, np.nan)
     return chi_square, np.asarray(np.where(used, rows.scalars(), 0).sum(axis=1))

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.solvers.mixture.likelihood import FACTORS, Mixture, MixtureRows
+from nlosctl.solvers.mixture.likelihood import FACTORS, Mixture
+from nlosctl.solvers.mixture.mixture_rows import MixtureRows
 
 __all__ = ["SetScores"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, SeedArray, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.initial_estimates import Mode, Scores
@@ -47,8 +47,7 @@ class SuppressedFixes:
         """Return ``size`` snapshots of ``count`` rows without a fix."""
         shape = (size, _KEPT)
         fixes = RankedFixes(
-            np.full(shape, np.nan),
-            np.full(shape, np.nan),
+            (np.full(shape, np.nan), np.full(shape, np.nan)),
             np.full(shape, np.inf),
             SymmetricMatrix.full(shape, np.nan),
             np.zeros(shape, np.int64),
@@ -59,7 +58,8 @@ class SuppressedFixes:
     def put(self, rows: IntArray, part: SuppressedFixes) -> None:
         """Fill in the fixes of some snapshots."""
         target, source = self.fixes, part.fixes
-        target.x[rows], target.y[rows], target.cost[rows] = source.x, source.y, source.cost
+        for mine, values in zip((*target.point, target.cost), (*source.point, source.cost), strict=True):
+            mine[rows] = values
         target.covariance.put(rows, source.covariance)
         target.n_used[rows] = source.n_used
         target.misfit.chi_square[rows] = source.misfit.chi_square
@@ -120,16 +120,16 @@ def follow_best(
     Where a fix leads out of the search region, ``outside`` notes its optimum. Where it leads nowhere, the second
     derivatives are the information of the fix's rows.
     """
-    mixture, x, y = candidates.model.mixture, fixes.x[:, 0], fixes.y[:, 0]
-    end = minimize(mixture, x, y)
-    every = np.arange(x.shape[0])
-    inside = candidates.allowed(every, end.x[:, None], end.y[:, None])[:, 0]
+    mixture, start = candidates.model.mixture, fixes.best_point
+    end = minimize(mixture, *start)
+    every = np.arange(start[0].shape[0])
+    inside = candidates.allowed(every, *(part[:, None] for part in end.point))[:, 0]
     if outside is not None:
         outside.note_ends(end, mixture.least_cost, every, inside)
         outside.follow(mixture, fixes.cost[:, 0])
     hessian = end.hessian.where(end.converged, fixes.covariance.at(slice(None), 0).inverse())
     cost = np.where(end.converged, end.cost + mixture.least_cost, fixes.cost[:, 0])
-    return Mode(end.x, end.y, cost, hessian), end.converged, end.converged & ~inside
+    return Mode(end.point, cost, hessian), end.converged, end.converged & ~inside
 
 
 def _likeliest_pairs(
@@ -139,7 +139,7 @@ def _likeliest_pairs(
     mixture = candidates.model.mixture
     scored = score_candidates(mixture, candidates.points, candidates.allowed, rows, candidates.count, outside)
     pairs = candidates.first.shape[-1]  # the ends of rays at their ranges, which follow, are not pairs
-    scores = Scores(*(part[:, :pairs] for part in (scored.x, scored.y, scored.cost)))
+    scores = Scores(tuple(part[:, :pairs] for part in scored.point), scored.cost[:, :pairs])
     part = mixture.take_rows(rows)
     chosen = [np.zeros((rows.shape[0], most), dtype=np.int64, order="F") for _ in range(2)]
     for number in range(most):
@@ -149,9 +149,9 @@ def _likeliest_pairs(
             break
         for pair, ends in zip(chosen, (candidates.first, candidates.second), strict=True):
             pair[some, number] = ends[index[some]] if ends.ndim == 1 else ends[rows[some], index[some]]
-        x, y = scores.at(index)
+        point = scores.at(index)
         with ignoring_overflow():
-            near = scores.squared_distance(x, y, part.responsibilities(x, y)[1]) < _APART * _APART
+            near = scores.squared_distance(part.responsibilities(*point)[1], *point) < _APART * _APART
         np.copyto(scores.cost, np.inf, where=near)
         scores.leave_out(index)
     return chosen[0], chosen[1]
@@ -187,28 +187,30 @@ def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, gr
         if not valid.any():
             break
         at, index = snapshot[valid], index[valid]
-        fixes.x[at, t], fixes.y[at, t] = state.x[at, index], state.y[at, index]
-        fixes.cost[at, t] = _exact_cost(model, at, fixes.x[at, t], fixes.y[at, t])
+        point = state.x[at, index], state.y[at, index]
+        for mine, values in zip(fixes.point, point, strict=True):
+            mine[at, t] = values
+        fixes.cost[at, t] = _exact_cost(model, at, *point)
         used = np.asfortranarray(grown.used[at, index])
         part = model.direct.take(at)
-        fixes.covariance.put((at, t), inlier_covariance(part, used, fixes.x[at, t], fixes.y[at, t]))
-        fixes.misfit.put((at, t), part, fixes.x[at, t], fixes.y[at, t], used)
+        fixes.covariance.put((at, t), inlier_covariance(part, used, *point))
+        fixes.misfit.put((at, t), part, point, used)
         fixes.n_used[at, t] = np.count_nonzero(used, axis=1)
         if t == 0:
             result.used[at] = used
-        cost[_near(state.x, state.y, fixes, t) | ~np.isfinite(cost)] = np.inf
+        cost[_near((state.x, state.y), fixes, t) | ~np.isfinite(cost)] = np.inf
         cost[at, index] = np.inf
     return result
 
 
-def _exact_cost(model: OutlierModel, rows: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
+def _exact_cost(model: OutlierModel, rows: IntArray, *point: FloatArray) -> FloatArray:
     mixture = model.mixture.take(rows)
-    return mixture.evaluate(x, y).cost + mixture.least_cost
+    return mixture.evaluate(*point).cost + mixture.least_cost
 
 
-def _near(x: FloatArray, y: FloatArray, fixes: RankedFixes, t: int) -> BoolArray:
+def _near(point: Point, fixes: RankedFixes, t: int) -> BoolArray:
     """Return which estimates (B, M) are within some standard deviations of fix ``t``."""
     information = fixes.covariance.at(slice(None), t).inverse().at(slice(None), None)
-    dx, dy = x - fixes.x[:, t, None], y - fixes.y[:, t, None]
-    near: BoolArray = information.quadratic_form(dx, dy) < _APART * _APART
+    away = [part - fix[:, t, None] for part, fix in zip(point, fixes.point, strict=True)]
+    near: BoolArray = information.quadratic_form(*away) < _APART * _APART
     return near
