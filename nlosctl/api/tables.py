@@ -77,7 +77,7 @@ def row_options(keywords: dict[str, Any]) -> dict[str, Any]:
 def _scales() -> dict[str, tuple[str, float]]:
     """Return the standard name and the unit of every accepted name of a constant."""
     scales = {}
-    for column in (column for table in KINDS.values() for column in table.columns if column.constant_allowed):
+    for column in (column for table in KINDS.values() for column in table.all_columns if column.constant_allowed):
         scales[column.name] = (column.name, 1.0)
         scales.update({spelling.name: (column.name, spelling.scale) for spelling in column.spellings})
     return scales

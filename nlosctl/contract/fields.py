@@ -15,7 +15,7 @@ from nlosctl.errors import DataError, UsageError
 
 __all__ = ["BoxField", "CircleField", "Field", "PolygonField", "SensorsField", "parse_field"]
 
-_FORMS = "xmin,xmax,ymin,ymax or circle:x,y,r or sensors:FACTOR or polygon:FILE or polygon:x,y;x,y;..."
+_FORMS = "xmin,xmax,ymin,ymax[,zmin,zmax] or circle:x,y,r or sensors:FACTOR or polygon:FILE or polygon:x,y;x,y;..."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,10 +81,13 @@ def parse_field(text: str) -> Field:
     """
     form, colon, rest = text.partition(":")
     if not colon:
-        xmin, xmax, ymin, ymax = _numbers(text, text, 4)
-        if not (xmin < xmax and ymin < ymax):
-            raise UsageError(f"field {text!r} requires xmin < xmax and ymin < ymax")
-        return BoxField(xmin_m=xmin, xmax_m=xmax, ymin_m=ymin, ymax_m=ymax)
+        xmin, xmax, ymin, ymax, *heights = _numbers(text, text, 6 if text.count(",") == 5 else 4)
+        if not (xmin < xmax and ymin < ymax and sorted(set(heights)) == heights):
+            raise UsageError(
+                f"field {text!r} requires xmin < xmax and ymin < ymax{' and zmin < zmax' if heights else ''}"
+            )
+        zmin, zmax = heights or (None, None)
+        return BoxField(xmin_m=xmin, xmax_m=xmax, ymin_m=ymin, ymax_m=ymax, zmin_m=zmin, zmax_m=zmax)
     if form == "circle":
         x, y, radius = _numbers(rest, text, 3)
         if radius <= 0.0:

@@ -67,15 +67,22 @@ class InputOptions:
     kind: str | None = option(
         None, "--kind", "Input", "Kind: bearings, ranges or triplets; default: detected from the columns.",
         "localize bound validate plot describe", metavar="KIND", complete="kind")
+    dimensions: int | None = option(
+        None, "--dimensions", "Input", "2 or 3; default: 3 with elevations, their stds and heights of sensors.",
+        f"{_READ} plot describe", minimum=2, maximum=3, metavar="N")
     columns: Mapping[str, str] = option(
         {}, "--column", "Input", "Read column HEADER of the file as NAME. Repeatable.",
         f"{_READ} plot describe", metavar="NAME=HEADER", complete="column")
     constants: Mapping[str, float] = with_flags(
         {},
         std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", f"bound {_CONSTANT}"),
+        std_flag("--elevation-std-deg", "elevation_std_rad", "elevation", f"bound {_CONSTANT}"),
+        std_flag("--direction-std-deg", "direction_std_rad", "direction, across the ray,", f"bound {_CONSTANT}"),
         std_flag("--range-std-m", "range_std_m", "range", f"identify-los bound {_CONSTANT}"),
         std_flag("--dod-std-deg", "dod_std_rad", "departure direction", f"detect-ip {_CONSTANT}"),
         std_flag("--doa-std-deg", "doa_std_rad", "arrival direction", f"detect-ip {_CONSTANT}"),
+        std_flag("--dod-elevation-std-deg", "dod_elevation_std_rad", "departure elevation", f"detect-ip {_CONSTANT}"),
+        std_flag("--doa-elevation-std-deg", "doa_elevation_std_rad", "arrival elevation", f"detect-ip {_CONSTANT}"),
         std_flag("--toa-std-ns", "path_length_std_m", "delay", f"detect-ip {_CONSTANT}"),
         std_flag("--path-length-std-m", "path_length_std_m", "path length", f"detect-ip {_CONSTANT}"))
     all_rows: bool = option(
@@ -133,6 +140,8 @@ class InputOptions:
     def __post_init__(self) -> None:
         if self.window is not None:
             parse_window(self.window)
+        if self.dimensions not in (None, 2, 3):
+            raise UsageError(f"`dimensions` must be 2 or 3. Got {self.dimensions!r} instead.")
         if self.window_keep not in KEEPS:
             near = did_you_mean(self.window_keep, KEEPS)
             raise UsageError(f"`window_keep` must be one of {', '.join(KEEPS)}. Got {self.window_keep!r}{near}.")
@@ -184,11 +193,14 @@ class SolveOptions:
         "localize", metavar="snapshot|sensor|file")
     field: Field = option(  # noqa: RUF009
         SensorsField(), "--field", "Geometry",
-        "Search region: xmin,xmax,ymin,ymax, circle:x,y,r, polygon:FILE or sensors:FACTOR.",
+        "Search region: xmin,xmax,ymin,ymax[,zmin,zmax], circle:x,y,r, polygon:FILE or sensors:FACTOR.",
         "localize identify-los", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
     target_z_m: float | None = option(
-        None, "--target-z-m", "Geometry", "Height of the targets in metres, for slant ranges.",
-        "localize identify-los bound", metavar="M")
+        None, "--target-z-m", "Geometry", "Height of the targets in metres: slant ranges, or held in 3 dimensions.",
+        "localize detect-ip identify-los bound", metavar="M")
+    target_z_std_m: float | None = option(
+        None, "--target-z-std-m", "Geometry", "Standard deviation of the targets' height, in 3 dimensions.",
+        "localize detect-ip identify-los bound", metavar="M")
     alternatives: int = option(
         1, "--alternatives", "Method", "Largest number of estimates per snapshot and target.",
         "localize identify-los", minimum=1, metavar="N")
@@ -227,6 +239,9 @@ class SolveOptions:
             raise UsageError(f"no engine {self.engine!r}{near}; there are: {', '.join(_ENGINES)}")
         if self.estimate_std is not None and self.estimate_std not in _POOLS:
             raise UsageError(f"`estimate_std` must be one of {', '.join(_POOLS)}. Got {self.estimate_std!r} instead.")
+        if self.target_z_std_m is not None and (self.target_z_m is None or not 0.0 <= self.target_z_std_m < math.inf):
+            fault = "needs `target_z_m`" if self.target_z_m is None else "must be a finite number of at least 0"
+            raise UsageError(f"`target_z_std_m` {fault}. Got {self.target_z_std_m:g}.")
         if self.scheduler is not None and self.engine != "dask":
             raise UsageError("`scheduler` is only for the engine dask; set `engine` to dask too")
 

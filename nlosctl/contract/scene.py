@@ -210,6 +210,11 @@ class Scene:
         return any(isinstance(reflector, CircleReflector) for reflector in self.reflectors)
 
     @property
+    def has_spheres(self) -> bool:
+        """Whether any reflector is a sphere."""
+        return any(isinstance(reflector, SphereReflector) for reflector in self.reflectors)
+
+    @property
     def reflector_names(self) -> tuple[str, ...]:
         """The names of the reflectors; a batch refers to them by index."""
         return tuple(reflector.name for reflector in self.reflectors)

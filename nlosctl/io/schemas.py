@@ -30,7 +30,7 @@ def table_schema(table: Table) -> dict[str, Any]:
         "title": table.title,
         "fieldsMatch": "partial",
         "missingValues": [""],
-        "fields": [field for column in table.with_times().columns for field in (_field(column), *_spelled(column))],
+        "fields": [field for column in table.all_columns for field in (_field(column), *_spelled(column))],
     }
 
 

@@ -86,7 +86,7 @@ def _show(name: str) -> None:
             "also": ", ".join(spelling.name for spelling in column.spellings),
             "meaning": f"{column.meaning} (--add {column.add})" if column.add else column.meaning,
         }
-        for column in TABLES[name].with_times().columns
+        for column in TABLES[name].all_columns
     ]
     print_table(rows, ["column", "type", "unit", "required", "also", "meaning"])
 

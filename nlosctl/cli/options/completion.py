@@ -95,7 +95,7 @@ def complete_column(ctx: typer.Context, incomplete: str) -> list[Offer]:
     offers = {
         f"{name}=": column.meaning
         for table in tables
-        for column in table.columns
+        for column in table.all_columns
         for name in (column.name, *(spelling.name for spelling in column.spellings))
     }
     return list(_starting(incomplete, offers.items()))

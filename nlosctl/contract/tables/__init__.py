@@ -10,6 +10,7 @@ from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Sp
 from nlosctl.contract.tables.results import ADDED_COLUMNS, BOUND, ELLIPSE, ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import DEGREE, EARTH_PLACES
+from nlosctl.contract.tables.space import TRUTH_HEIGHT
 from nlosctl.contract.tables.trace import TRACE
 from nlosctl.contract.tables.triplets import TRIPLETS
 
@@ -29,6 +30,7 @@ __all__ = [
     "TRACE",
     "TRIPLETS",
     "TRUTH",
+    "TRUTH_HEIGHT",
     "Column",
     "ColumnType",
     "Spelling",
@@ -51,13 +53,15 @@ TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATE
 @cache
 def contract_names() -> frozenset[str]:
     """Return the names of all columns of all tables, including other spellings."""
-    return frozenset(name for table in TABLES.values() for column in table.columns for name in column.accepted_names)
+    return frozenset(
+        name for table in TABLES.values() for column in (*table.columns, *table.space) for name in column.accepted_names
+    )
 
 
 @cache
 def measured_names() -> frozenset[str]:
     """Return the names of the columns of measured values in all kinds, including other spellings."""
-    columns = [column for table in KINDS.values() for column in table.columns if column.measured]
+    columns = [column for table in KINDS.values() for column in (*table.columns, *table.space) if column.measured]
     return frozenset(name for column in columns for name in column.accepted_names)
 
 
@@ -77,7 +81,7 @@ def azimuth_units() -> dict[str, float]:
 def _declared_types() -> dict[str, ColumnType]:
     types: dict[str, ColumnType] = {}
     for table in TABLES.values():
-        for column in table.used_columns(()):
+        for column in (*table.used_columns(()), *table.space):
             types |= dict.fromkeys(column.accepted_names, column.type)
     return types
 

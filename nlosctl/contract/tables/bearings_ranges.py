@@ -17,6 +17,7 @@ from nlosctl.contract.tables.shared import (
     lengths,
     on_earth,
 )
+from nlosctl.contract.tables.space import TARGET_HEIGHT, TRUTH_HEIGHT, elevation, sensor_height
 
 __all__ = ["BEARINGS", "RANGES"]
 
@@ -183,6 +184,7 @@ BEARINGS = Table(
             positive=True,
             constant_allowed=True,
             estimable=True,
+            replaced_by="direction_std_rad",
             meaning="standard deviation of the bearing error",
             spellings=angles("bearing_std"),
         ),
@@ -196,6 +198,23 @@ BEARINGS = Table(
         *EARLIER_FLAGS,
         *headings("", _RELATIVE, "the sensor"),
         *_VECTOR,
+    ),
+    space=(
+        sensor_height("sensor position, height"),
+        *elevation("elevation", "the bearing", replaced_by="direction_std_rad"),
+        Column(
+            name="direction_std_rad",
+            type="number",
+            unit="rad",
+            positive=True,
+            constant_allowed=True,
+            measures="bearing_rad",
+            meaning="standard deviation of the direction across the ray, the same in every direction, in place of "
+            "bearing_std_rad and elevation_std_rad: right near the zenith too",
+            spellings=angles("direction_std"),
+        ),
+        *TARGET_HEIGHT,
+        TRUTH_HEIGHT,
     ),
 )
 
@@ -215,6 +234,7 @@ RANGES = Table(
             meaning="sensor height, for slant ranges to targets at a height of their own (target_z_m)",
             spellings=lengths("sensor_z", are_recent=True),
         ),
+        TARGET_HEIGHT[0],
         *_PATH,
         *_TRUTH,
         Column(
@@ -225,5 +245,10 @@ RANGES = Table(
             meaning="true target of the echo, numbered from 0; null for a false echo",
         ),
         *EARLIER_FLAGS,
+    ),
+    space=(
+        sensor_height("sensor position, height; in the plane: for slant ranges to targets at a height (target_z_m)"),
+        *TARGET_HEIGHT,
+        TRUTH_HEIGHT,
     ),
 )

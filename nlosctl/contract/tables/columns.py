@@ -53,18 +53,18 @@ class Column:
 
     ``too_large_means`` explains values beyond ``largest_magnitude``, ``too_small_means`` those that are not positive.
     ``constant_allowed`` lets the setting ``constants`` fill a missing column; ``estimable`` marks standard deviations
-    that the setting ``estimate_std`` estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's
-    sensor position fill it.
-    ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured value. ``carried``
-    columns are truth or flags of an earlier step: checked for their type and copied, never passed to a method.
-    ``of_circles`` marks flags that are only set in a scene with circles. ``earth_place`` names the location (see
-    `EARTH_PLACES`) whose latitude and longitude can replace it. ``add`` is the name by which the setting ``add``
-    requests a result column.
-    ``measured_at`` names the node where a direction is measured: ``sensor``, ``tx`` or ``rx``. A column with
-    ``only_with`` is used only in a file with one of these columns (without any: only by a step of reading).
-    ``scene_sensor`` is the column that names the sensor of the scene whose position can fill this one; it is also the
-    default of that name.
-    ``every_run`` marks a result column that every run writes, but a file need not have.
+    that the setting ``estimate_std`` estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's sensor
+    position fill it. ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured
+    value. ``carried`` columns are truth or flags of an earlier step: checked for their type and copied, never passed
+    to a method. ``of_circles`` marks flags that are only set in a scene with circles. ``earth_place`` names the
+    location (see `EARTH_PLACES`) whose latitude and longitude can replace it. ``add`` is the name by which the setting
+    ``add`` requests a result column. ``measured_at`` names the node where a direction is measured: ``sensor``, ``tx``
+    or ``rx``. A column with ``only_with`` is used only in a file with one of these columns (without any: only by a
+    step of reading). ``scene_sensor`` is the column that names the sensor of the scene whose position can fill this
+    one; it is also the default of that name. ``every_run`` marks a result column that every run writes, but a file
+    need not have. Values of a column with ``is_bounded`` are within ``largest_magnitude`` in any unit. ``replaced_by``
+    names a column that can be there in place of this one. ``measures`` is the measured column of a standard deviation
+    that is not named after it.
     """
 
     name: str
@@ -90,6 +90,9 @@ class Column:
     earth_place: str = ""
     add: str = ""
     every_run: bool = False
+    is_bounded: bool = False
+    replaced_by: str = ""
+    measures: str = ""
     spellings: tuple[Spelling, ...] = ()
 
     @property
@@ -117,7 +120,9 @@ class Table:
     that estimates of single measurements carry. ``together`` names alternative groups of optional columns: a
     file has all columns of one alternative or none of any, and so has every row. ``covariances`` names the entries xx,
     xy, yy of matrices that must be positive definite. ``times`` are columns with the time of a row: they count among
-    ``columns`` only where times are needed (`with_times`), elsewhere columns of these names are copied as they are.
+    ``columns`` only where times are needed (`with_times`), elsewhere columns of these names are copied as they are. The
+    same holds for ``space`` in three dimensions (`in_space`): ``dimension`` is that of the positions that the columns
+    locate.
     """
 
     name: str
@@ -128,10 +133,29 @@ class Table:
     together: tuple[tuple[tuple[str, ...], ...], ...] = ()
     covariances: tuple[tuple[str, str, str], ...] = ()
     times: tuple[Column, ...] = ()
+    space: tuple[Column, ...] = ()
+    dimension: int = 2
 
     def with_times(self) -> Table:
         """Return the table with the times among its columns."""
         return replace(self, columns=(*self.columns, *self.times), times=())
+
+    def in_space(self) -> Table:
+        """Return the table in three dimensions, with heights and elevations among its columns."""
+        new = {column.name for column in self.space}
+        kept = (column for column in self.columns if column.name not in new)
+        return replace(self, columns=(*kept, *self.space), space=(), dimension=3)
+
+    @property
+    def all_columns(self) -> tuple[Column, ...]:
+        """The columns, with those of space and times."""
+        names = set(self.names)
+        return (*self.columns, *(column for column in self.space if column.name not in names), *self.times)
+
+    @property
+    def space_names(self) -> frozenset[str]:
+        """The names, and other spellings, of the columns that the table only has in three dimensions."""
+        return frozenset(name for column in self.space for name in column.accepted_names)
 
     def used_columns(self, names: Collection[str]) -> tuple[Column, ...]:
         """Return the columns that a file with the columns ``names`` can use."""

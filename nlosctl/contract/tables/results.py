@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import TRUTH_POSITION
+from nlosctl.contract.tables.space import TRUTH_HEIGHT
 
 __all__ = ["ADDED_COLUMNS", "BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "TRUTH"]
 
@@ -70,16 +71,17 @@ ESTIMATES = Table(
         ),
         Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
         Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="estimated position"),
+        Column(name="z_m", type="number", unit="m", nullable=True, meaning="estimated height, in three dimensions"),
         *(
             Column(
                 name=f"cov_{axes}_m2",
                 type="number",
                 unit="m2",
-                required=True,
+                required="z" not in axes,
                 nullable=True,
-                meaning="covariance of the position error",
+                meaning=f"covariance of the position error{', in three dimensions' if 'z' in axes else ''}",
             )
-            for axes in ("xx", "xy", "yy")
+            for axes in ("xx", "xy", "yy", "xz", "yz", "zz")
         ),
         Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
         Column(name="n_used", type="integer", required=True, meaning="rows that the estimate uses"),
@@ -143,6 +145,7 @@ ESTIMATES = Table(
         *ELLIPSE,
         *_ADDED,
         *TRUTH_POSITION,
+        TRUTH_HEIGHT,
     ),
 )
 
@@ -159,6 +162,13 @@ FLAGS = Table(
             unit="rad",
             nullable=True,
             meaning="bearing, measured minus predicted at the estimate",
+        ),
+        Column(
+            name="residual_elevation_rad",
+            type="number",
+            unit="rad",
+            nullable=True,
+            meaning="elevation, measured minus predicted at the estimate; null for a row of azimuth alone",
         ),
         Column(
             name="residual_m",
@@ -227,9 +237,9 @@ FLAGS = Table(
                 type="number",
                 unit="rad",
                 nullable=True,
-                meaning=f"{name.upper()}, measured minus predicted at the estimate",
+                meaning=f"{name[:3].upper()}{name[3:].replace('_', ' ')}, measured minus predicted at the estimate",
             )
-            for name in ("dod", "doa")
+            for name in ("dod", "doa", "dod_elevation", "doa_elevation")
         ),
         *(
             Column(
@@ -289,5 +299,6 @@ TRUTH = Table(
         Column(name="snapshot", type="identifier", required=True, meaning="as in the measurements"),
         Column(name="source", type="text", nullable=True, meaning="input of the snapshot, as in the estimates"),
         *TRUTH_POSITION,
+        TRUTH_HEIGHT,
     ),
 )

@@ -17,6 +17,7 @@ from nlosctl.contract.tables.shared import (
     lengths,
     on_earth,
 )
+from nlosctl.contract.tables.space import TARGET_HEIGHT, TRUTH_HEIGHT, elevation, node_height
 
 __all__ = ["TRIPLETS"]
 
@@ -166,5 +167,13 @@ TRIPLETS = Table(
         _node_name("rx", "receiver"),
         *headings("tx_", "relative_dod", "the transmitter's array"),
         *headings("rx_", "relative_doa", "the receiver's array"),
+    ),
+    space=(
+        node_height("tx", "transmitter"),
+        node_height("rx", "receiver"),
+        *elevation("dod_elevation", "the direction of departure"),
+        *elevation("doa_elevation", "the direction of arrival"),
+        *TARGET_HEIGHT,
+        TRUTH_HEIGHT,
     ),
 )

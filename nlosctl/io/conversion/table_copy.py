@@ -131,7 +131,7 @@ class TableCopy:
         if results in (None, FLAGS):
             tables.append(KINDS[kind_of_columns(source.names)])
         types: dict[str, Any] = {}
-        for column in (column for table in tables for column in table.used_columns(source.names)):
+        for column in (column for table in tables for column in (*table.used_columns(source.names), *table.space)):
             types.update({name: column.type for name in column.accepted_names if name in source.names})
         return types
 

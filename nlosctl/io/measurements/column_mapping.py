@@ -160,14 +160,15 @@ def plan_columns(
     Raises DataError if a required column is missing, or given twice, or only a part of a group is there; UsageError for
     a constant that the file has as a column, or that is not allowed.
     """
-    if names and names[0].startswith("#") and names[0].lstrip("# ") in contract_names():
-        raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {names[0].lstrip('# ')!r}")
+    if names and names[0].startswith("#") and (bare := names[0].lstrip("# ")) in contract_names():
+        raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {bare!r}")
     matches = {column.name: _find(column, names, constants, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
     check_constants(table, constants, mapped, file)
     units = unit_stds(table, {*mapped, *constants}) if missing_std == "unit" else {}
     given = {*mapped, *constants, *units}
-    absent = [column for column in table.columns if column.required and column.name not in given]
+    required = [column for column in table.columns if column.required and column.replaced_by not in given]
+    absent = [column for column in required if column.name not in given]
     missing = [column for column in absent if not _is_in_scene(column, scene, names, mapped)]
     if missing:
         raise DataError(missing_message(missing, header, table, file, estimable=missing_std == "estimable"))
@@ -182,8 +183,10 @@ def plan_columns(
 def _is_in_scene(column: Column, scene: Scene, names: Sequence[str], mapped: Mapping[str, Any]) -> bool:
     """Return whether the scene's sensors have the positions for a column that the file lacks."""
     node = column.scene_sensor
-    if not node or not scene.sensors:
-        return column.scene_axis is not None and bool(scene.sensors)
+    if not scene.sensors or (column.name.endswith("_z_m") and not scene.has_heights):
+        return False
+    if not node:
+        return column.scene_axis is not None
     half = not {f"{node}_x_m", f"{node}_y_m"}.isdisjoint(mapped)
     return not half and (node in names or any(known.name == node for known in scene.sensors))
 
@@ -203,9 +206,8 @@ def _find(column: Column, names: Sequence[str], constants: Collection[str], file
         return None
     if not spellings:
         return MappedColumn(column=column, name=column.name)
-    other = spellings[0]
     attributes = ("name", "scale", "offset", "from_north", "is_relative")
-    return MappedColumn(column=column, **{name: getattr(other, name) for name in attributes})
+    return MappedColumn(column=column, **{name: getattr(spellings[0], name) for name in attributes})
 
 
 def _check_group(alternatives: Sequence[Sequence[str]], mapped: Mapping[str, MappedColumn], file: str) -> None:

@@ -76,7 +76,7 @@ def unit_stds(table: Table, given: Collection[str]) -> dict[str, float]:
 
 def measured_names(std: str, table: Table) -> tuple[str, ...]:
     """Return the names of the measured column whose standard deviation the column ``std`` is."""
-    return table.column(std.replace("_std_", "_")).accepted_names
+    return table.column(table.column(std).measures or std.replace("_std_", "_")).accepted_names
 
 
 def refuse_mixed_stds(first: Mapping[str, float], other: Mapping[str, float], file: str) -> None:
@@ -129,7 +129,7 @@ def _unknown_unit(missing: Sequence[Column], free: Sequence[str]) -> tuple[str, 
     """
     columns = [column for column in missing if column.unit]
     if any(column.measured for column in missing):
-        columns += [column for table in KINDS.values() for column in table.columns if column.measured]
+        columns += [column for table in KINDS.values() for column in table.all_columns if column.measured]
     for column in columns:
         for accepted in column.accepted_names:
             quantity = accepted.rpartition("_")[0]

@@ -59,7 +59,8 @@ class Chunk:
 class MeasurementReader:
     """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are known before the first chunk.
 
-    ``table_schema`` is the schema of the tables of chunks, with ``snapshot`` if windows make it.
+    ``dimension`` is that of the positions to estimate, ``table_schema`` is the schema of the tables of chunks, with
+    ``snapshot`` if windows make it.
 
     Bad rows go to the sink ``bad_rows``. Without it no chunk follows the first bad row, the rest is read for further
     problems, and a DataError lists them at the end. Raises DataError or UsageError for a fault of a whole file.
@@ -86,15 +87,11 @@ class MeasurementReader:
         self.report = ReadReport(remarks=list(self._survey.remarks))
         self._tally = RowTally(log=ProblemLog(bad_rows), report=self.report)
         self.metadata, self.scene = self._survey.metadata, self._survey.scene
+        self.kind, self.dimension = self._survey.table.name, self._survey.table.dimension
         self.schema: Any = self._survey.schema
         named = self.options.window is not None
         self.table_schema: Any = self.schema.insert(0, pa.field(SNAPSHOT, pa.string())) if named else self.schema
         self._names: dict[str, NameCodes] = {}
-
-    @property
-    def kind(self) -> str:
-        """The kind of measurement."""
-        return self._survey.table.name
 
     @property
     def sensor_names(self) -> Sequence[str]:
@@ -173,6 +170,10 @@ class MeasurementReader:
         """Return whether there is a chunk, and no fault so far that stops the run; count the chunk then."""
         if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
             return False
+        if "target_z_m" in chunk.columns:
+            from nlosctl.io.measurements.dimensions import refuse_several_heights
+
+            refuse_several_heights(chunk)
         self.report.snapshots += len(chunk.snapshot)
         left_out = chunk.left_out if chunk.windows is None else chunk.left_out & chunk.windows.leads
         self.report.left_out_rows += int(left_out.sum())

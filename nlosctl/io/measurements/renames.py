@@ -16,7 +16,7 @@ def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file:
     Two columns may exchange their names. Raises UsageError for a name that the contract does not have, DataError if the
     file does not have the column, or has the new name already.
     """
-    known = [accepted for column in table.with_times().columns for accepted in column.accepted_names]
+    known = [accepted for column in table.all_columns for accepted in column.accepted_names]
     by_file_name = {}
     for wanted, given in renames.items():
         if wanted not in known:

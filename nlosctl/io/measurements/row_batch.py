@@ -227,8 +227,8 @@ class RowConverter:
             if values is not None:
                 columns[column.name] = values
         self.checks.booleans(batch, faults)
-        if "reflector" in mapped and self._scene.has_circles:
-            self._scene_columns.check_circles(columns, faults)
+        if "reflector" in mapped and (self._scene.has_circles or self._scene.has_spheres):
+            self._scene_columns.check_circles(columns, self._plan.table.dimension, faults)
         for group in (group for alternatives in self._plan.table.together for group in alternatives):
             if all(name in mapped for name in group):
                 faults += half_filled_faults(group, self._plan, columns)
@@ -240,6 +240,10 @@ class RowConverter:
         if self._times is not None and self._scene.time_column:
             valid = self._scene_columns.check_times(self._opened.time_column, batch, columns, faults)
             self._tally.report.valid_sensors |= valid
+        if self._plan.table.dimension == 3:
+            from nlosctl.io.measurements.dimensions import complete_directions
+
+            complete_directions(self._plan, columns, faults)
         if self._plan.relative:
             self._scene_columns.add_headings(self._file, batch, columns, faults)
         if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():
@@ -253,9 +257,10 @@ class RowConverter:
         mapped = self._plan.mapped.get(column.name)
         if column.scene_sensor and mapped is None:
             return self._scene_columns.node_positions(column, batch, done, faults)
-        if column.scene_axis == _HEIGHT and mapped is None:
+        if column.scene_axis == _HEIGHT and mapped is None and not column.required:
             return self._scene_columns.heights(done)
-        if column.scene_axis in (0, 1) and (mapped is None or batch.column(mapped.name).null_count):
+        axes = (0, 1, _HEIGHT) if column.required and self._scene.has_heights else (0, 1)
+        if column.scene_axis in axes and (mapped is None or batch.column(mapped.name).null_count):
             return self._scene_columns.positions(column, mapped, batch, done, faults)
         if mapped is None:
             constants = {**self._plan.units, **self._plan.constants}

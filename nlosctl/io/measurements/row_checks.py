@@ -190,8 +190,8 @@ class ValueChecks:
                 numbers = values * mapped.scale + mapped.offset
         if values.shape[0]:
             _check_bounds(mapped, values, numbers, faults)
-            if column.largest_magnitude is not None and not mapped.converted:
-                self._check_magnitude(mapped, values, column.largest_magnitude, faults)
+            if column.largest_magnitude is not None and (column.is_bounded or not mapped.converted):
+                self._check_magnitude(mapped, values, column.largest_magnitude / mapped.scale, faults)
         return numbers
 
     def _check_magnitude(self, mapped: MappedColumn, values: FloatArray, limit: float, faults: list[Fault]) -> None:
@@ -200,8 +200,9 @@ class ValueChecks:
             return
         beyond = (np.abs(values) > largest) & np.isfinite(values)
         if beyond.any():
-            name, unit = mapped.column.name, mapped.column.unit
-            self._too_large[name] = self._too_large.get(name, 0) + int(beyond.sum())
+            name, unit = mapped.column.name, mapped.name.rpartition("_")[2] if mapped.converted else mapped.column.unit
+            if not mapped.converted:
+                self._too_large[name] = self._too_large.get(name, 0) + int(beyond.sum())
             expected = f"{-limit:.4g} to {limit:.4g} {unit}"
             faults.append(Fault(mask=beyond, column=mapped.name, describe=got(values, expected)))
 

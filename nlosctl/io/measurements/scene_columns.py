@@ -10,14 +10,14 @@ import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
-from nlosctl.contract.scene import EarthFrame, Scene
+from nlosctl.contract.scene import CircleReflector, EarthFrame, PlaneReflector, Scene, SphereReflector
 from nlosctl.contract.tables import Column
 from nlosctl.errors import did_you_mean
 from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn, NameCodes
 from nlosctl.io.measurements.row_checks import TICKS, Describe, Fault, as_float64, got, is_null, null_mask
 from nlosctl.io.readers.base import text_at
 from nlosctl.io.scenes.scene_file import plane_of
-from nlosctl.models.circle_rows import circle_table, misplaced_sensors
+from nlosctl.models.circle_rows import misplaced_sensors
 
 __all__ = ["SceneColumns", "from_north"]
 
@@ -115,7 +115,7 @@ class SceneColumns:
 
     def node_positions(self, column: Column, batch: Any, done: Columns, faults: list[Fault]) -> FloatArray:
         """Return a coordinate (N,) of a node that the scene has: the one that the row names, else the default."""
-        axis = 0 if column.name.endswith("_x_m") else 1
+        axis = ("x", "y", "z").index(column.name.removesuffix("_m")[-1])
         names = self._node_names(column.scene_sensor, batch)
         numbers = self._node_numbers(names)
         found: FloatArray = self._axes_m[axis][self._entries(numbers, done)]
@@ -185,19 +185,35 @@ class SceneColumns:
                 return f"the scene has no reflector {name!r}{did_you_mean(name, known)}; it has: {', '.join(known)}"
 
             faults.append(Fault(mask=unknown, column=mapped.name, describe=describe))
+        if self._plan.table.dimension == 2:
+            faults += self._faults_of_space(mapped.name, indices)
         return indices
 
-    def check_circles(self, columns: Columns, faults: list[Fault]) -> None:
-        """Add the faults of rows by a circle whose sensor is outside of it, or within its blocker."""
-        reflector = columns["reflector"]
-        table = circle_table(self._scene)
-        known = (reflector >= 0) & np.isfinite(columns["sensor_x_m"]) & np.isfinite(columns["sensor_y_m"])
+    def _faults_of_space(self, column: str, indices: IntArray) -> list[Fault]:
+        """Return the fault of rows of the plane by reflectors that only space has."""
+        known = self._scene.reflectors
+        of_space = np.array(
+            [*(isinstance(one, PlaneReflector | SphereReflector) for one in known), False], dtype=np.bool_
+        )
+        mask = of_space[np.where(indices >= 0, indices, -1)]
+        describe: Describe = lambda index: (  # noqa: E731
+            f"got {known[indices[index]].name!r}, a reflector of space; set `dimensions` to 3, or give a line"
+        )
+        return [Fault(mask=mask, column=column, describe=describe)] if mask.any() else []
+
+    def check_circles(self, columns: Columns, dimension: int, faults: list[Fault]) -> None:
+        """Add the faults of rows by a circle or sphere whose sensor is outside of it, or within its blocker."""
+        reflector, table = columns["reflector"], _round_reflectors(self._scene, dimension)
+        places = [columns[f"sensor_{axis}_m"] for axis in "xyz"[:dimension]]
+        known = (reflector >= 0) & np.isfinite(places).all(axis=0)
         rows = np.flatnonzero(known)  # without rows whose reflector is not in the scene
         rows = rows[np.isfinite(table[0])[reflector[rows]]]
-        center_x, center_y, radius, blocker, _ = (column[reflector[rows]] for column in table)
-        distance = np.hypot(columns["sensor_x_m"][rows] - center_x, columns["sensor_y_m"][rows] - center_y)
+        *center, radius, blocker = (column[reflector[rows]] for column in table)
+        distance = np.hypot(places[0][rows] - center[0], places[1][rows] - center[1])
+        if dimension == 3:
+            distance = np.hypot(distance, places[2][rows] - center[2])
         outside, under = misplaced_sensors(distance, radius, blocker)
-        position = self._plan.mapped.get("sensor_x_m")
+        position, shape = self._plan.mapped.get("sensor_x_m"), "circle" if dimension == 2 else "sphere"
         name = "sensor_x_m" if position is None else position.name
         for wrong, limit, expected in (
             (outside, radius, "less than its radius"),
@@ -205,11 +221,24 @@ class SceneColumns:
         ):
             if wrong.any():
                 size = known.shape[0]
-                faults.append(_circle_fault(name, size, rows[wrong], distance[wrong], limit[wrong], expected))
+                faults.append(_circle_fault(name, size, rows[wrong], distance[wrong], limit[wrong], shape, expected))
+
+
+def _round_reflectors(scene: Scene, dimension: int) -> FloatArray:
+    """Return centre (D rows), radius and blocker (NaN without) of circles or spheres, NaN for other reflectors."""
+    kind = CircleReflector if dimension == 2 else SphereReflector
+    absent = (np.nan,) * (dimension + 2)
+    rows = [
+        (*one.center, one.radius, np.nan if one.blocker_radius is None else one.blocker_radius)
+        if isinstance(one, kind)
+        else absent
+        for one in scene.reflectors
+    ]
+    return np.array(rows).reshape(-1, dimension + 2).T
 
 
 def _circle_fault(
-    column: str, size: int, rows: IntArray, distance: FloatArray, limit: FloatArray, expected: str
+    column: str, size: int, rows: IntArray, distance: FloatArray, limit: FloatArray, shape: str, expected: str
 ) -> Fault:
     mask = np.zeros(size, dtype=np.bool_)
     mask[rows] = True
@@ -217,7 +246,7 @@ def _circle_fault(
 
     def describe(index: int) -> str:
         away, radius = numbers[index]
-        return f"the sensor is {away:.10g} m from the centre of its circle, expected {expected}, {radius:.10g} m"
+        return f"the sensor is {away:.10g} m from the centre of its {shape}, expected {expected}, {radius:.10g} m"
 
     return Fault(mask=mask, column=column, describe=describe)
 

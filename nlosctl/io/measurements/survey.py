@@ -58,6 +58,7 @@ class OpenTable:
     one_station: bool = False
     time_column: str = ""
     timezone: str | None = None
+    remarks: Sequence[str] = ()
 
     @property
     def file_name_of(self) -> dict[str, str]:
@@ -108,7 +109,7 @@ def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey
     with closed_on_failure(survey):
         survey.remarks += [remark for given in inputs for remark in given.remarks]
         names, schemas, stations = [opened.own_names], [opened.schema], [opened.one_station]
-        survey.remarks += opened.file.remarks
+        survey.remarks += [*opened.remarks, *opened.file.remarks]
         for batch in islice(opened.file.peek(without=coordinates), 1):
             if _could_be_in_other_units(batch.table, opened.plan, opened.file_name_of):
                 from nlosctl.io.measurements.row_consistency import unit_remarks
@@ -154,8 +155,7 @@ def _survey_first(
     file = open_part(part, options.chunk_rows, options.use_threads)
     with closed_on_failure(file):
         scene = scene_of(given, part, file, options)
-        table = kind_table(options.kind) if options.kind else None
-        opened, coordinates = planned(part, file, table, options, scene)
+        opened, coordinates = planned(part, file, None, options, scene)
         if coordinates is not None:
             if coordinates.frame is None:
                 coordinates.set_first_frame(file, part.name)
@@ -186,7 +186,7 @@ def _without_effect(survey: InputSurvey, options: InputOptions, names: Collectio
     return remarks + [
         f"`constants[{std!r}]` has no effect: the {survey.table.name} have no column {measured[0]!r}"
         for std in options.constants
-        if set(measured := measured_names(std, survey.table)).isdisjoint(names)
+        if std not in survey.table.space_names and set(measured := measured_names(std, survey.table)).isdisjoint(names)
     ]
 
 
@@ -217,24 +217,35 @@ def open_table(part: Part, table: Table, options: InputOptions, scene: Scene) ->
 def planned(
     part: Part, file: TableFile, table: Table | None, options: InputOptions, scene: Scene
 ) -> tuple[OpenTable, PlaneCoordinates | None]:
-    """Map the columns of an open file (``table`` None: of the kind that fits best), and start reading it."""
+    """Map the columns of an open file and start reading it; ``table`` None: that of its kind and dimension."""
     coordinates, derived, one_station = _add_steps(part, file, options, scene)
     if not file.names:
         raise DataError(f"{part.name}: no rows: the file has neither columns nor rows")
     twice = sorted(name for name, count in Counter(file.names).items() if count > 1)
     if twice:
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
-    table = table or kind_table(
-        kind_of_columns([*file.names, *options.columns], {*options.constants, *options.default_constants})
-    )
+    is_first, given = table is None, {*options.constants, *options.default_constants}
+    table = table or kind_table(options.kind or kind_of_columns([*file.names, *options.columns], given))
     has_times = any(sensor.start is not None or sensor.end is not None for sensor in scene.sensors)
     needs_times = has_times or options.window is not None
     table = table.with_times() if needs_times else table
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
+    remarks: Sequence[str] = ()
+    if is_first and (options.dimensions is not None or not table.space_names.isdisjoint([*names, *given])):
+        from nlosctl.io.measurements.dimensions import in_dimension
+
+        table, remarks = in_dimension(table, names, given, scene, options.dimensions)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     defaults = options.default_constants and usable_defaults(options.default_constants, names, table)
-    constants = {**defaults, **options.constants}
+    constants = {
+        **defaults,
+        **{name: value for name, value in options.constants.items() if name not in table.space_names},
+    }
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
+    if table.dimension == 3:
+        from nlosctl.io.measurements.dimensions import check_space
+
+        check_space(plan, header, part.name)
     extra, time_column = options.extra_columns, ""
     if needs_times:
         from nlosctl.io.measurements.windows.window_columns import columns_of_windows
@@ -258,6 +269,7 @@ def planned(
         one_station=one_station,
         time_column=time_column,
         timezone=options.timezone,
+        remarks=remarks,
     )
     return opened, coordinates
 

@@ -14,13 +14,14 @@ import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, SWEEP_PREFIX, is_swept
+from nlosctl.contract.tables import ESTIMATES, SWEEP_PREFIX, TRUTH_HEIGHT, is_swept
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.readers.base import plain_type
 
 __all__ = [
+    "OF_SPACE",
     "TRUTH_NAMES",
     "ChunkEstimates",
     "EstimatesLayout",
@@ -34,7 +35,12 @@ __all__ = [
     "truth_positions",
 ]
 
+OF_SPACE = ("z_m", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
+"""The columns of estimates in three dimensions beside those of the plane."""
+
 TRUTH_NAMES = ("truth_x_m", "truth_y_m")
+_POSITION = ("x_m", "y_m", "z_m")
+_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
 _TRUTH = tuple(column.name for column in ESTIMATES.columns if column.carried)
 _OWN = {column.name for column in ESTIMATES.columns if not column.carried} | {"source"}
 _STATUS_WORDS = pa.array([status.word for status in Status])
@@ -88,8 +94,8 @@ class ChunkEstimates:
         return [field.name for field in dataclasses.fields(cls) if field.name != "columns"]
 
     def truth_m(self, chunk: Chunk) -> FloatArray:
-        """Return the true position (E, 2) of estimates from the chunk's truth columns, NaN where they are null."""
-        return truth_positions(chunk.table, self.first_rows(chunk))
+        """Return the true position (E, D) of estimates from the chunk's truth columns, NaN where they are null."""
+        return truth_positions(chunk.table, self.first_rows(chunk), self.position_m.shape[1])
 
     def first_rows(self, chunk: Chunk) -> IntArray:
         """Return the row (E,) of the chunk whose truth and carried columns an estimate has."""
@@ -122,9 +128,10 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str], by: Seque
     )
 
 
-def truth_positions(table: Any, rows: IntArray) -> FloatArray:
-    """Return the true positions (N, 2) in rows (N,) of a table that has the truth columns; NaN where they are null."""
-    columns = [table.column(name).take(pa.array(rows)).cast(pa.float64()) for name in TRUTH_NAMES]
+def truth_positions(table: Any, rows: IntArray, dimension: int = 2) -> FloatArray:
+    """Return the true positions (N, D) in rows (N,) of a table that has the truth columns; NaN where they are null."""
+    names = [*TRUTH_NAMES, TRUTH_HEIGHT.name][:dimension]
+    columns = [table.column(name).take(pa.array(rows)).cast(pa.float64()) for name in names]
     return np.stack([np.asarray(column.to_numpy(), dtype=np.float64) for column in columns], axis=1)
 
 
@@ -172,14 +179,12 @@ class EstimatesLayout:
             "fit_p_value": nullable(estimates.fit_p_value),
             "status": _STATUS_WORDS.take(pa.array(estimates.status)),
         }
-        for index, name in enumerate(("x_m", "y_m")):
-            values[name] = nullable(estimates.position_m[:, index])
-        for index, name in enumerate(("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")):
-            values[name] = nullable(estimates.covariance_m2[:, index])
         for name in ("target", "alternative", "n_measurements", "n_used"):
             values[name] = pa.array(getattr(estimates, name))
         missing = pa.nulls(estimates.snapshot.shape[0])
         values |= dict.fromkeys(self.optional, missing)
+        values |= dict(zip(_POSITION, map(nullable, estimates.position_m.T), strict=False))
+        values |= dict(zip(_COVARIANCE, map(nullable, estimates.covariance_m2.T), strict=False))
         if chunk.windows is not None:
             values["time_s"] = pa.array(chunk.windows.time_s[estimates.snapshot])
         values |= {name: nullable(column) for name, column in estimates.columns.items()}

@@ -18,7 +18,7 @@ from nlosctl.io.readers.open_file import TableFile, open_part
 
 __all__ = ["PlainReader"]
 
-_CARRIED = {column.name: column.type for table in KINDS.values() for column in table.columns if column.carried}
+_CARRIED = {column.name: column.type for table in KINDS.values() for column in table.all_columns if column.carried}
 """The types of the truth and flags that results carry."""
 
 

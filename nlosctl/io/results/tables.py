@@ -30,7 +30,7 @@ def measurement_table(
     The columns of ``sweeps`` follow, with the values of the sweep's point of this index.
     """
     arrays: dict[str, Any] = {}
-    for column in KINDS[kind].columns:
+    for column in KINDS[kind].all_columns:
         if column.name in columns:
             values = columns[column.name]
             arrow_type = pa.string() if values.dtype.kind not in "iu" else pa.int64()

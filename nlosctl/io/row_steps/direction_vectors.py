@@ -1,4 +1,4 @@
-"""Direction vectors in place of angles: ``unit_x``, ``unit_y`` and ``unit_z`` give a column of bearings."""
+"""Direction vectors in place of angles: ``unit_x``, ``unit_y`` and ``unit_z`` give bearings and elevations."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from nlosctl.contract.tables import BEARINGS, ColumnType
 from nlosctl.errors import DataError
 from nlosctl.io.readers.base import CellFault, RecordBatch, plain
 
-__all__ = ["BEARING", "DirectionVectors", "has_vectors"]
+__all__ = ["BEARING", "ELEVATION", "DirectionVectors", "has_vectors"]
 
-BEARING = "bearing_rad"
+BEARING, ELEVATION = "bearing_rad", "elevation_rad"
+_ELEVATIONS = frozenset(name for column in BEARINGS.space if column.name == ELEVATION for name in column.accepted_names)
 _AXES = ("unit_x", "unit_y", "unit_z")
 
 
@@ -28,10 +29,10 @@ def has_vectors(names: Sequence[str], renames: Mapping[str, str]) -> bool:
 class DirectionVectors:
     """A `Step` that adds the bearing (counter-clockwise from +x, radians) of vectors of any length.
 
+    With ``unit_z`` it adds the elevation too, unless the file has a column of elevations.
     A vector that is zero, not finite or vertical is a fault of its cell. Raises DataError without ``unit_y``.
     """
 
-    names: tuple[str, ...] = (BEARING,)
     replaces: Sequence[str] = ()
 
     def __init__(self, names: Sequence[str], renames: Mapping[str, str], file: str) -> None:
@@ -39,6 +40,8 @@ class DirectionVectors:
         if given[1] not in names:
             raise DataError(f"{file}: column {given[0]!r} needs {given[1]!r}; give both components of the direction")
         self._columns = [name for name in given if name in names]
+        has_elevation = len(self._columns) < len(_AXES) or not _ELEVATIONS.isdisjoint({*names, *renames})
+        self.names: tuple[str, ...] = (BEARING,) if has_elevation else (BEARING, ELEVATION)
 
     def request(
         self, types: Mapping[str, ColumnType], columns: list[str] | None
@@ -52,7 +55,7 @@ class DirectionVectors:
 
     def extend(self, schema: Any) -> Any:
         """See Step."""
-        return pa.schema([*schema, pa.field(BEARING, pa.float64())])
+        return pa.schema([*schema, *(pa.field(name, pa.float64()) for name in self.names)])
 
     def apply(self, batch: RecordBatch) -> RecordBatch:
         """See Step."""
@@ -65,12 +68,15 @@ class DirectionVectors:
                 components = vector[:, index]
                 at = next((k for k, value in enumerate(components) if not np.isfinite(value)), 0)
                 faults.append(CellFault(index=index, column=self._columns[at], fault=_fault(components)))
-        bearing = pa.array(np.arctan2(vector[1], vector[0]), mask=wrong)
-        text = batch.text
-        if text is not None:
-            text = text.append_column(BEARING, pa.nulls(batch.table.num_rows, pa.string()))
+        angles = {BEARING: np.arctan2(vector[1], vector[0])}
+        if ELEVATION in self.names:
+            angles[ELEVATION] = np.arctan2(vector[2], np.hypot(vector[0], vector[1]))
+        table, text = batch.table, batch.text
+        for name, values in angles.items():
+            table = table.append_column(name, pa.array(values, mask=wrong))
+            text = None if text is None else text.append_column(name, pa.nulls(table.num_rows, pa.string()))
         faults.sort(key=lambda fault: fault.index)
-        return replace(batch, table=batch.table.append_column(BEARING, bearing), text=text, cell_faults=faults)
+        return replace(batch, table=table, text=text, cell_faults=faults)
 
 
 def _fault(components: Any) -> str:

@@ -9,7 +9,15 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 
 from nlosctl.contract.limits import LARGEST_NUMBER
-from nlosctl.contract.scene import CircleReflector, EarthFrame, LineReflector, SegmentReflector, Sensor
+from nlosctl.contract.scene import (
+    CircleReflector,
+    EarthFrame,
+    LineReflector,
+    PlaneReflector,
+    SegmentReflector,
+    Sensor,
+    SphereReflector,
+)
 
 __all__ = [
     "REFLECTOR_KINDS",
@@ -24,6 +32,7 @@ __all__ = [
 
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Point = tuple[Number, Number]
+PointInSpace = tuple[Number, Number, Number]
 Place = Annotated[list[Number], msgspec.Meta(min_length=2, max_length=3)]
 """Two coordinates, or three with the height."""
 
@@ -136,17 +145,44 @@ class CircleEntry(Entry, tag_field="kind", tag="circle"):
     min_elevation_deg: Number | None = None
 
     def __post_init__(self) -> None:
-        radius, blocker, elevation = self.radius, self.blocker_radius, self.min_elevation_deg
-        if not radius > 0.0:
-            raise EntryError("radius", f"got {radius:g}, expected a radius above 0")
-        if blocker is not None and not 0.0 < blocker < radius:
-            raise EntryError(
-                "blocker_radius", f"got {blocker:g}, expected one inside the reflector: in (0, {radius:g})"
-            )
-        if elevation is not None and blocker is None:
-            raise EntryError("min_elevation_deg", "needs a blocker_radius: without a blocker there is no horizon")
-        if elevation is not None and not 0.0 <= elevation < 90.0:
-            raise EntryError("min_elevation_deg", f"got {elevation:g}, expected an angle in [0, 90)")
+        _check_round(self.radius, self.blocker_radius, self.min_elevation_deg)
+
+
+class PlaneEntry(Entry, tag_field="kind", tag="plane"):
+    scene_type = PlaneReflector
+
+    name: str
+    point: PointInSpace
+    normal: PointInSpace
+
+    def __post_init__(self) -> None:
+        if self.normal == (0.0, 0.0, 0.0):
+            raise EntryError("normal", "got [0, 0, 0], expected a direction of any length except zero")
+
+
+class SphereEntry(Entry, tag_field="kind", tag="sphere"):
+    scene_type = SphereReflector
+
+    name: str
+    center: PointInSpace
+    radius: Number
+    blocker_radius: Number | None = None
+    min_elevation_deg: Number | None = None
+
+    def __post_init__(self) -> None:
+        _check_round(self.radius, self.blocker_radius, self.min_elevation_deg)
+
+
+def _check_round(radius: float, blocker: float | None, elevation: float | None) -> None:
+    """Raise EntryError for a circle or sphere without an inside, or with a blocker or elevation that it can't have."""
+    if not radius > 0.0:
+        raise EntryError("radius", f"got {radius:g}, expected a radius above 0")
+    if blocker is not None and not 0.0 < blocker < radius:
+        raise EntryError("blocker_radius", f"got {blocker:g}, expected one inside the reflector: in (0, {radius:g})")
+    if elevation is not None and blocker is None:
+        raise EntryError("min_elevation_deg", "needs a blocker_radius: without a blocker there is no horizon")
+    if elevation is not None and not 0.0 <= elevation < 90.0:
+        raise EntryError("min_elevation_deg", f"got {elevation:g}, expected an angle in [0, 90)")
 
 
 class FrameEntry(Entry):
@@ -174,9 +210,15 @@ class SceneEntries(msgspec.Struct, forbid_unknown_fields=True):
     """All tables of a scene file."""
 
     sensor: list[SensorEntry] = []
-    reflector: list[LineEntry | SegmentEntry | CircleEntry] = []
+    reflector: list[LineEntry | SegmentEntry | CircleEntry | PlaneEntry | SphereEntry] = []
     frame: FrameEntry | None = None
 
 
-REFLECTOR_KINDS: dict[str, type[Entry]] = {"line": LineEntry, "segment": SegmentEntry, "circle": CircleEntry}
+REFLECTOR_KINDS: dict[str, type[Entry]] = {
+    "line": LineEntry,
+    "segment": SegmentEntry,
+    "circle": CircleEntry,
+    "plane": PlaneEntry,
+    "sphere": SphereEntry,
+}
 """Entries of reflectors by their ``kind``."""

@@ -102,6 +102,8 @@ def _expected(kind: Any) -> str:
         return "text"
     if "list" in str(kind):
         return "two numbers, [x, y], or three with the height, [x, y, z]"
+    if str(kind).count("float") == 3:
+        return "three numbers, [x, y, z]"
     return "two numbers, [x, y]" if "tuple" in str(kind) else "a number"
 
 

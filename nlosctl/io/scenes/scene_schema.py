@@ -15,16 +15,18 @@ _MEANINGS = {
     "position": "x, y in metres, or x, y, z with the height (in all sensors of a scene, or none)",
     "heading_deg": "boresight, clockwise from +y",
     "heading_std_deg": "standard deviation of the heading, which adds to that of relative directions",
-    "kind": "line: an endless mirror; segment: a wall that reflects and blocks; circle: a mirror seen from inside",
-    "point": "x, y in metres of a point of the line (with direction)",
+    "kind": "line: an endless mirror; segment: a wall that reflects and blocks; circle: a mirror seen from inside; "
+    "plane, sphere: the same in space",
+    "point": "x, y in metres of a point of the line (with direction), or x, y, z of the plane",
+    "normal": "direction across the plane, of any length",
     "direction": "direction of the line, of any length (with point)",
     "slope": "slope of the line (with intercept, in place of point and direction)",
     "intercept": "y in metres at x = 0 (with slope)",
     "from": "x, y in metres of the wall's first end",
     "to": "x, y in metres of the wall's other end",
-    "center": "x, y in metres of the circle's centre",
+    "center": "x, y in metres of the circle's centre, or x, y, z of the sphere's",
     "radius": "radius in metres",
-    "blocker_radius": "radius in metres of an opaque concentric circle",
+    "blocker_radius": "radius in metres of an opaque concentric circle or sphere",
     "min_elevation_deg": "least elevation above the sensor's horizontal that is received (with blocker_radius)",
     "crs": "projected CRS of x and y, such as EPSG:32632 (in place of the origin)",
     "origin_lat_deg": "latitude of x = y = 0 (WGS 84)",
@@ -73,5 +75,7 @@ def _row(table: str, key: str, kind: str, *, is_required: bool) -> dict[str, str
 
 
 def _type_name(kind: Any) -> str:
+    if str(kind).count("float") == 3:
+        return "3 numbers"
     names = {"datetime": "date-time or number", "list": "2 or 3 numbers", "tuple": "2 numbers", "str": "text"}
     return next((name for word, name in names.items() if word in str(kind)), "number")

@@ -118,7 +118,7 @@ class BoundRun:
         """Add the remarks of the reader, and those on columns that the bound does not use, to the report."""
         self.report.notes += [*remarks, *window_remarks(self.report.windows, self.reader.options.window)]
         names = self.reader.column_names
-        self.report.notes += heights_remark(names, self._options.target_z_m)
+        self.report.notes += heights_remark(self.reader, self._options)
         if not self._options.use_ranges and (
             self.reader.kind != "bearings" or "range_m" not in self.reader.schema.names
         ):

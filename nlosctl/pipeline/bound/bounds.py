@@ -24,8 +24,8 @@ from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
-from nlosctl.pipeline.solve.slant_ranges import with_sensor_heights
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
+from nlosctl.pipeline.solve.target_heights import with_target_heights
 
 __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]
 
@@ -163,8 +163,7 @@ def _as_modelled(chunk: Chunk, reader: MeasurementReader, options: SolveOptions)
 
     Raises UsageError for ranges by circles that are slant, or beside bearings.
     """
-    if options.target_z_m is not None:
-        chunk = with_sensor_heights(chunk, options.target_z_m)
+    chunk = with_target_heights(chunk, reader.dimension, options)
     if reader.scene.has_circles and reader.kind == "bearings" and options.use_ranges:
         refuse_circle_ranges(chunk, reader.scene)
     elif reader.scene.has_circles and reader.kind == "ranges":

@@ -52,7 +52,7 @@ class ValueRanges:
         """Yield columns of zeros, constant measured values, and angles beyond a turn."""
         places = {
             name
-            for column in KINDS[kind].columns
+            for column in KINDS[kind].all_columns
             if column.earth_place not in ("", "truth", "prior")
             for name in column.accepted_names
         }

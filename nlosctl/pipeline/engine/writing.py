@@ -146,6 +146,7 @@ def read_settings(reader: MeasurementReader) -> dict[str, Any]:
     options = reader.options
     settings: dict[str, Any] = {"columns": options.columns, "constants": reader.constants}
     settings["all_rows"] = options.all_rows
+    settings["dimensions"] = reader.dimension if reader.dimension == 3 else None
     settings |= {name: list(getattr(options, name)) for name in ("wide", "missing", "where")}
     if options.declination_deg is not None:
         settings["declination_deg"] = options.declination_deg

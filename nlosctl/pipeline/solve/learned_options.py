@@ -26,8 +26,8 @@ from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.method_runs import LearnedOptions, MethodRun
-from nlosctl.pipeline.solve.slant_ranges import with_sensor_heights
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, keep_freed_memory
+from nlosctl.pipeline.solve.target_heights import by_height, with_target_heights
 
 __all__ = ["MOST_PASSES", "learn_options", "pass_batches"]
 
@@ -63,7 +63,11 @@ def learn_options(
         if not moving:
             break
         current = tuple((number, step.run) for number, step in moving.items())
-        pooled = passes.pool(_ChunkStatistics(kind=kind, scene=scene, runs=current, options=options))
+        pooled = passes.pool(
+            _ChunkStatistics(
+                kind=kind, dimension=passes.survey.table.dimension, scene=scene, runs=current, options=options
+            )
+        )
         for number, step in moving.items():
             step.advance(pooled.sums(number))
             show(f"{step.run.label}: pass {count}: {step.described()}")
@@ -147,28 +151,31 @@ class _ChunkStatistics:
     """The sums of the runs' statistics over a chunk, by the number of the run."""
 
     kind: str
+    dimension: int
     scene: Scene
     runs: tuple[tuple[int, MethodRun], ...]
     options: SolveOptions
 
     def __call__(self, chunk: Chunk) -> ExactSums:
         sums = ExactSums()
-        for row, batch in pass_batches(chunk, self.kind, self.scene, self.options):
+        for row, batch in pass_batches(chunk, self.kind, self.scene, self.options, self.dimension):
             for number, run in self.runs:
                 if row.shape[1] >= run.spec.minimum_measurements:
                     sums.add(number, _statistics(run, batch))
         return sums
 
 
-def pass_batches(chunk: Chunk, kind: str, scene: Scene, options: SolveOptions) -> Iterator[tuple[IntArray, Any]]:
+def pass_batches(
+    chunk: Chunk, kind: str, scene: Scene, options: SolveOptions, dimension: int = 2
+) -> Iterator[tuple[IntArray, Any]]:
     """Yield the rows (B, K) and the dense batch of each block of a chunk, for the statistics of a pass."""
     keep_freed_memory()
-    if options.target_z_m is not None:
-        chunk = with_sensor_heights(chunk, options.target_z_m)
+    chunk = with_target_heights(chunk, dimension, options)
     seed = snapshot_seeds(options.seed, chunk.snapshot_ids())
-    for snapshot, row in dense_blocks(chunk.offsets, ~chunk.left_out, options.block_size):
-        field = options.field
-        yield row, dense_batch(kind, chunk.columns, row, scene=scene, seed=seed[snapshot], field=field, flags=False)
+    made: dict[str, Any] = {"scene": scene, "dimension": dimension, "field": options.field, "flags": False}
+    for block in dense_blocks(chunk.offsets, ~chunk.left_out, options.block_size):
+        for snapshot, row in by_height(chunk, *block):
+            yield row, dense_batch(kind, chunk.columns, row, seed=seed[snapshot], **made)
 
 
 def _statistics(run: MethodRun, batch: Any) -> FloatArray:

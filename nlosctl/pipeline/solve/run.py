@@ -17,17 +17,17 @@ from nlosctl.io.arrow_columns import SweepColumns
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.measurements.returned_ids import rejoined_remark
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
+from nlosctl.io.results.layouts import OF_SPACE, EstimatesLayout, carried_columns
 from nlosctl.io.results.measurement_layouts import FlagsLayout, TraceLayout
 from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
-from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally, heights_remark
+from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally, heights_remark, refuse_dimension
 from nlosctl.pipeline.solve.report import RunReport, method_remarks
-from nlosctl.pipeline.solve.slant_ranges import with_sensor_heights
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
+from nlosctl.pipeline.solve.target_heights import with_target_heights
 
 __all__ = ["MeasurementRun"]
 
@@ -50,12 +50,14 @@ class MeasurementRun:
     ) -> None:
         self.reader, self._runs, self._options, self._write = reader, tuple(runs), options, write
         self._wanted = tuple(wanted)
+        refuse_dimension(runs, reader.dimension, options.field)
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
         self._solver = ChunkSolver(
             kind=reader.kind,
             scene=reader.scene,
             runs=self._runs,
+            dimension=reader.dimension,
             field=options.field,
             block_size=options.block_size,
             alternatives=options.alternatives,
@@ -101,6 +103,8 @@ class MeasurementRun:
         content |= read_settings(self.reader)
         if options.target_z_m is not None:
             content["target_z_m"] = options.target_z_m
+        if options.target_z_std_m is not None:
+            content["target_z_std_m"] = options.target_z_std_m
         return content
 
     def choices(self) -> dict[str, Any]:
@@ -135,7 +139,7 @@ class MeasurementRun:
         self.report.notes += [
             *remarks,
             *(rejoined_remark(self.report.rejoined) if self.report.rejoined else ()),
-            *heights_remark(self.reader.column_names, self._options.target_z_m),
+            *heights_remark(self.reader, self._options),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, self._known_columns(), self._options, advised=bool(advice)),
             *advice,
@@ -156,6 +160,7 @@ class MeasurementRun:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
         write = self._write
         names: set[str] = set() if self.reader.options.window is None else {"time_s"}
+        names |= set(OF_SPACE) if self.reader.dimension == 3 else set()
         if write.ellipse is not None or write.add:
             names |= optional_columns(write.ellipse, write.add)
             check_added(write.add, self.reader, self._runs)
@@ -223,9 +228,7 @@ class MeasurementRun:
 
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
         """Return the tables of a chunk, and its counts."""
-        write, target_z_m = self._write, self._options.target_z_m
-        if target_z_m is not None:
-            chunk = with_sensor_heights(chunk, target_z_m)
+        write, chunk = self._write, with_target_heights(chunk, self.reader.dimension, self._options)
         if self.reader.scene.reflectors:
             from nlosctl.pipeline.solve.reflected_ranges import refuse_reflected_ranges
 
@@ -275,11 +278,14 @@ class MeasurementRun:
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
         self._count_lone_rows(chunk, solution, report)
-        if any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los"):
+        in_plane = self.reader.dimension == 2
+        if in_plane and any(
+            report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los"
+        ):
             from nlosctl.pipeline.solve.likely_causes import fit_after_changes
 
             report.refits.update(fit_after_changes(chunk, self.reader))
-        if frame is not None and solution.estimates is not None:
+        if in_plane and frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
 

@@ -25,6 +25,7 @@ from nlosctl.models.search_regions import search_region
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.report import fit_p_values
+from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
@@ -74,7 +75,11 @@ class ChunkSolver:
         estimates: list[ChunkEstimates] = []
         flags: list[Flags] = []
         traces: list[tuple[int, IntArray, IntArray, Trace]] = []
-        blocks = list(dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size))
+        blocks = [
+            part
+            for block in dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size)
+            for part in by_height(chunk, *block)
+        ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
             solved = [
@@ -227,7 +232,7 @@ def dense_batch(
         elif name in cls.ABSENT:
             arrays[name] = np.full(row.shape, cls.ABSENT[name], order="F")
             arrays[name].flags.writeable = False
-    if dimension == 3 and "target_z_m" in columns:
+    if dimension == 3 and "target_z_m" in columns and not np.isnan(columns["target_z_m"][row[:, 0]]).all():
         arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
     batch: Batch = cls(
         scene=scene,

@@ -106,11 +106,13 @@ class StdEstimate:
         return _with_sensor_columns(solution, spec, batch, options, factors, degrees)
 
 
-def with_unknown_std(runs: Sequence[MethodRun], kind: str, pool: str) -> list[MethodRun]:
+def with_unknown_std(runs: Sequence[MethodRun], kind: str, dimension: int, pool: str) -> list[MethodRun]:
     """Return the runs with a factor of the standard deviations for each snapshot.
 
     Raises UsageError for a kind or method that can't have one, or an option that is to be estimated, too.
     """
+    if dimension == 3:
+        raise UsageError("`estimate_std` is for two dimensions; set `dimensions` to 2, or give the standard deviations")
     for run in runs:
         spec = run.spec
         if not (spec.scales_std or spec.direct_rows is not None):

@@ -1,0 +1,69 @@
+"""Heights of the targets: measured or held in three dimensions, in the plane those that make ranges slant."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from nlosctl.arrays import IntArray
+from nlosctl.contract.run_options import SolveOptions
+from nlosctl.errors import UsageError
+from nlosctl.io.measurements.reader import Chunk
+
+__all__ = ["by_height", "with_target_heights"]
+
+_HEIGHT, _HEIGHT_STD = "target_z_m", "target_z_std_m"
+
+
+def with_target_heights(chunk: Chunk, dimension: int, options: SolveOptions) -> Chunk:
+    """Return the chunk with the heights of its targets, from the settings or its own columns.
+
+    In three dimensions those are the columns ``target_z_m`` and ``target_z_std_m``; in the plane ``sensor_height_m``,
+    the height of each sensor above the plane of the targets. Raises UsageError without heights of all sensors, for a
+    setting beside a column, and in the plane for other measurements than ranges.
+    """
+    height, std = options.target_z_m, options.target_z_std_m
+    if height is not None and _HEIGHT in chunk.columns:
+        raise UsageError(f"`target_z_m` is given, but the input has a column {_HEIGHT!r}; leave the option out")
+    if height is None and (dimension == 3 or _HEIGHT not in chunk.columns):
+        return chunk
+    if dimension == 3:
+        rows = int(chunk.offsets[-1])
+        given = {_HEIGHT: np.full(rows, height), _HEIGHT_STD: np.full(rows, std or 0.0)}
+        return dataclasses.replace(chunk, columns={**chunk.columns, **given})
+    if std is not None:
+        raise UsageError("`target_z_std_m` is for three dimensions; set `dimensions` to 3, or leave it out")
+    return _with_sensor_heights(chunk, chunk.columns[_HEIGHT] if height is None else height)
+
+
+def by_height(chunk: Chunk, snapshot: IntArray, row: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the snapshots (B,) and rows (B, K) of a block by what is known of the target's height.
+
+    A batch is of targets without a height, with a measured one, or with one that is held exactly.
+    """
+    if _HEIGHT_STD not in chunk.columns or not row.shape[1]:
+        yield snapshot, row
+        return
+    std = chunk.columns[_HEIGHT_STD][row[:, 0]]
+    for alike in (np.isnan(std), std > 0.0, std == 0.0):
+        if alike.any():
+            yield snapshot[alike], row[alike]
+
+
+def _with_sensor_heights(chunk: Chunk, target_z_m: Any) -> Chunk:
+    if "bearing_rad" in chunk.columns or "range_m" not in chunk.columns:
+        raise UsageError(
+            "`target_z_m` is for files of ranges, whose heights make them slant ranges, or for three dimensions; "
+            "leave it out, or set `dimensions` to 3"
+        )
+    if "sensor_z_m" not in chunk.columns:
+        raise UsageError(
+            "`target_z_m` needs the height of each sensor: a column 'sensor_z_m', or position = [x, y, z] in the scene"
+        )
+    height = chunk.columns["sensor_z_m"] - target_z_m
+    if np.isnan(height).any():
+        raise UsageError("`target_z_m` needs the height of each sensor, and the scene lacks some sensors; add them")
+    return dataclasses.replace(chunk, columns={**chunk.columns, "sensor_height_m": height})
