@@ -97,18 +97,23 @@ class MethodSpec:
     direct_rows: Callable[[Any, Any], tuple[FloatArray, FloatArray]] | None = None
     contract_version: int | None = None
 
-    def flag_columns(self, options: Any, scene: Scene, given: Container[str], *, details: bool) -> tuple[str, ...]:
+    def flag_columns(
+        self, options: Any, scene: Scene, given: Container[str], *, details: bool, dimension: int = 2
+    ) -> tuple[str, ...]:
         """Return the columns that it adds to the flags under ``options``, with or without the details.
 
-        Some require circles in the scene, or another column among those of the input (``given``).
+        Some require circles in the scene, three dimensions, or another column among those of the input (``given``).
         """
         asked_for = () if self.flags_with is None else self.flags_with(options)
         of_circles = {column.name for column in FLAGS.columns if column.of_circles}
+        of_space = {column.name for column in FLAGS.columns if column.of_space}
         needs = self.flags_needing
         return tuple(
             name
             for name in (*self.flags, *asked_for, *(self.details if details else ()))
-            if (scene.has_circles or name not in of_circles) and (name not in needs or needs[name] in given)
+            if (scene.has_circles or name not in of_circles)
+            and (dimension == 3 or name not in of_space)
+            and (name not in needs or needs[name] in given)
         )
 
     def all_estimate_columns(self, options: Any) -> tuple[str, ...]:

@@ -59,8 +59,8 @@ METHOD = MethodSpec(
     solve=solve,
     cost=HALF_CHI_SQUARE,
     minimum_measurements=1,
-    flags=("residual_rad", "residual_m", "under_horizon"),
-    flags_needing={"residual_m": "range_m"},
+    flags=("residual_rad", "residual_elevation_rad", "residual_m", "under_horizon"),
+    flags_needing={"residual_m": "range_m", "residual_elevation_rad": "elevation_rad"},
     scales_std=True,
     dimensions=(2, 3),
 )

@@ -114,7 +114,9 @@ def flags(bench: Bench) -> Iterator[str]:
         if solution.flags is None:
             yield "missing although the batch wants them"
             return
-        declared = bench.spec.flag_columns(bench.options, batch.scene, _columns_of(batch), details=False)
+        declared = bench.spec.flag_columns(
+            bench.options, batch.scene, _columns_of(batch), details=False, dimension=batch.dimension
+        )
         if set(solution.flags.columns) != set(declared):
             yield f"columns {sorted(solution.flags.columns)}, declared are {sorted(declared)}"
         if solution.flags.used.dtype != np.bool_:
@@ -171,5 +173,9 @@ def quiet(bench: Bench) -> Iterator[str]:
 
 def _columns_of(batch: Any) -> frozenset[str]:
     """Return the input columns that the batch was made of."""
-    made = ((name, parts) for name, parts in batch.SOURCES.items() if getattr(batch, name) is not None)
+    made = (
+        (name, parts)
+        for name, parts in {**batch.SOURCES, **batch.SPACE_SOURCES}.items()
+        if getattr(batch, name) is not None
+    )
     return frozenset(part for _, parts in made for part in parts)

@@ -56,15 +56,15 @@ class Column:
     that the setting ``estimate_std`` estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's sensor
     position fill it. ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured
     value. ``carried`` columns are truth or flags of an earlier step: checked for their type and copied, never passed
-    to a method. ``of_circles`` marks flags that are only set in a scene with circles. ``earth_place`` names the
-    location (see `EARTH_PLACES`) whose latitude and longitude can replace it. ``add`` is the name by which the setting
-    ``add`` requests a result column. ``measured_at`` names the node where a direction is measured: ``sensor``, ``tx``
-    or ``rx``. A column with ``only_with`` is used only in a file with one of these columns (without any: only by a
-    step of reading). ``scene_sensor`` is the column that names the sensor of the scene whose position can fill this
-    one; it is also the default of that name. ``every_run`` marks a result column that every run writes, but a file
-    need not have. Values of a column with ``is_bounded`` are within ``largest_magnitude`` in any unit. ``replaced_by``
-    names a column that can be there in place of this one. ``measures`` is the measured column of a standard deviation
-    that is not named after it.
+    to a method. ``of_circles`` marks flags that are only set in a scene with circles, ``of_space`` those of three
+    dimensions. ``earth_place`` names the location (see `EARTH_PLACES`) whose latitude and longitude can replace it.
+    ``add`` is the name by which the setting ``add`` requests a result column. ``measured_at`` names the node where a
+    direction is measured: ``sensor``, ``tx`` or ``rx``. A column with ``only_with`` is used only in a file with one of
+    these columns (without any: only by a step of reading). ``scene_sensor`` is the column that names the sensor of the
+    scene whose position can fill this one; it is also the default of that name. ``every_run`` marks a result column
+    that every run writes, but a file need not have. Values of a column with ``is_bounded`` are within
+    ``largest_magnitude`` in any unit. ``replaced_by`` names a column that can be there in place of this one.
+    ``measures`` is the measured column of a standard deviation that is not named after it.
     """
 
     name: str
@@ -87,6 +87,7 @@ class Column:
     scene_sensor: str = ""
     carried: bool = False
     of_circles: bool = False
+    of_space: bool = False
     earth_place: str = ""
     add: str = ""
     every_run: bool = False

@@ -1,4 +1,4 @@
-"""The columns of estimates, flags and bounds, and of a table of true positions."""
+"""The columns of estimates and flags, and of a table of true positions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 from nlosctl.contract.tables.space import TRUTH_HEIGHT
 
-__all__ = ["ADDED_COLUMNS", "BOUND", "ELLIPSE", "ESTIMATES", "FLAGS", "TRUTH"]
+__all__ = ["ADDED_COLUMNS", "ELLIPSE", "ESTIMATES", "FLAGS", "TRUTH"]
 
 ELLIPSE = (
     Column(
@@ -168,6 +168,7 @@ FLAGS = Table(
             type="number",
             unit="rad",
             nullable=True,
+            of_space=True,
             meaning="elevation, measured minus predicted at the estimate; null for a row of azimuth alone",
         ),
         Column(
@@ -237,6 +238,7 @@ FLAGS = Table(
                 type="number",
                 unit="rad",
                 nullable=True,
+                of_space="elevation" in name,
                 meaning=f"{name[:3].upper()}{name[3:].replace('_', ' ')}, measured minus predicted at the estimate",
             )
             for name in ("dod", "doa", "dod_elevation", "doa_elevation")
@@ -262,32 +264,6 @@ FLAGS = Table(
             )
             for word, meaning in (("lambda", "difference of intersections"), ("threshold", "threshold of difference"))
             for number in range(1, 7)
-        ),
-    ),
-)
-
-BOUND = Table(
-    name="bound",
-    title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
-    columns=(
-        Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
-        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
-        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
-        *(
-            Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
-            for name, unit, meaning in (
-                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null without a bound"),
-                ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
-                ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
-                ("rms_m", "m", "root of the trace: lower bound of the RMSE"),
-                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
-                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
-                ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
-                ("cep50_m", "m", "circular error probable: radius of the circle that contains half of Gaussian errors"),
-            )
-        ),
-        Column(
-            name="n_used", type="integer", required=True, meaning="rows with a free path to the position in this scene"
         ),
     ),
 )

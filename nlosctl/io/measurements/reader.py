@@ -59,15 +59,13 @@ class Chunk:
 class MeasurementReader:
     """Reads inputs of one kind; ``kind``, ``schema``, ``metadata`` and ``scene`` are known before the first chunk.
 
-    ``dimension`` is that of the positions to estimate, ``table_schema`` is the schema of the tables of chunks, with
-    ``snapshot`` if windows make it.
-
+    ``dimension`` is that of the positions to estimate, ``measured_columns`` are the contract's columns that the inputs
+    have. ``table_schema`` is the schema of the tables of chunks, with ``snapshot`` if windows make it.
     Bad rows go to the sink ``bad_rows``. Without it no chunk follows the first bad row, the rest is read for further
     problems, and a DataError lists them at the end. Raises DataError or UsageError for a fault of a whole file.
 
     ``survey`` is that of an earlier reader of the same inputs, which is not repeated. ``only`` (index of the
-    input, index of the part within) restricts the reader to snapshots that begin in that part; with `WHOLE` as the part
-    to those of the input.
+    input, index of the part within) restricts the reader to snapshots that begin in that part, or (`WHOLE`) input.
     """
 
     def __init__(
@@ -88,6 +86,7 @@ class MeasurementReader:
         self._tally = RowTally(log=ProblemLog(bad_rows), report=self.report)
         self.metadata, self.scene = self._survey.metadata, self._survey.scene
         self.kind, self.dimension = self._survey.table.name, self._survey.table.dimension
+        self.measured_columns = self._survey.measured_columns
         self.schema: Any = self._survey.schema
         named = self.options.window is not None
         self.table_schema: Any = self.schema.insert(0, pa.field(SNAPSHOT, pa.string())) if named else self.schema

@@ -72,7 +72,8 @@ class InputSurvey:
 
     ``metadata`` are those of the first file; ``column_names`` are the columns of all files, after renaming.
     ``open_tables`` are files that stay open, by name: streams, and a single file. ``one_station``: the files lack a
-    column ``sensor``. ``constants`` are those that some file needs, by column; ``units`` are unknown std.
+    column ``sensor``. ``measured_columns`` are the contract's in the first file. ``constants`` are those that some
+    file needs, by column; ``units`` are unknown std.
     """
 
     table: Table
@@ -84,6 +85,7 @@ class InputSurvey:
     remarks: list[str] = field(default_factory=list)
     time_column: str = ""
     one_station: bool = False
+    measured_columns: frozenset[str] = frozenset()
     constants: dict[str, float] = field(default_factory=dict)
     units: Mapping[str, float] = field(default_factory=dict)
 
@@ -96,9 +98,8 @@ class InputSurvey:
 
     def close(self) -> None:
         """Close the files that are open."""
-        for opened in self.open_tables.values():
-            opened.file.close()
-        self.open_tables.clear()
+        while self.open_tables:
+            self.open_tables.popitem()[1].file.close()
 
 
 def survey_inputs(inputs: Sequence[Input], options: InputOptions) -> InputSurvey:
@@ -163,6 +164,7 @@ def _survey_first(
             scene = replace(scene, frame=coordinates.frame)
         survey = InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata, units=opened.plan.units)
         survey.constants |= opened.plan.constants
+        survey.measured_columns = frozenset(opened.plan.mapped)
         survey.time_column = opened.time_column
         return survey, opened, coordinates
 
@@ -226,8 +228,7 @@ def planned(
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
     is_first, given = table is None, {*options.constants, *options.default_constants}
     table = table or kind_table(options.kind or kind_of_columns([*file.names, *options.columns], given))
-    has_times = any(sensor.start is not None or sensor.end is not None for sensor in scene.sensors)
-    needs_times = has_times or options.window is not None
+    needs_times = bool(scene.time_column) or options.window is not None
     table = table.with_times() if needs_times else table
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     remarks: Sequence[str] = ()
@@ -257,7 +258,7 @@ def planned(
     schema = file.start({original[name]: wanted for name, wanted in plan.types.items()}, columns)
     derived -= {name for name in derived if name.startswith("truth")}
     fields = [field.with_name(name) for name, field in zip(to_read, schema, strict=True) if name not in derived]
-    opened = OpenTable(
+    return OpenTable(
         part=part,
         file=file,
         plan=plan,
@@ -270,8 +271,7 @@ def planned(
         time_column=time_column,
         timezone=options.timezone,
         remarks=remarks,
-    )
-    return opened, coordinates
+    ), coordinates
 
 
 def _add_steps(
@@ -279,7 +279,7 @@ def _add_steps(
 ) -> tuple[PlaneCoordinates | None, set[str], bool]:
     """Add the steps that change rows, name a lone station, or place latitudes in the plane, in this order.
 
-    Return the last one, if there is one, the columns that they derive, and whether the rows are of one station.
+    Return the last one, if any, the columns that they derive, and whether the rows are of one station.
     """
     derived: set[str] = set()
     if options.changes_rows or "unit_x" in file.names or "unit_x" in options.columns:

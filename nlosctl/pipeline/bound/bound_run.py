@@ -21,7 +21,7 @@ from nlosctl.pipeline.bound.bounds import (
     result_schema,
 )
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
-from nlosctl.pipeline.solve.method_runs import heights_remark
+from nlosctl.pipeline.solve.target_heights import heights_remark
 
 __all__ = ["BoundReport", "BoundRun"]
 

@@ -14,19 +14,17 @@ import numpy.typing as npt
 
 from nlosctl import registry
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.fields import BoxField, Field
 from nlosctl.contract.learning import ESTIMATE
 from nlosctl.contract.methods import Job, MethodSpec
 from nlosctl.contract.options import parse_options
 from nlosctl.contract.results import Solution, is_fix
-from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.sweeps import SweepWords, refuse_both, swept_options
 
 if TYPE_CHECKING:
-    from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+    from nlosctl.io.measurements.reader import Chunk
     from nlosctl.pipeline.solve.unknown_std import StdEstimate
 
 __all__ = [
@@ -47,7 +45,6 @@ STATUS_WORDS = tuple(status.word for status in Status)
 _READ_BY_SOME = {"bearings": ("prior_x_m",), "triplets": ("target_radius_m",)}
 """Columns of a kind that few methods use, the first of those that belong together."""
 
-_NUMBERS = {2: "two", 3: "three"}
 _BAD_FIT_P_VALUE = 1e-3
 _BAD_FIT_SHARE = 0.05
 _MOST = 0.5
@@ -265,30 +262,6 @@ def _by_method(specs: Sequence[MethodSpec], parameters: Mapping[str, Any], optio
         for name in owners or keys:
             given[name] = {**given[name], key: value} if colon else {key: value, **given[name]}
     return given
-
-
-def refuse_dimension(runs: Sequence[MethodRun], dimension: int, field: Field) -> None:
-    """Raise UsageError for a method that does not solve in this dimension, or a search region of another."""
-    for run in runs:
-        if dimension not in run.spec.dimensions:
-            solved = "two dimensions" if dimension == 3 else "three dimensions"
-            other = 5 - dimension
-            raise UsageError(
-                f"method {run.spec.name!r} solves in {solved}, and the input is of {_NUMBERS[dimension]}; "
-                f"set `dimensions` to {other}, or choose another method (see 'nlosctl methods')"
-            )
-    if isinstance(field, BoxField) and field.zmin_m is not None and dimension == 2:
-        raise UsageError(f"field {str(field)!r} has heights, but the input is of two dimensions; give four numbers")
-
-
-def heights_remark(reader: MeasurementReader, options: SolveOptions) -> list[str]:
-    """Return a line if the input has sensor heights that are not used."""
-    names = reader.column_names
-    if reader.kind != "ranges" or reader.dimension == 3 or "sensor_z_m" not in names:
-        return []
-    if options.target_z_m is not None or "target_z_m" in names:
-        return []
-    return ["the column 'sensor_z_m' is not used without `target_z_m`: everything is taken as measured in one plane"]
 
 
 def unused_columns(runs: Sequence[MethodRun], kind: str, columns: Sequence[str]) -> list[str]:

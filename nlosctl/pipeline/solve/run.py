@@ -23,11 +23,11 @@ from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_columns, optional_columns
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
-from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally, heights_remark, refuse_dimension
+from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
-from nlosctl.pipeline.solve.target_heights import with_target_heights
+from nlosctl.pipeline.solve.target_heights import heights_remark, refuse_dimension, with_target_heights
 
 __all__ = ["MeasurementRun"]
 
@@ -101,11 +101,8 @@ class MeasurementRun:
         ]
         content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
         content |= read_settings(self.reader)
-        if options.target_z_m is not None:
-            content["target_z_m"] = options.target_z_m
-        if options.target_z_std_m is not None:
-            content["target_z_std_m"] = options.target_z_std_m
-        return content
+        heights = {"target_z_m": options.target_z_m, "target_z_std_m": options.target_z_std_m}
+        return content | {name: value for name, value in heights.items() if value is not None}
 
     def choices(self) -> dict[str, Any]:
         """Return the other options that two runs must share to write equal tables, as plain values."""
@@ -205,11 +202,9 @@ class MeasurementRun:
         return layouts
 
     def _flag_names(self) -> tuple[str, ...]:
-        details = self._write.details
-        columns = (
-            run.spec.flag_columns(run.options, self.reader.scene, self.reader.schema.names, details=details)
-            for run in self._runs
-        )
+        given, reader = self.reader.measured_columns | set(self.reader.schema.names), self.reader
+        asked: dict[str, Any] = {"details": self._write.details, "dimension": reader.dimension}
+        columns = (run.spec.flag_columns(run.options, reader.scene, given, **asked) for run in self._runs)
         own = ("std_factor",) if self._options.estimate_std == "sensor" else ()
         return tuple(dict.fromkeys(name for names in (*columns, own) for name in names))
 
@@ -278,14 +273,12 @@ class MeasurementRun:
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
         self._count_lone_rows(chunk, solution, report)
-        in_plane = self.reader.dimension == 2
-        if in_plane and any(
-            report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los"
-        ):
+        suspect = any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los")
+        if suspect and self.reader.dimension == 2:
             from nlosctl.pipeline.solve.likely_causes import fit_after_changes
 
             report.refits.update(fit_after_changes(chunk, self.reader))
-        if in_plane and frame is not None and solution.estimates is not None:
+        if self.reader.dimension == 2 and frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
 

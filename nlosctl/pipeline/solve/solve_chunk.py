@@ -177,7 +177,8 @@ class ChunkSolver:
             if solution.flags is None:
                 continue
             used[row] = solution.flags.used
-            own = run.spec.flag_columns(run.options, self.scene, chunk.columns, details=self.want_details)
+            asked: dict[str, Any] = {"details": self.want_details, "dimension": self.dimension}
+            own = run.spec.flag_columns(run.options, self.scene, chunk.columns, **asked)
             for name in (*own, "std_factor"):
                 if name in solution.flags.columns:
                     parts.setdefault(name, []).append((row, solution.flags.columns[name]))

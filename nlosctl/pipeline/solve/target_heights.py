@@ -1,21 +1,27 @@
-"""Heights of the targets: measured or held in three dimensions, in the plane those that make ranges slant."""
+"""Heights of the targets: measured or held in three dimensions, in the plane those that make ranges slant.
+
+Also what a run refuses in a dimension, and what it remarks on heights.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import IntArray
+from nlosctl.contract.fields import BoxField, Field
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.errors import UsageError
-from nlosctl.io.measurements.reader import Chunk
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+from nlosctl.pipeline.solve.method_runs import MethodRun
 
-__all__ = ["by_height", "with_target_heights"]
+__all__ = ["by_height", "heights_remark", "refuse_dimension", "with_target_heights"]
 
 _HEIGHT, _HEIGHT_STD = "target_z_m", "target_z_std_m"
+_NUMBERS = {2: "two", 3: "three"}
 
 
 def with_target_heights(chunk: Chunk, dimension: int, options: SolveOptions) -> Chunk:
@@ -67,3 +73,27 @@ def _with_sensor_heights(chunk: Chunk, target_z_m: Any) -> Chunk:
     if np.isnan(height).any():
         raise UsageError("`target_z_m` needs the height of each sensor, and the scene lacks some sensors; add them")
     return dataclasses.replace(chunk, columns={**chunk.columns, "sensor_height_m": height})
+
+
+def refuse_dimension(runs: Sequence[MethodRun], dimension: int, field: Field) -> None:
+    """Raise UsageError for a method that does not solve in this dimension, or a search region of another."""
+    for run in runs:
+        if dimension not in run.spec.dimensions:
+            solved = "two dimensions" if dimension == 3 else "three dimensions"
+            other = 5 - dimension
+            raise UsageError(
+                f"method {run.spec.name!r} solves in {solved}, and the input is of {_NUMBERS[dimension]}; "
+                f"set `dimensions` to {other}, or choose another method (see 'nlosctl methods')"
+            )
+    if isinstance(field, BoxField) and field.zmin_m is not None and dimension == 2:
+        raise UsageError(f"field {str(field)!r} has heights, but the input is of two dimensions; give four numbers")
+
+
+def heights_remark(reader: MeasurementReader, options: SolveOptions) -> list[str]:
+    """Return a line if the input has sensor heights that are not used."""
+    names = reader.column_names
+    if reader.kind != "ranges" or reader.dimension == 3 or "sensor_z_m" not in names:
+        return []
+    if options.target_z_m is not None or _HEIGHT in names:
+        return []
+    return ["the column 'sensor_z_m' is not used without `target_z_m`: everything is taken as measured in one plane"]

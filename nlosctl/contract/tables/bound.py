@@ -1,0 +1,33 @@
+"""The columns of bounds."""
+
+from __future__ import annotations
+
+from nlosctl.contract.tables.columns import Column, Table
+
+__all__ = ["BOUND"]
+
+BOUND = Table(
+    name="bound",
+    title="Bound: the Cramer-Rao bound of the position, a row per snapshot or per vertex of a map",
+    columns=(
+        Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
+        Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
+        Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
+        *(
+            Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
+            for name, unit, meaning in (
+                ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null without a bound"),
+                ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
+                ("rms_m", "m", "root of the trace: lower bound of the RMSE"),
+                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
+                ("cep50_m", "m", "circular error probable: radius of the circle that contains half of Gaussian errors"),
+            )
+        ),
+        Column(
+            name="n_used", type="integer", required=True, meaning="rows with a free path to the position in this scene"
+        ),
+    ),
+)
