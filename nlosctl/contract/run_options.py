@@ -68,7 +68,7 @@ class InputOptions:
         None, "--kind", "Input", "Kind: bearings, ranges or triplets; default: detected from the columns.",
         "localize bound validate plot describe", metavar="KIND", complete="kind")
     dimensions: int | None = option(
-        None, "--dimensions", "Input", "2 or 3; default: 3 with elevations, their stds and heights of sensors.",
+        None, "--dimensions", "Input", "Dimensions, 2 or 3; default: 3 with elevations, stds and sensor heights.",
         f"{_READ} plot describe", minimum=2, maximum=3, metavar="N")
     columns: Mapping[str, str] = option(
         {}, "--column", "Input", "Read column HEADER of the file as NAME. Repeatable.",
@@ -196,7 +196,7 @@ class SolveOptions:
         "Search region: xmin,xmax,ymin,ymax[,zmin,zmax], circle:x,y,r, polygon:FILE or sensors:FACTOR.",
         "localize identify-los", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
     target_z_m: float | None = option(
-        None, "--target-z-m", "Geometry", "Height of the targets in metres: slant ranges, or held in 3 dimensions.",
+        None, "--target-z-m", "Geometry", "Height of the targets in metres (in the plane: for slant ranges).",
         "localize detect-ip identify-los bound", metavar="M")
     target_z_std_m: float | None = option(
         None, "--target-z-std-m", "Geometry", "Standard deviation of the targets' height, in 3 dimensions.",

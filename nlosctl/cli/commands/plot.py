@@ -92,7 +92,7 @@ def plot(
             "--target-z-m",
             metavar="M",
             rich_help_panel="Geometry",
-            help="Height of the targets in metres, for slant ranges.",
+            help="Height of the targets in metres (in the plane: for slant ranges).",
         ),
     ] = None,
     linear: Annotated[bool, typer.Option("--linear", rich_help_panel="Output", help="Use linear axes.")] = False,
