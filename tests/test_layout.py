@@ -86,9 +86,9 @@ def test_no_module_is_above_300_lines() -> None:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(("extension", "most"), [("parquet", 47), ("csv", 49)])
+@pytest.mark.parametrize(("extension", "most"), [("parquet", 48), ("csv", 50)])
 def test_a_row_passes_few_modules(tmp_path: Path, extension: str, most: int) -> None:
-    """``localize`` by a closed form, in one process, calls functions of at most 47 modules (49 for CSV)."""
+    """``localize`` by a closed form, in one process, calls functions of at most 48 modules (50 for CSV)."""
     assert run_here("simulate", "ring", "-n", "50", "-q", "-o", f"in.{extension}", folder=tmp_path).returncode == 0
     words = ["localize", "-m", "stansfield", f"in.{extension}", "-o", "out.parquet", "--jobs", "1", "-q"]
     command = [sys.executable, "-c", TRACE, *words]

@@ -1,4 +1,4 @@
-"""Columns that a file of measurements lacks: what is near, accepted or could replace them, and the message."""
+"""Columns that a file lacks: other names (`rename`), what is near or could replace them, and the message."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Column, Table, contract_names
-from nlosctl.errors import DataError, did_you_mean
+from nlosctl.errors import DataError, UsageError, did_you_mean
 
 __all__ = [
     "is_of_one_station",
@@ -15,6 +15,7 @@ __all__ = [
     "missing_message",
     "named_like_degrees",
     "refuse_mixed_stds",
+    "rename",
     "unit_stds",
 ]
 
@@ -176,3 +177,27 @@ def usable_defaults(defaults: Mapping[str, float], names: Sequence[str], table: 
         and not set(wanted[name].accepted_names) & set(names)
         and set(measured_names(name, table)) & set(names)
     }
+
+
+def rename(names: Sequence[str], renames: Mapping[str, str], table: Table, file: str) -> tuple[str, ...]:
+    """Return the file's names with ``renames`` (contract's name -> file's name) applied.
+
+    Two columns may exchange their names. Raises UsageError for a name that the contract does not have, DataError if the
+    file does not have the column, or has the new name already.
+    """
+    known = [accepted for column in table.all_columns for accepted in column.accepted_names]
+    by_file_name = {}
+    for wanted, given in renames.items():
+        if wanted not in known:
+            raise UsageError(
+                f"`columns` {wanted}={given}: {table.name} have no column {wanted!r}{did_you_mean(wanted, known)}"
+            )
+        if given not in names:
+            raise DataError(
+                f"{file}: `columns` {wanted}={given}: no column {given!r}{did_you_mean(given, names)}. "
+                f"The file has: {', '.join(names)}"
+            )
+        if wanted in names and wanted not in renames.values():
+            raise DataError(f"{file}: `columns` {wanted}={given}: the file already has a column {wanted!r}")
+        by_file_name[given] = wanted
+    return tuple(by_file_name.get(name, name) for name in names)

@@ -25,8 +25,7 @@ from nlosctl.io.measurements.column_mapping import (
     plan_columns,
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
-from nlosctl.io.measurements.missing_columns import is_of_one_station, measured_names, usable_defaults
-from nlosctl.io.measurements.renames import rename
+from nlosctl.io.measurements.missing_columns import is_of_one_station, measured_names, rename, usable_defaults
 from nlosctl.io.measurements.table_schemas import unified_schema
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.base import closed_on_failure
