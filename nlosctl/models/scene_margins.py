@@ -8,7 +8,9 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.geometry.circular_reflection import ReflectedPath
+from nlosctl.geometry.directions import Vector, combine, dot, length, scaled, subtract
 from nlosctl.geometry.lines import side_of_line
+from nlosctl.geometry.spheres import central_plane, elevation_above_horizon
 from nlosctl.geometry.visibility import elevation, horizon_elevation
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.circle_rows import CircleRows
@@ -17,6 +19,8 @@ from nlosctl.models.obstacles import DirectRows
 from nlosctl.models.sight import Sight
 from nlosctl.models.space.lines import SpaceLines
 from nlosctl.models.space.plane_mirrors import PlaneMirrors
+from nlosctl.models.space.sphere_lines import SphereLines
+from nlosctl.models.space.sphere_rows import OpaqueSphereRows, SphereRows
 
 __all__ = ["Margins", "scene_margins"]
 
@@ -37,13 +41,14 @@ class Margins:
 def scene_margins(lines: Sight, *point: FloatArray) -> list[Margins]:
     """Return the margins of points (B,) about the local origins: as many, in the same order, for every point.
 
-    Of mirrors the signed distance, of circles the heights under the reflector and above the blocker and the elevation
-    of the path above its least (an angle, times the radius: it is zero at the edge of A2), of direct rows the height
-    above the sensor's horizon (zero at the edge of A3). NaN where no path leads to the point, infinite where there is
-    no such limit.
+    Of mirrors the signed distance, of circles and spheres the heights under the reflector and above the blocker and the
+    elevation of the path above its least (an angle, times the radius: it is zero at the edge of A2), of direct rows the
+    height above the sensor's horizon (zero at the edge of A3). NaN where no path leads to the point, infinite where
+    there is no such limit.
     """
     if isinstance(lines, SpaceLines):
-        return [] if lines.mirrors is None else [_beside_planes(lines, lines.mirrors, *point)]
+        margins = [] if lines.mirrors is None else [_beside_planes(lines, lines.mirrors, *point)]
+        return [*margins, *_of_spheres(lines, *point)] if isinstance(lines, SphereLines) else margins
     if not isinstance(lines, SightLines):
         return []
     x, y = point
@@ -114,4 +119,47 @@ def _above_horizon(rows: DirectRows, x: FloatArray, y: FloatArray) -> list[Margi
     return [
         Margins(rows.snapshot, np.where(nearer, np.inf, height), (normal_x, normal_y)),
         Margins(rows.snapshot, distance - rows.blocker_radius - clearance, (source_x / distance, source_y / distance)),
+    ]
+
+
+def _of_spheres(lines: SphereLines, *point: FloatArray) -> list[Margins]:
+    """Return the margins of spheres in space: those of circles, with the derivatives of the unknown coordinates."""
+    whole = lines.whole(point)
+    margins = [margin for rows in lines.opaque for margin in _above_horizon_in_space(rows, whole)]
+    margins += _within_spheres(lines.spheres, whole)
+    return [Margins(margin.snapshot, margin.value_m, margin.slopes[: lines.unknowns]) for margin in margins]
+
+
+def _within_spheres(rows: SphereRows, whole: Vector) -> list[Margins]:
+    source = rows.about_center(*whole)
+    distance = length(source)
+    up = scaled(source, 1.0 / distance)
+    clearance = _CLEARANCE * rows.radius
+    path, vertical = rows.paths_from(*whole), scaled(rows.sensor, 1.0 / length(rows.sensor))
+    height = elevation_above_horizon(rows.sensor, path.direction) - rows.least_elevation_rad
+    scale = rows.radius / np.sqrt(1.0 - np.minimum(dot(vertical, path.direction) ** 2, 1.0))
+    open_ = np.isnan(rows.blocker_radius)
+    return [
+        Margins(rows.snapshot, rows.radius - distance - clearance, scaled(up, -1.0)),
+        Margins(rows.snapshot, np.where(open_, np.inf, distance - rows.blocker_radius - clearance), up),
+        Margins(
+            rows.snapshot,
+            np.where(open_, np.inf, rows.radius * height - clearance),
+            scaled(path.gradient(vertical), scale),
+        ),
+    ]
+
+
+def _above_horizon_in_space(rows: OpaqueSphereRows, whole: Vector) -> list[Margins]:
+    source = rows.about_center(*whole)
+    plane, distance = central_plane(rows.sensor, source), length(source)
+    horizon = horizon_elevation(plane.sensor_m, rows.blocker_radius)
+    least = np.fmax(horizon, rows.min_elevation_rad)
+    normal = combine(np.cos(least), plane.toward, -np.sin(least), plane.across)
+    clearance = _CLEARANCE * rows.blocker_radius
+    height = dot(normal, subtract(source, rows.sensor)) - clearance
+    nearer = (np.arctan2(plane.source_y, plane.source_x) <= -horizon) & (least == horizon)
+    return [
+        Margins(rows.snapshot, np.where(nearer, np.inf, height), normal),
+        Margins(rows.snapshot, distance - rows.blocker_radius - clearance, scaled(source, 1.0 / distance)),
     ]

@@ -11,6 +11,9 @@ from test_space_spheres import CENTER, EARTH_M, OPAQUE, about, draw_globe
 
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import PlaneReflector, Scene
+from nlosctl.contract.statuses import Status
+from nlosctl.methods.bearings_ml import METHOD
+from nlosctl.models.scene_margins import scene_margins
 from nlosctl.models.sight import bearing_lines
 from nlosctl.models.space.paths import predict_directions
 from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield, with_independent_errors
@@ -189,6 +192,59 @@ def test_stansfield_is_the_weighted_pass_of_dimensions() -> None:
             matrix += rows.T @ np.linalg.solve(block, rows)
             right += rows.T @ np.linalg.solve(block, rows @ place)
         np.testing.assert_allclose(np.array(fit.point)[:, row], np.linalg.solve(matrix, right), atol=1e-3)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_margins_are_positive_where_the_scene_allows_a_point(held: bool) -> None:
+    """All margins of a snapshot are positive exactly where the scene allows the point; slopes are differences."""
+    scene = Scene(reflectors=(replace(OPAQUE, min_elevation_deg=None if held else 4.0), SCENE.reflectors[1]))
+    batch, source = skywave(300, 10)
+    batch = replace(batch, scene=scene)
+    if held:
+        batch = with_height(batch, source[:, 2], 0.0)
+    lines = bearing_lines(batch)
+    reach = 80e3 if held else 150e3
+    offset = np.random.default_rng(11).uniform(-reach, reach, (3, 300))
+    point = tuple(part + shift for part, shift in zip(local(lines, source), offset, strict=False))
+    margins = scene_margins(lines, *point)
+    least = np.full(300, np.inf)
+    for margin in margins:
+        np.minimum.at(least, margin.snapshot, np.where(np.isnan(margin.value_m), -np.inf, margin.value_m))
+    allowed = ~lines.outside_scene(*point)
+    assert 0.1 < allowed.mean() < 0.97
+    assert ((least > 0.0) == allowed)[np.abs(least) > 1.0].all()
+    for axis in range(len(point)):
+        ahead, back = (
+            scene_margins(lines, *(part + sign * 5.0 * (i == axis) for i, part in enumerate(point)))
+            for sign in (1.0, -1.0)
+        )
+        for before, margin, after in zip(back, margins, ahead, strict=True):
+            with np.errstate(invalid="ignore"):
+                numeric = (after.value_m - before.value_m) / 10.0
+            there = np.isfinite(numeric) & np.isfinite(margin.slopes[axis])
+            np.testing.assert_allclose(margin.slopes[axis][there], numeric[there], rtol=2e-3, atol=2e-4)
+
+
+def test_feasible_estimates_are_within_the_scene() -> None:
+    """ml with feasible=true moves infeasible estimates onto an edge of what the scene allows."""
+    batch, _ = skywave(300, 12, std_deg=4.0)
+    generator = np.random.default_rng(13)
+    noise = generator.standard_normal((2, *batch.bearing_rad.shape))
+    batch = replace(
+        batch,
+        bearing_rad=batch.bearing_rad + batch.bearing_std_rad * noise[0],
+        elevation_rad=batch.elevation_rad + batch.elevation_std_rad * noise[1],
+    )
+    free = METHOD.solve(batch, METHOD.options()).estimates
+    fixed = METHOD.solve(batch, METHOD.options(feasible=True)).estimates
+    lines = bearing_lines(batch)
+    outside = np.flatnonzero(free.status[free.alternative == 0] == Status.INFEASIBLE)
+    assert outside.size > 10
+    best = np.flatnonzero(fixed.alternative == 0)
+    boundary = fixed.status[best] == Status.BOUNDARY
+    assert boundary[outside].mean() > 0.9
+    allowed = ~lines.outside_scene(*local(lines, fixed.position_m[best]))
+    assert allowed[boundary].all()
 
 
 def test_points_above_the_sphere_are_moved_into_it() -> None:
