@@ -8,7 +8,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.geometry.ellipses import circular_error_probable, error_ellipse
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["Bounds", "bounds_of"]
 
@@ -20,7 +20,8 @@ class Bounds:
     """Bounds (B,) on the covariance of unbiased estimates, with their ellipse; NaN where the bound does not exist.
 
     Covariances in square metres, lengths in metres, the orientation in radians from +x. ``rms_m`` is the square root
-    of the trace, ``cep50_m`` the radius of the circle that contains half of Gaussian errors with that covariance.
+    of the trace. The ellipse and ``cep50_m``, the radius of the circle that contains half of Gaussian errors with that
+    covariance, are those of x and y. The parts with z are None in the plane.
     """
 
     bound_xx_m2: FloatArray
@@ -31,9 +32,12 @@ class Bounds:
     semi_minor_m: FloatArray
     orientation_rad: FloatArray
     cep50_m: FloatArray
+    bound_xz_m2: FloatArray | None = None
+    bound_yz_m2: FloatArray | None = None
+    bound_zz_m2: FloatArray | None = None
 
 
-def bounds_of(information: Symmetric2x2) -> Bounds:
+def bounds_of(information: SymmetricMatrix) -> Bounds:
     """Return the bounds: the inverse of the information (equation (20) of Song, Willett, Zhou 2013).
 
     NaN where the larger eigenvalue exceeds 1e12 times the smaller, or anything is not finite.
@@ -42,8 +46,9 @@ def bounds_of(information: Symmetric2x2) -> Bounds:
         smaller, larger = information.eigenvalues()
         regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
     parts = (np.where(regular, part, np.nan) for part in information)
-    covariance = Symmetric2x2(*parts).inverse()
-    ellipse = error_ellipse(covariance)
+    covariance = SymmetricMatrix(*parts).inverse()
+    level, upright = covariance.parts[:3], covariance.parts[3:]
+    ellipse = error_ellipse(SymmetricMatrix(*level))
     return Bounds(
         bound_xx_m2=covariance.xx,
         bound_xy_m2=covariance.xy,
@@ -53,4 +58,5 @@ def bounds_of(information: Symmetric2x2) -> Bounds:
         semi_minor_m=ellipse.semi_minor_m,
         orientation_rad=ellipse.orientation_rad,
         cep50_m=circular_error_probable(ellipse.semi_major_m, ellipse.semi_minor_m),
+        **dict(zip(("bound_xz_m2", "bound_yz_m2", "bound_zz_m2"), upright, strict=False)),
     )

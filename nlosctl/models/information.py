@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division
-from nlosctl.contract.batches import BearingBatch, RangeBatch
+from nlosctl.contract.batches import Batch, BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.models.ranges.circles import range_circles
-from nlosctl.models.ranges.predictions import predict_ranges
+from nlosctl.models.ranges.predictions import predict_ranges, predict_space_ranges
+from nlosctl.models.ranges.spheres import range_rows
+from nlosctl.models.space.paths import predict_directions
+from nlosctl.models.space.rays import space_lines
 
 __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 
@@ -34,16 +37,20 @@ class Information:
 class InformationModel:
     """The information that one kind of measurement has on positions.
 
-    ``at(batch, x, y)`` is the information of each snapshot about its point (B,), for Gaussian errors, from those rows
-    that can see it as the scene is. ``seen_from(batch, x, y)`` is a batch with a snapshot for each point (V,): the
-    sensors, paths and stds of the one snapshot of ``batch``, the measurements without error.
+    ``at(batch, *point)`` is the information of each snapshot about its point, D arrays (B,), for Gaussian errors, from
+    those rows that can see it as the scene is, and in space from a measured height; about x and y alone where the
+    height is exactly known. ``seen_from(batch, *point)`` is a batch with a snapshot for each point (V,): the sensors,
+    paths and stds of the one snapshot of ``batch``, the measurements without error.
     """
 
-    at: Callable[[Any, FloatArray, FloatArray], Information]
-    seen_from: Callable[[Any, FloatArray, FloatArray], Any]
+    at: Callable[..., Information]
+    seen_from: Callable[..., Any]
 
 
-def _bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Information:
+def _bearing_information(batch: BearingBatch, *point: FloatArray) -> Information:
+    if batch.dimension == 3:
+        return _direction_information(batch, point)
+    x, y = point
     lines = sight_lines(batch)
     local_x, local_y = x - lines.center_x, y - lines.center_y
     seen = ~lines.unseen(local_x, local_y)
@@ -51,6 +58,18 @@ def _bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> I
     matrix = informative.information(local_x, local_y)
     if batch.range_m is not None and batch.range_std_m is not None:
         matrix = _with_ranges(matrix, informative, np.where(seen, batch.range_std_m, np.nan), local_x, local_y)
+    return Information(matrix, np.count_nonzero(seen, axis=1))
+
+
+def _direction_information(batch: BearingBatch, point: tuple[FloatArray, ...]) -> Information:
+    lines = space_lines(batch)
+    if batch.range_m is not None and batch.range_std_m is not None:
+        lines = lines.with_ranges(batch.range_m, batch.range_std_m, lognormal=False)
+    local = tuple(part - middle for part, middle in zip(point, lines.center, strict=True))[: lines.unknowns]
+    seen = ~lines.unseen(*local)
+    scalars = np.concatenate([seen] * (lines.of_rows // lines.rows), axis=1)
+    hidden = np.where(scalars, lines.std[:, : lines.of_rows], np.inf)
+    matrix = lines.with_std(np.concatenate([hidden, lines.std[:, lines.of_rows :]], axis=1)).information(*local)
     return Information(matrix, np.count_nonzero(seen, axis=1))
 
 
@@ -64,7 +83,30 @@ def _with_ranges(
         return matrix + SymmetricMatrix.gram(dx, dy, weight=weight)
 
 
-def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> BearingBatch:
+def _repeated(batch: Batch, count: int) -> dict[str, Any]:
+    """Return the arrays of a batch of one snapshot, repeated ``count`` times."""
+    arrays = {name: value for name, value in vars(batch).items() if isinstance(value, np.ndarray)}
+    return {
+        name: np.asfortranarray(np.broadcast_to(value, (count, *value.shape[1:]))) for name, value in arrays.items()
+    }
+
+
+def _directions_seen_from(batch: BearingBatch, point: tuple[FloatArray, ...]) -> BearingBatch:
+    assert batch.sensor_z_m is not None  # noqa: S101 - batches in space have heights
+    every = _repeated(batch, point[0].shape[0])
+    sensor = (every["sensor_xy_m"][..., 0], every["sensor_xy_m"][..., 1], every["sensor_z_m"])
+    source = tuple(np.broadcast_to(part[:, None], sensor[0].shape) for part in point)
+    azimuth, elevation = predict_directions(sensor, source, every["reflector"], batch.scene)
+    every["bearing_rad"] = np.asfortranarray(np.nan_to_num(azimuth))
+    if batch.elevation_rad is not None:
+        every["elevation_rad"] = np.where(np.isnan(every["elevation_rad"]), np.nan, np.nan_to_num(elevation))
+    return replace(batch, **every)
+
+
+def _bearings_seen_from(batch: BearingBatch, *point: FloatArray) -> BearingBatch:
+    if batch.dimension == 3:
+        return _directions_seen_from(batch, point)
+    x, y = point
     shape = (x.shape[0], batch.measurements)
     sensor_xy = np.broadcast_to(batch.sensor_xy_m, (*shape, 2))
     reflector = np.broadcast_to(batch.reflector, shape)
@@ -87,15 +129,26 @@ def _bearings_seen_from(batch: BearingBatch, x: FloatArray, y: FloatArray) -> Be
     )
 
 
-def _range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> Information:
-    circles = range_circles(batch)
-    local_x, local_y = x - circles.center_x, y - circles.center_y
-    seen = ~circles.unseen(local_x, local_y)
-    informative = replace(circles, std_m=np.where(seen, circles.std_m, np.inf))
-    return Information(informative.information(local_x, local_y), np.count_nonzero(seen, axis=1))
+def _range_information(batch: RangeBatch, *point: FloatArray) -> Information:
+    rows = range_rows(batch)
+    local = tuple(part - middle for part, middle in zip(point, rows.center, strict=False))
+    seen = ~rows.unseen(*local)
+    informative = replace(rows, std_m=np.where(seen, rows.std_m, np.inf))
+    return Information(informative.information(*local), np.count_nonzero(seen, axis=1))
 
 
-def _ranges_seen_from(batch: RangeBatch, x: FloatArray, y: FloatArray) -> RangeBatch:
+def _ranges_in_space_seen_from(batch: RangeBatch, point: tuple[FloatArray, ...]) -> RangeBatch:
+    every = _repeated(batch, point[0].shape[0])
+    sensor = (every["sensor_xy_m"][..., 0], every["sensor_xy_m"][..., 1], every["sensor_z_m"])
+    source = tuple(np.broadcast_to(part[:, None], sensor[0].shape) for part in point)
+    every["range_m"] = np.asfortranarray(predict_space_ranges(sensor, source, every.get("reflector"), batch.scene))
+    return replace(batch, **every)
+
+
+def _ranges_seen_from(batch: RangeBatch, *point: FloatArray) -> RangeBatch:
+    if batch.dimension == 3:
+        return _ranges_in_space_seen_from(batch, point)
+    x, y = point
     shape = (x.shape[0], batch.measurements)
     names = ("sensor", "sensor_xy_m", "range_std_m", "path", "reflector", "sensor_height_m")
     seen: dict[str, Any] = {

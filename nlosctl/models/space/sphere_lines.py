@@ -89,12 +89,13 @@ class SphereLines(SpaceLines):
         for part, along in zip((x, y, z), reflect_vector(path.vector, mirror), strict=True):
             part[snapshot] = np.where(exists, along, np.nan if self.refuses else part[snapshot])
         seen = (x, y, z) if self.axes is None else self.axes.seen((x, y, z), k)
-        scale = np.where(exists, path.flat.length_m, np.nan)
+        without_weight = np.isinf(self.std[snapshot, k])
+        scale = np.where(without_weight, 0.0, np.where(exists, path.flat.length_m, np.nan))
         for residual, slopes in self.angles.compare(k, seen, extra_m2):
             x, y, z = (part.copy() for part in self._from_sensor(slopes, k))
             turned = reflect_vector((x[snapshot], y[snapshot], z[snapshot]), mirror)
             for part, slope in zip((x, y, z), scaled(path.gradient(turned), scale), strict=True):
-                part[snapshot] = slope
+                part[snapshot] = np.where(without_weight, 0.0, slope)
             yield residual, (x, y, z)
 
     def bending(self, *point: FloatArray) -> SymmetricMatrix:
