@@ -10,7 +10,7 @@ from nlosctl.arrays import FloatArray, ignoring_overflow
 from nlosctl.geometry.ellipses import circular_error_probable, error_ellipse
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["Bounds", "bounds_of"]
+__all__ = ["Bounds", "SpaceBounds", "bounds_of"]
 
 _CONDITION_LIMIT = 1e12
 
@@ -21,7 +21,7 @@ class Bounds:
 
     Covariances in square metres, lengths in metres, the orientation in radians from +x. ``rms_m`` is the square root
     of the trace. The ellipse and ``cep50_m``, the radius of the circle that contains half of Gaussian errors with that
-    covariance, are those of x and y. The parts with z are None in the plane.
+    covariance, are those of x and y.
     """
 
     bound_xx_m2: FloatArray
@@ -32,9 +32,15 @@ class Bounds:
     semi_minor_m: FloatArray
     orientation_rad: FloatArray
     cep50_m: FloatArray
-    bound_xz_m2: FloatArray | None = None
-    bound_yz_m2: FloatArray | None = None
-    bound_zz_m2: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class SpaceBounds(Bounds):
+    """Bounds in space: ``rms_m`` is of x, y and z."""
+
+    bound_xz_m2: FloatArray
+    bound_yz_m2: FloatArray
+    bound_zz_m2: FloatArray
 
 
 def bounds_of(information: SymmetricMatrix) -> Bounds:
@@ -47,9 +53,8 @@ def bounds_of(information: SymmetricMatrix) -> Bounds:
         regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
     parts = (np.where(regular, part, np.nan) for part in information)
     covariance = SymmetricMatrix(*parts).inverse()
-    level, upright = covariance.parts[:3], covariance.parts[3:]
-    ellipse = error_ellipse(SymmetricMatrix(*level))
-    return Bounds(
+    ellipse = error_ellipse(SymmetricMatrix(*covariance.parts[:3]))
+    bounds = Bounds(
         bound_xx_m2=covariance.xx,
         bound_xy_m2=covariance.xy,
         bound_yy_m2=covariance.yy,
@@ -58,5 +63,5 @@ def bounds_of(information: SymmetricMatrix) -> Bounds:
         semi_minor_m=ellipse.semi_minor_m,
         orientation_rad=ellipse.orientation_rad,
         cep50_m=circular_error_probable(ellipse.semi_major_m, ellipse.semi_minor_m),
-        **dict(zip(("bound_xz_m2", "bound_yz_m2", "bound_zz_m2"), upright, strict=False)),
     )
+    return bounds if covariance.dimension == 2 else SpaceBounds(*vars(bounds).values(), *covariance.parts[3:])

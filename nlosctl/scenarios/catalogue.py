@@ -18,6 +18,7 @@ __all__ = ["find_scenario", "scenario_module", "scenarios"]
 
 _MODULES = {
     "bearings": "nlosctl.scenarios.scene_bearings",
+    "box": "nlosctl.scenarios.box",
     "echo-field": "nlosctl.scenarios.echo_field",
     "liang": "nlosctl.scenarios.liang",
     "madhow-ring": "nlosctl.scenarios.madhow_ring",
@@ -30,8 +31,12 @@ _MODULES = {
     "ring": "nlosctl.scenarios.ring",
     "room": "nlosctl.scenarios.room",
     "shen": "nlosctl.scenarios.shen",
+    "single-station": "nlosctl.scenarios.single_station",
+    "skywave": "nlosctl.scenarios.skywave",
     "song-circle": "nlosctl.scenarios.song_circle",
     "song-flat": "nlosctl.scenarios.song_flat",
+    "space-ring": "nlosctl.scenarios.space_ring",
+    "street": "nlosctl.scenarios.street",
     "triplets": "nlosctl.scenarios.scene_triplets",
 }
 

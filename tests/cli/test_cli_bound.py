@@ -40,7 +40,7 @@ def test_a_row_per_snapshot_at_its_truth() -> None:
     """Each snapshot has the bound at its truth, in the columns of the schema, and is counted in the summary."""
     done = run(MEASUREMENTS)
     found = rows(done)
-    assert list(found[0]) == list(BOUND.names)
+    assert list(found[0]) == [column.name for column in BOUND.columns if column.required or column.name == "snapshot"]
     assert [row["snapshot"] for row in found] == [str(number) for number in range(25)]
     with Path(MEASUREMENTS).open(encoding="utf-8") as file:
         truth = {row["snapshot"]: float(row["truth_x_m"]) for row in csv.DictReader(file)}
@@ -55,7 +55,7 @@ def test_a_row_per_snapshot_at_its_truth() -> None:
 def test_a_map_has_a_row_per_vertex() -> None:
     """A map has its vertices row by row, both ends included; null in the shadow of the earth."""
     found = rows(run(MEASUREMENTS, "--map", "-200e3,200e3,6300e3,6450e3,50e3"))
-    assert list(found[0]) == list(BOUND.names[1:])
+    assert list(found[0]) == [column.name for column in BOUND.columns if column.required]
     assert len(found) == 9 * 4
     assert [float(row["x_m"]) for row in found[:9]] == [-200e3 + 50e3 * number for number in range(9)]
     underground = [row for row in found if np.hypot(float(row["x_m"]), float(row["y_m"])) < 6371e3]
@@ -171,3 +171,52 @@ def test_slant_ranges_have_less_information(tmp_path: Path, words: tuple[str, ..
     assert float(rows(flat)[0]["bound_xx_m2"]) < 0.9 * expected[0, 0]
     table = nlosctl.bound(tmp_path / "in.csv", target_z_m=2.0)
     assert table.column("bound_xx_m2")[0].as_py() == pytest.approx(expected[0, 0])
+
+
+def simulated(name: str, target: Path, *words: str) -> str:
+    """Return the path of a simulated file."""
+    assert run_here("simulate", name, "-n", "20", "-q", *words, "-o", str(target)).returncode == 0
+    return str(target)
+
+
+def test_three_dimensions_have_heights_and_six_entries(tmp_path: Path) -> None:
+    """In space a row has z_m, all six entries of the bound, and the root of the whole trace."""
+    found = rows(run(simulated("space-ring", tmp_path / "ring.csv")))
+    assert list(found[0]) == [column.name for column in BOUND.columns]
+    for row in found:
+        diagonal = [float(row[f"bound_{axes}_m2"]) for axes in ("xx", "yy", "zz")]
+        assert float(row["rms_m"]) == pytest.approx(np.sqrt(sum(diagonal)))
+        assert 0.0 < float(row["z_m"]) < 200.0
+    flat = rows(run(str(tmp_path / "ring.csv"), "--dimensions", "2"))
+    assert "z_m" not in flat[0]
+
+
+@pytest.mark.parametrize("std", [None, "0.3"])
+def test_a_map_in_space_is_at_a_height(tmp_path: Path, std: str | None) -> None:
+    """A map of ranges in space is the closed form at its height; an exact height leaves x and y."""
+    file = simulated("box", tmp_path / "box.parquet")
+    words = ["--dimensions", "3", "--map", "-4,4,-4,4,4", "--target-z-m", "1.5"]
+    found = rows(run(file, *words, *([] if std is None else ["--target-z-std-m", std])))
+    table = pyarrow.parquet.read_table(file).to_pylist()[:6]
+    for row in found:
+        point = np.array([float(row[name]) for name in ("x_m", "y_m", "z_m")])
+        assert point[2] == 1.5
+        away = point - np.array([[line[f"sensor_{axis}_m"] for axis in "xyz"] for line in table])
+        unit = away / np.linalg.norm(away, axis=1)[:, None] / 0.1
+        information = unit.T @ unit
+        expected = np.zeros((3, 3))
+        if std is None:
+            expected[:2, :2] = np.linalg.inv(information[:2, :2])
+        else:
+            information[2, 2] += 1.0 / float(std) ** 2
+            expected = np.linalg.inv(information)
+        names = ("xx", "xy", "yy", "xz", "yz", "zz")
+        got = np.array([float(row[f"bound_{axes}_m2"]) for axes in names])
+        np.testing.assert_allclose(got, expected[np.tril_indices(3)], rtol=1e-9, atol=1e-15)
+
+
+def test_a_map_in_space_needs_a_height(tmp_path: Path) -> None:
+    """A map of a file in three dimensions without a height is a usage error that names the option."""
+    done = run(simulated("space-ring", tmp_path / "ring.csv"), "--map", "-4,4,-4,4,4")
+    assert done.returncode == 2
+    assert b"--map in three dimensions needs the height of its positions: set --target-z-m" in done.stderr

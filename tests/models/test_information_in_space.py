@@ -129,7 +129,3 @@ def test_bounds_have_the_whole_trace_and_the_horizontal_ellipse() -> None:
     assert bounds.rms_m[0] == pytest.approx(np.sqrt(np.trace(covariance)))
     axes = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2]))
     np.testing.assert_allclose([bounds.semi_minor_m[0], bounds.semi_major_m[0]], axes)
-    assert (
-        bounds_of(INFORMATION["bearings"].at(with_height(batch, source[:, 2], 0.0), *source.T).matrix).bound_zz_m2
-        is None
-    )

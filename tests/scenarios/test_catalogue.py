@@ -55,8 +55,9 @@ def test_columns_are_valid_measurements(name):
     """All required columns and no unknown ones, of equal length, finite and within bounds."""
     spec, options, columns = generate(name)
     table = KINDS[spec.kind]
-    assert {column.name for column in table.required} <= set(columns) <= set(table.names)
-    assert [column for column in table.names if column in columns] == list(columns)
+    names = [column.name for column in table.all_columns]
+    assert {column.name for column in table.required} <= set(columns) <= set(names)
+    assert [column for column in names if column in columns] == list(columns)
     assert len({len(values) for values in columns.values()}) == 1
     for values in columns.values():
         if values.dtype == np.float64:

@@ -13,15 +13,31 @@ BOUND = Table(
         Column(name="snapshot", type="identifier", nullable=True, meaning="as in the measurements; not in a map"),
         Column(name="x_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
         Column(name="y_m", type="number", unit="m", required=True, nullable=True, meaning="position of the bound"),
+        Column(name="z_m", type="number", unit="m", nullable=True, meaning="its height, in three dimensions"),
         *(
             Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
             for name, unit, meaning in (
                 ("bound_xx_m2", "m2", "least covariance of an unbiased estimate; null without a bound"),
                 ("bound_xy_m2", "m2", "least covariance of an unbiased estimate"),
                 ("bound_yy_m2", "m2", "least covariance of an unbiased estimate"),
+            )
+        ),
+        *(
+            Column(
+                name=f"bound_{axes}_m2",
+                type="number",
+                unit="m2",
+                nullable=True,
+                meaning="least covariance of an unbiased estimate, in three dimensions; 0 of a height that is exact",
+            )
+            for axes in ("xz", "yz", "zz")
+        ),
+        *(
+            Column(name=name, type="number", unit=unit, required=True, nullable=True, meaning=meaning)
+            for name, unit, meaning in (
                 ("rms_m", "m", "root of the trace: lower bound of the RMSE"),
-                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse"),
-                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse"),
+                ("semi_major_m", "m", "semi-axis of the one-sigma ellipse of x and y"),
+                ("semi_minor_m", "m", "semi-axis of the one-sigma ellipse of x and y"),
                 ("orientation_rad", "rad", "direction of the major axis, counter-clockwise from +x"),
                 ("cep50_m", "m", "circular error probable: radius of the circle that contains half of Gaussian errors"),
             )

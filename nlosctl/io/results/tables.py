@@ -42,9 +42,10 @@ def measurement_table(
     return pa.table(arrays)
 
 
-def bound_schema(input_schema: Any | None) -> Any:
-    """Return the Arrow schema of bounds; without an input (a map) there is no ``snapshot``."""
-    fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in BOUND.columns[1:]]
+def bound_schema(input_schema: Any | None, dimension: int = 2) -> Any:
+    """Return the Arrow schema of bounds in a dimension; without an input (a map) there is no ``snapshot``."""
+    columns = (column for column in BOUND.columns[1:] if column.required or dimension == 3)
+    fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in columns]
     if input_schema is None:
         return pa.schema(fields)
     swept = [field for field in input_schema if is_swept(field.name)]

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.scene import Sensor
+from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError, UsageError
-from nlosctl.evaluation.bounds import Bounds, bounds_of
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.evaluation.bounds import Bounds, SpaceBounds, bounds_of
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
@@ -25,7 +26,7 @@ from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
-from nlosctl.pipeline.solve.target_heights import with_target_heights
+from nlosctl.pipeline.solve.target_heights import by_height, with_target_heights
 
 __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]
 
@@ -84,7 +85,7 @@ def parse_map(text: str) -> MapGrid:
 
 def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
     """Return the Arrow schema of the bounds."""
-    return bound_schema(reader.table_schema if grid is None else None)
+    return bound_schema(reader.table_schema if grid is None else None, reader.dimension)
 
 
 def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterator[Any]:
@@ -96,24 +97,29 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
     schema = result_schema(reader, None)
     model = INFORMATION[_supported(reader)]
     for chunk in reader.chunks():
-        x, y = _truth(chunk).T
-        arrays = _no_bounds(x, y)
+        truth = _truth(chunk, reader.dimension)
+        arrays = _no_bounds(truth)
         chunk = _as_modelled(chunk, reader, options)
         kept = ~chunk.left_out & _may_be_direct(chunk)
         for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
             if row.shape[1]:
-                batch = _without_ranges(dense_batch(reader.kind, chunk.columns, row, scene=reader.scene), options)
-                _write_bounds(arrays, snapshot, model.at(batch, x[snapshot], y[snapshot]), options)
+                for mine, rows in by_height(chunk, snapshot, row):
+                    batch = _without_ranges(_batch(reader, chunk, rows), options)
+                    _write_bounds(arrays, mine, model.at(batch, *truth[mine].T), options)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 
-def _truth(chunk: Chunk) -> FloatArray:
-    for name in TRUTH_NAMES:
+def _batch(reader: MeasurementReader, chunk: Chunk, row: IntArray) -> Any:
+    return dense_batch(reader.kind, chunk.columns, row, scene=reader.scene, dimension=reader.dimension)
+
+
+def _truth(chunk: Chunk, dimension: int) -> FloatArray:
+    for name in [*TRUTH_NAMES, TRUTH_HEIGHT.name][:dimension]:
         if name not in chunk.table.column_names:
             raise DataError(
                 f"{chunk.source}: no column {name!r}; a bound needs the truth, or `map` for a grid of positions"
             )
-    return truth_positions(chunk.table, chunk.offsets[:-1])
+    return truth_positions(chunk.table, chunk.offsets[:-1], dimension)
 
 
 def _may_be_direct(chunk: Chunk) -> BoolArray:
@@ -142,7 +148,8 @@ def map_sensors(chunk: Chunk, reader: MeasurementReader) -> tuple[Sensor, ...]:
         if (name, position) not in found:
             counts[name] += 1
             unique = name if counts[name] == 1 else f"{name}#{counts[name]}"
-            found[name, position] = known.get((name, position), Sensor(name=unique, position=position))
+            height = float(chunk.columns["sensor_z_m"][row]) if reader.dimension == 3 else None
+            found[name, position] = known.get((name, position), Sensor(name=unique, position=position, z_m=height))
     return tuple(found.values())
 
 
@@ -152,10 +159,22 @@ def bounds_on_map(reader: MeasurementReader, chunk: Chunk, grid: MapGrid, option
     model = INFORMATION[_supported(reader)]
     chunk = _as_modelled(chunk, reader, options)
     single = _without_ranges(_first_snapshot(reader, chunk), options)
+    height = () if reader.dimension == 2 else (_map_height_m(single),)
     for x, y in grid.blocks():
-        arrays = _no_bounds(x, y)
-        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, x, y), x, y), options)
+        point = np.stack([x, y, *(np.full(x.shape, z) for z in height)], axis=1)
+        arrays = _no_bounds(point)
+        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, *point.T), *point.T), options)
         yield bound_table(arrays, schema)
+
+
+def _map_height_m(single: Any) -> float:
+    """Return the height of a map's positions in space: the measured or known one of the first snapshot."""
+    if single.target_z_m is None:
+        raise UsageError(
+            "`map` in three dimensions needs the height of its positions: set `target_z_m`, "
+            "and `target_z_std_m` unless the estimator knows it exactly"
+        )
+    return float(single.target_z_m[0])
 
 
 def _as_modelled(chunk: Chunk, reader: MeasurementReader, options: SolveOptions) -> Chunk:
@@ -184,21 +203,28 @@ def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> Any:
     kept[chunk.offsets[1] :] = False
     for _, row in dense_blocks(chunk.offsets[:2], kept[: chunk.offsets[1]], 1):
         if row.shape[1]:
-            return dense_batch(reader.kind, chunk.columns, row, scene=reader.scene)
+            return _batch(reader, chunk, row)
     raise DataError(f"{chunk.source}: the first snapshot has no row that is used; a map takes its sensors from it")
 
 
-def _no_bounds(x: FloatArray, y: FloatArray) -> dict[str, npt.NDArray[Any]]:
-    """Return the columns of positions (B,) without a bound: NaN."""
-    arrays: dict[str, npt.NDArray[Any]] = {"x_m": x, "y_m": y, "n_used": np.zeros(x.shape, dtype=np.int64)}
-    return arrays | {field.name: np.full(x.shape, np.nan) for field in dataclasses.fields(Bounds)}
+def _no_bounds(position_m: FloatArray) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of positions (B, D) without a bound: NaN."""
+    size, dimension = position_m.shape
+    arrays: dict[str, npt.NDArray[Any]] = dict(zip(("x_m", "y_m", "z_m"), position_m.T, strict=False))
+    arrays["n_used"] = np.zeros(size, dtype=np.int64)
+    fields = dataclasses.fields(Bounds if dimension == 2 else SpaceBounds)
+    return arrays | {field.name: np.full(size, np.nan) for field in fields}
 
 
 def _write_bounds(
     arrays: dict[str, npt.NDArray[Any]], index: Any, information: Information, options: SolveOptions
 ) -> None:
-    for name, values in vars(bounds_of(_scaled(information.matrix, options))).items():
+    bounds = bounds_of(_scaled(information.matrix, options))
+    for name, values in vars(bounds).items():
         arrays[name][index] = values
+    if "bound_zz_m2" in arrays and not isinstance(bounds, SpaceBounds):  # a height that is exactly known
+        for name in ("bound_xz_m2", "bound_yz_m2", "bound_zz_m2"):
+            arrays[name][index] = np.where(np.isnan(bounds.rms_m), np.nan, 0.0)
     arrays["n_used"][index] = information.n_used
 
 
@@ -209,7 +235,7 @@ def _without_ranges(batch: Any, options: SolveOptions) -> Any:
     return dataclasses.replace(batch, range_m=None, range_std_m=None)
 
 
-def _scaled(matrix: Symmetric2x2, options: SolveOptions) -> Symmetric2x2:
+def _scaled(matrix: SymmetricMatrix, options: SolveOptions) -> SymmetricMatrix:
     """Return the information for the chosen error distribution from that of Gaussian errors."""
     scale = _INFORMATION_PER_VARIANCE[options.noise]
-    return Symmetric2x2(scale * matrix.xx, scale * matrix.xy, scale * matrix.yy)
+    return matrix.map(lambda part: scale * part)
