@@ -137,18 +137,18 @@ class DirectBearings(RowBlock):
 
     def sample_ridge(self, ball: Ball, snapshot: IntArray, k: IntArray, normal: Point, uniform: Point) -> Point:
         """Return points (N,) about the ray of row ``k`` of a snapshot, as the bearing's error is distributed."""
-        at = snapshot, k
-        angle = normal[0] * np.sqrt(0.5 / self.weight[at])
-        range_m = np.sqrt(uniform[1] * self._squared_reach(ball)[at])
+        at = k * self.weight.shape[0] + snapshot
+        angle = normal[0] * np.take(np.sqrt(0.5 / self.weight).T, at)
+        range_m = np.sqrt(uniform[1] * np.take(self._squared_reach(ball).T, at))
         if self.precision is not None and self.measured_m is not None:
-            precision, measured = self.precision[at], self.measured_m[at]
+            precision, measured = np.take(self.precision.T, at), np.take(self.measured_m.T, at)
             with ignoring_division():
                 scaled = normal[1] / precision
                 end = measured * np.exp(scaled) if self.lognormal else measured + scaled
             range_m = np.where(precision > 0.0, end, range_m)
         along, across = range_m * np.cos(angle), range_m * np.sin(angle)
-        cosine, sine = self.lines.cosine[at], self.lines.sine[at]
-        x, y = self.lines.origin_x[at], self.lines.origin_y[at]
+        cosine, sine = np.take(self.lines.cosine.T, at), np.take(self.lines.sine.T, at)
+        x, y = np.take(self.lines.origin_x.T, at), np.take(self.lines.origin_y.T, at)
         return x + cosine * along - sine * across, y + sine * along + cosine * across
 
     def _squared_reach(self, ball: Ball) -> FloatArray:

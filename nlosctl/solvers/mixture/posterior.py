@@ -27,10 +27,10 @@ from nlosctl.solvers.mixture.spots import RowCandidates, component_masses, mode_
 __all__ = ["Weighted", "direct_probability", "posterior_covariance", "share_direct", "sum_points", "weighted_points"]
 
 
-_FIRST = 256
+_FIRST = 128
 """A snapshot has at first so many points; half as many are added until its second moment settles."""
 
-_SETTLED = 0.05
+_SETTLED = 0.06
 """The trace of the second moment has settled if its standard error would be at most this share were the points
 random; it is about a quarter of that."""
 

@@ -136,9 +136,13 @@ class Proposal(RowBlock):
         return self.mixture.rows.sample_ridge(self.ball, snapshot, component, normal, uniform)
 
     def _in_spot(self, snapshot: IntArray, component: IntArray, index: IntArray) -> Point:
-        at, student = (snapshot, component), _sequence(len(self.center)).student
-        center = tuple(part[at] for part in self.center)
-        return self.axes.at(*at).points(center, *(part[index] for part in student))
+        at, student = component * self.share.shape[0] + snapshot, _sequence(len(self.center)).student
+
+        def each(parts: Point) -> Point:
+            return tuple(np.take(part.T, at) for part in parts)
+
+        axes = HalfAxes(each(self.axes.lengths), tuple(each(direction) for direction in self.axes.directions))
+        return axes.points(each(self.center), *(part[index] for part in student))
 
 
 class _Sequence(NamedTuple):
