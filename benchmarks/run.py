@@ -24,6 +24,7 @@ import end_to_end
 import growth
 import history
 import kernels
+import kernels_in_space
 import numpy
 import outliers
 import peers
@@ -52,6 +53,7 @@ def main() -> None:
     named = ", ".join(f"{name} {version}" for name, version in versions.items())
     lines = ["# Benchmarks", "", f"{named}; one thread except where stated; written by `benchmarks/run.py`.", ""]
     lines += kernels.report()
+    lines += kernels_in_space.report()
     lines += outliers.report()
     if not arguments.quick:
         lines += peers.report()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from nlosctl.errors import UsageError
@@ -23,6 +23,7 @@ __all__ = [
 ]
 
 _ORIGIN = "`origin`"
+_ON_ELLIPSOID = "ellipsoid"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,26 +128,32 @@ class EarthFrame:
     """The position of the plane on the earth: a projected CRS, or the plane that touches WGS 84 in an origin.
 
     ``rotation_deg`` is the direction of the x axis, counter-clockwise from east (of grid east with a ``crs``).
+    Where positions are ``on_ellipsoid`` their z is the height above it, and they are solved in earth-centred
+    coordinates, with covariances in local east, north and up.
     """
 
     crs: str | None = None
     origin_lat_deg: float | None = None
     origin_lon_deg: float | None = None
     rotation_deg: float = 0.0
+    on_ellipsoid: bool = False
 
     @property
     def words(self) -> str:
         """The frame as text that `parse_frame` accepts: a CRS, or latitude, longitude and any rotation."""
         origin = self.crs if self.crs is not None else f"{self.origin_lat_deg!r} {self.origin_lon_deg!r}"
-        return f"{origin} {self.rotation_deg!r}" if self.rotation_deg else origin
+        turned = f"{origin} {self.rotation_deg!r}" if self.rotation_deg else origin
+        return f"{turned} {_ON_ELLIPSOID}" if self.on_ellipsoid else turned
 
 
 def parse_frame(text: str, option: str) -> EarthFrame:
     """Return the frame of ``LAT,LON[,ROTATION]`` or ``CRS [ROTATION]`` (commas or spaces); raises UsageError.
 
-    A number alone is an EPSG code, except as an origin.
+    A number alone is an EPSG code, except as an origin. The word ``ellipsoid`` may follow.
     """
     parts = text.replace(",", " ").split()
+    if len(parts) > 1 and parts[-1] == _ON_ELLIPSOID:
+        return replace(parse_frame(" ".join(parts[:-1]), option), on_ellipsoid=True)
     if len(parts) == 1 and option != _ORIGIN and re.fullmatch(r"[0-9]{4,6}", parts[0]):
         parts = [f"EPSG:{parts[0]}"]
     numbers = [number for part in parts if (number := _number(part)) is not None]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray, ScalarT
 
-__all__ = ["RowBlock", "gather_rows", "max_measurements", "rows_of", "sum_measurements"]
+__all__ = ["RowBlock", "gather_rows", "max_measurements", "rows_of", "side_by_side", "sum_measurements"]
 
 ValueT = TypeVar("ValueT")
 
@@ -42,6 +42,11 @@ def rows_of(value: ValueT, rows: IntArray) -> ValueT:
 def gather_rows(array: npt.NDArray[ScalarT], rows: IntArray) -> npt.NDArray[ScalarT]:
     """Return rows of a block (B, ...), in any order and with repetitions, in Fortran order."""
     return np.take(array.T, rows, axis=-1).T
+
+
+def side_by_side(*blocks: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+    """Return blocks (B, ...) joined along the measurements, in Fortran order."""
+    return np.concatenate([block.T for block in blocks]).T
 
 
 def sum_measurements(values: FloatArray) -> FloatArray:

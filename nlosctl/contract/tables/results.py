@@ -137,10 +137,18 @@ ESTIMATES = Table(
         Column(name="lat_deg", type="number", unit="deg", nullable=True, meaning="latitude of x, y (WGS 84)"),
         Column(name="lon_deg", type="number", unit="deg", nullable=True, meaning="longitude of x, y (WGS 84)"),
         Column(
+            name="height_m",
+            type="number",
+            unit="m",
+            nullable=True,
+            meaning="height above the ellipsoid (WGS 84) of a place on earth in three dimensions; z_m is the same",
+        ),
+        Column(
             name="frame",
             type="text",
             nullable=True,
-            meaning="local plane on earth: a CRS, or latitude and longitude of the origin, and the rotation if any",
+            meaning="local plane on earth: a CRS, or latitude and longitude of the origin, and the rotation if any; "
+            "'ellipsoid' after it: z_m is the height, covariances are in local east, north and up",
         ),
         *ELLIPSE,
         *_ADDED,

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import math
 
-from nlosctl.contract.tables.columns import Column
+from nlosctl.contract.tables.columns import Column, Spelling
 from nlosctl.contract.tables.shared import angles, lengths
 
 __all__ = ["TARGET_HEIGHT", "TRUTH_HEIGHT", "elevation", "node_height", "sensor_height"]
+
+
+def _heights(name: str) -> tuple[Spelling, ...]:
+    """Return the other spellings of a height: in other units, and above the ellipsoid, for places on earth."""
+    above = Spelling(
+        name=f"{name.replace('_z', '_height')}_m", scale=1.0, meaning="height above the ellipsoid", usual=False
+    )
+    return (*lengths(name, are_recent=True), above)
+
 
 TRUTH_HEIGHT = Column(
     name="truth_z_m", type="number", unit="m", nullable=True, carried=True, meaning="true source position: its height"
@@ -21,7 +30,7 @@ TARGET_HEIGHT = (
         unit="m",
         nullable=True,
         meaning="measured height of the target, the same in all rows of a snapshot",
-        spellings=lengths("target_z", are_recent=True),
+        spellings=_heights("target_z"),
     ),
     Column(
         name="target_z_std_m",
@@ -29,7 +38,7 @@ TARGET_HEIGHT = (
         unit="m",
         nullable=True,
         meaning="standard deviation of target_z_m; 0, or without the column: the height is exact",
-        spellings=lengths("target_z_std", are_recent=True),
+        spellings=_heights("target_z_std"),
     ),
 )
 """A measured height of the target and its standard deviation."""
@@ -44,7 +53,7 @@ def sensor_height(meaning: str) -> Column:
         required=True,
         scene_axis=2,
         meaning=meaning,
-        spellings=lengths("sensor_z", are_recent=True),
+        spellings=_heights("sensor_z"),
     )
 
 

@@ -31,6 +31,11 @@ class PlaneCoordinates:
         self.names: tuple[str, ...] = tuple(name for pair in pairs for name in (pair.x, pair.y))
         self._degrees = [name for pair in pairs for name in (pair.lat, pair.lon)]
 
+    def frame_of(self, dimension: int) -> EarthFrame:
+        """Return the frame of positions: on the ellipsoid where those of sensors are places of three dimensions."""
+        assert self.frame is not None  # noqa: S101 - set before the rows are read
+        return replace(self.frame, on_ellipsoid=dimension == 3 and "sensor_x_m" in self.names)
+
     def request(
         self, types: Mapping[str, ColumnType], columns: list[str] | None
     ) -> tuple[Mapping[str, ColumnType], list[str] | None]:

@@ -160,7 +160,7 @@ def _survey_first(
             if coordinates.frame is None:
                 coordinates.set_first_frame(file, part.name)
             plane_of(coordinates.frame)  # raises an error if there is no such plane
-            scene = replace(scene, frame=coordinates.frame)
+            scene = replace(scene, frame=coordinates.frame_of(opened.plan.table.dimension))
         survey = InputSurvey(table=opened.plan.table, scene=scene, metadata=file.metadata, units=opened.plan.units)
         survey.constants |= opened.plan.constants
         survey.measured_columns = frozenset(opened.plan.mapped)

@@ -253,4 +253,5 @@ def _scene_of_file(path: Location) -> Scene:
 @lru_cache(maxsize=64)
 def plane_of(frame: EarthFrame) -> EarthPlane:
     """Return the plane of a frame. Raises UsageError without pyproj, or if the CRS cannot be used."""
-    return EarthPlane(**vars(frame))
+    place = {name: value for name, value in vars(frame).items() if name != "on_ellipsoid"}
+    return EarthPlane(**place)

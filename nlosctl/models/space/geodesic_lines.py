@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -124,9 +125,9 @@ class GeodesicLines(RowBlock):
         for k in range(self.azimuth.shape[1]):
             yield scaled[:, k], tuple(slope[:, k] for slope in slopes)
 
-    def bending(self, *point: FloatArray) -> SymmetricMatrix:
+    def bending(self, *at: Any) -> SymmetricMatrix:
         """Return zeros (B,): second derivatives of azimuths are left out."""
-        return SymmetricMatrix.full(point[0].shape, 0.0)
+        return SymmetricMatrix.full(at[0].shape, 0.0)
 
     def information(
         self, *point: FloatArray, paths: None = None, extra_m2: FloatArray | None = None

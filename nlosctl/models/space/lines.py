@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.blocks import RowBlock, side_by_side
 from nlosctl.geometry.directions import length
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.obstacles import WallRows
 from nlosctl.models.sight import Crossing, RayResiduals
 from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
+from nlosctl.models.space.measured_ranges import compare_range
 from nlosctl.models.space.plane_mirrors import PlaneMirrors
 from nlosctl.models.space.sensor_axes import SensorAxes
 
@@ -65,14 +67,13 @@ class SpaceLines(RowBlock):
 
     def with_std(self, std: FloatArray) -> Self:
         """Return the same rays with other standard deviations (B, M) of the rows; that of a height stays."""
-        return replace(self, std=np.concatenate([std[:, : self.of_rows].T, self.std[:, self.of_rows :].T]).T)
+        return replace(self, std=side_by_side(std[:, : self.of_rows], self.std[:, self.of_rows :]))
 
     def with_ranges(self, range_m: FloatArray, std_m: FloatArray, *, lognormal: bool) -> SpaceLines:
         """Return the rays with ranges (B, K) as further scalars, NaN in rows without one."""
-        relative = std_m / range_m if lognormal else std_m
-        known = np.where(np.isnan(range_m), 1.0, relative)
+        known = np.where(np.isnan(range_m), 1.0, std_m / range_m if lognormal else std_m)
         parts = (self.std[:, : self.of_rows], known, self.std[:, self.of_rows :])
-        std = np.asfortranarray(np.concatenate(parts, axis=1))
+        std = side_by_side(*parts)
         return replace(self, std=std, measured_m=range_m, is_lognormal=lognormal)
 
     def scalars(self) -> IntArray:
@@ -93,9 +94,13 @@ class SpaceLines(RowBlock):
 
     def normals(self) -> Vector:
         """Return the unit normals (B, M) of the planes of measured azimuths, elevations and height; 0 of others."""
+        return self._normals
+
+    @cached_property
+    def _normals(self) -> Vector:
         across, above = (self._from_sensor(tangent) for tangent in self.angles.tangents())
         none = np.zeros((self.std.shape[0], self.std.shape[1] - 2 * self.rows))
-        x, y, z = (np.concatenate([*pair, none], axis=1) for pair in zip(across, above, strict=True))
+        x, y, z = (side_by_side(*pair, none) for pair in zip(across, above, strict=True))
         z[:, self.of_rows :] = 1.0
         return x, y, z
 
@@ -105,22 +110,22 @@ class SpaceLines(RowBlock):
         x, y, z = self.origin
         if self.is_held and self.height_m is not None:
             z = z - self.height_m[:, None]
-        twice = (np.concatenate([part, part], axis=1) for part in (x, y, z))
-        parts = [normal[:, :count] * part for normal, part in zip(normals, twice, strict=True)]
-        offset: FloatArray = parts[0] + parts[1] + parts[2]
+        a, b, c = normals
+        parts = [a[:, of] * x + b[:, of] * y + c[:, of] * z for of in (slice(self.rows), slice(self.rows, count))]
         level = 0.0 if self.height_m is None else self.height_m[:, None]
-        return np.concatenate([offset, normals[2][:, count:] * level], axis=1)
+        return side_by_side(*parts, c[:, count:] * level)
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
         """Return by how many metres (B, M) each plane moves per unit of its scalar at points; 1 of a height."""
         seen = self._seen(self.whole(point))
         one = np.ones((self.std.shape[0], self.std.shape[1] - 2 * self.rows))
-        return np.concatenate([*self.angles.widths_m(seen), one], axis=1)
+        return side_by_side(*self.angles.widths_m(seen), one)
 
     stansfield_width_m = tube_width_m
 
     def paths_from(self, *point: FloatArray) -> Any:
-        """Return nothing: these paths are straight."""
+        """Return the scalars of `linearized` at points, for the other functions of the same points."""
+        return list(self.linearized(*point))
 
     def inside_circles(self, *point: FloatArray) -> tuple[FloatArray, ...]:
         """Return the points: no row is seen by a circle."""
@@ -133,6 +138,9 @@ class SpaceLines(RowBlock):
 
         With ``extra_m2`` (B,) the squared distances are that much larger.
         """
+        if isinstance(paths, list) and extra_m2 is None:
+            yield from paths
+            return
         whole = self.whole(point)
         for k in range(self.rows):
             compared = self.compared(whole, k, extra_m2, paths)
@@ -154,13 +162,14 @@ class SpaceLines(RowBlock):
         for residual, slopes in self.angles.compare(k, self._seen(whole, k), extra_m2):
             yield residual, self._from_sensor(slopes, k)
 
-    def bending(self, *point: FloatArray) -> SymmetricMatrix:
-        """Return the sum (B,) of residuals over their stds times their second derivatives."""
-        whole = self.whole(point)
+    def bending(self, *at: Any) -> SymmetricMatrix:
+        """Return the sum (B,) of residuals times their second derivatives; as `LinearizedRows.bending`."""
+        *point, residuals = at
+        whole = self.whole(tuple(point))
         total = SymmetricMatrix.full(whole[2].shape, 0.0, 3)
         for k in range(self.rows):
-            weights = (1.0 / (self.std[:, index] * self.std[:, index]) for index in (k, self.rows + k))
-            bend = self.angles.bending(k, self._seen(whole, k), *weights)
+            scaled = (residuals[2 * k] / self.std[:, k], residuals[2 * k + 1] / self.std[:, self.rows + k])
+            bend = self.angles.bending(k, self._seen(whole, k), *scaled)
             total += bend if self.axes is None else self.axes.unfolded_matrix(bend, k)
             if self.measured_m is not None:
                 residual, _, bend = self._range(whole, k)
@@ -171,16 +180,8 @@ class SpaceLines(RowBlock):
         """Return residual over std, derivatives and second derivatives of the range of a row; 0 without one."""
         assert self.measured_m is not None  # noqa: S101 - asked for where there are ranges
         x, y, z = (part - origin[:, k] for part, origin in zip(whole, self.origin, strict=True))
-        distance = length((x, y, z))
-        unit = (x / distance, y / distance, z / distance)
-        measured, known = self.measured_m[:, k], np.isfinite(self.measured_m[:, k])
-        inverse = np.where(known, 1.0 / self.std[:, 2 * self.rows + k], 0.0)
-        residual = np.log(measured / distance) if self.is_lognormal else measured - distance
-        slope = -inverse / distance if self.is_lognormal else -inverse
-        twice = 2.0 if self.is_lognormal else 1.0
-        bend = SymmetricMatrix.outer(*unit, weight=-twice * slope / distance).add_to_diagonal(slope / distance)
-        slopes = (unit[0] * slope, unit[1] * slope, unit[2] * slope)
-        return np.where(known, residual * inverse, 0.0), slopes, bend
+        std = self.std[:, 2 * self.rows + k]
+        return compare_range((x, y, z), self.measured_m[:, k], std, is_lognormal=self.is_lognormal)
 
     def residual(self, *point: FloatArray, paths: Any = None) -> FloatArray:
         """Return measured minus predicted scalars (B, M); 0 in rows without an elevation."""

@@ -54,7 +54,7 @@ class MeasuredAngles(RowBlock):
 
     def tangents(self) -> tuple[Vector, Vector]:
         """Return the unit tangents (B, K) of the directions, along the azimuth and the elevation; 0 without one."""
-        a = (-self.sin_azimuth, self.cos_azimuth, np.zeros(self.cos_azimuth.shape))
+        a = (-self.sin_azimuth, self.cos_azimuth, np.zeros(self.cos_azimuth.shape, order="F"))
         t = (-self.sin_elevation * self.cos_azimuth, -self.sin_elevation * self.sin_azimuth, self.cos_elevation)
         return a, (t[0] * self.has_elevation, t[1] * self.has_elevation, t[2] * self.has_elevation)
 
@@ -134,12 +134,9 @@ class MeasuredAngles(RowBlock):
             x, y, z = (np.where(has > 0.0, *pair) for pair in zip(slopes, level[1], strict=True))
             yield np.where(has > 0.0, -along, level[0]), (x, y, z)
 
-    def bending(
-        self, k: int, seen: Vector, azimuth_weight: FloatArray, elevation_weight: FloatArray
-    ) -> SymmetricMatrix:
-        """Return the sum of residuals of row ``k`` times their second derivatives by the vector, times weights (B,)."""
-        (azimuth, _), (rise, _) = self.compare(k, seen)
-        azimuth, rise = azimuth * azimuth_weight, rise * elevation_weight * self.has_elevation[:, k]
+    def bending(self, k: int, seen: Vector, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
+        """Return the sum of the second derivatives of both residuals of row ``k``, times ``azimuth``, ``rise`` (B,)."""
+        rise = rise * self.has_elevation[:, k]
         vx, vy, vz = seen
         squared = vx * vx + vy * vy
         whole = squared + vz * vz

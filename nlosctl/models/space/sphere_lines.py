@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,8 @@ class SphereLines(SpaceLines):
 
     def normals(self) -> Vector:
         """Return the normals of `SpaceLines`, of rows by spheres in the two directions that a fit takes."""
-        normals = super().normals()
+        x, y, z = (part.copy() for part in super().normals())
+        normals = (x, y, z)
         for first, directions in zip((0, self.rows), self.spheres.tangents.directions(), strict=True):
             for block, part in zip(normals, directions, strict=True):
                 self.spheres.place_in(block[:, first : first + self.rows], part)
@@ -98,9 +100,9 @@ class SphereLines(SpaceLines):
                 part[snapshot] = np.where(without_weight, 0.0, slope)
             yield residual, (x, y, z)
 
-    def bending(self, *point: FloatArray) -> SymmetricMatrix:
+    def bending(self, *at: Any) -> SymmetricMatrix:
         """Return NaN: second derivatives along paths by spheres are not computed, and no matrix counts as exact."""
-        return SymmetricMatrix.full(point[0].shape, np.nan, len(point))
+        return SymmetricMatrix.full(at[0].shape, np.nan, self.unknowns)
 
     def unseen(self, *point: FloatArray, paths: SpherePath | None = None) -> BoolArray:
         """Return to which rows (B, K) a point cannot be visible in the scene: regions A2 and A3 of spheres too."""

@@ -20,6 +20,7 @@ from nlosctl.geometry.ellipses import circular_error_probable, ellipse_threshold
 from nlosctl.geometry.symmetric import Symmetric2x2
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.layouts import TRUTH_NAMES, ChunkEstimates
+from nlosctl.io.scenes.places import errors_in
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.models.information import UNIT_INFORMATION
 from nlosctl.pipeline.solve.method_runs import MethodRun
@@ -81,7 +82,8 @@ def further_columns(
 
 def _on_earth(frame: EarthFrame, estimates: ChunkEstimates) -> dict[str, FloatArray]:
     lat, lon = plane_of(frame).to_earth(estimates.position_m[:, 0], estimates.position_m[:, 1])
-    return {"lat_deg": lat, "lon_deg": lon}
+    height = {"height_m": estimates.position_m[:, 2]} if frame.on_ellipsoid else {}
+    return {"lat_deg": lat, "lon_deg": lon, **height}
 
 
 def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatArray]:
@@ -151,7 +153,9 @@ def _gdop_fault(reader: MeasurementReader, runs: Runs) -> str:
 def _nees(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
     assert solution.estimates is not None  # noqa: S101 - columns are of estimates
     estimates = solution.estimates
-    return squared_mahalanobis(estimates.position_m - estimates.truth_m(chunk), estimates.covariance_m2)
+    position, truth, frame = estimates.position_m, estimates.truth_m(chunk), solver.scene.frame
+    error = position - truth if frame is None else errors_in(frame, position, truth)
+    return squared_mahalanobis(error, estimates.covariance_m2)
 
 
 def _nees_fault(reader: MeasurementReader, runs: Runs) -> str:

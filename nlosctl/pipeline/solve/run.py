@@ -162,7 +162,7 @@ class MeasurementRun:
             names |= optional_columns(write.ellipse, write.add)
             check_added(write.add, self.reader, self._runs)
         if self.reader.scene.frame is not None:
-            names |= set(_ON_EARTH)
+            names |= {*_ON_EARTH, *(("height_m",) if self.reader.scene.frame.on_ellipsoid else ())}
         if any(run.spec.covariance_kinds for run in self._runs):
             names.add("covariance_kind")
         for run in self._runs:

@@ -82,6 +82,10 @@ class ChunkSolver:
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
+            if self.scene.frame is not None and self.scene.frame.on_ellipsoid:
+                from nlosctl.pipeline.solve.earth_centred import solver_on_earth
+
+                solve = solver_on_earth(solve, self.scene.frame)
             solved = [
                 (snapshot, row, self._solve_block(chunk, snapshot, row, seed, run, solve)) for snapshot, row in blocks
             ]

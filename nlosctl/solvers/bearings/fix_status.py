@@ -179,6 +179,7 @@ def judge_optima(
         gain = 0.0 if at_optimum else _gauss_newton_gain(lines, point, paths)
         factors = StdFactors.of(rays.chi_square - gain, scalars - len(point))
         lines = lines.with_std(factors.scaled(lines.std))
+        paths = lines.paths_from(*point)
         rays = replace(rays, chi_square=rays.chi_square / factors.squared)
         if covariance is not None and inflated is not None:
             covariance = covariance * factors.squared

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division, ignoring_invalid
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight
@@ -23,6 +23,9 @@ MAX_ALTERNATIVES = 10
 """The largest number of optima kept per snapshot."""
 
 _MOST_PAIRS = 15
+_SAME_VALLEY = 5.0
+"""An initial estimate within this many standard deviations of an optimum leads to it."""
+
 _DISTINCT = 0.1
 """Optima closer than this (standard deviations) are one."""
 
@@ -57,13 +60,12 @@ class Optima:
 
 
 def find_optima(lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max_iterations: int) -> Optima:
-    """Return the optima reached from initial estimates, each as D arrays (B,); in the plane only the last is used.
+    """Return the optima reached from initial estimates, each as D arrays (B,), the best one last.
 
-    In the plane the crossings of all pairs of rows are further ones if a row may take several paths.
+    In the plane only the best is used, and the crossings of all pairs of rows if a row may take several paths.
     """
     if not isinstance(lines, SightLines):
-        every = tuple(np.stack(part) for part in zip(*starts, strict=True))
-        return _optima_from_many(lines, every, max_iterations)
+        return _optima_in_space(lines, starts, max_iterations)
     start_x, start_y = starts[-1]
     several = np.zeros(start_x.shape, dtype=bool)
     if lines.circles is not None and lines.origin_x.shape[1] > 1:
@@ -77,6 +79,37 @@ def find_optima(lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max_iter
     all_x = np.concatenate([start_x[None], np.where(several, more_x, np.nan)])
     all_y = np.concatenate([start_y[None], np.where(several, more_y, np.nan)])
     return _optima_from_many(lines, (all_x, all_y), max_iterations)
+
+
+def _optima_in_space(lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max_iterations: int) -> Optima:
+    """Return the optima reached from the last initial estimate, and from all others that are not near its optimum."""
+    minimum = minimize(bearing_problem(lines), *lines.inside_circles(*starts[-1]), max_iterations=max_iterations)
+    single = minimum.converged.copy()
+    with ignoring_invalid():
+        for start in starts[:-1]:
+            apart = (part - end for part, end in zip(start, minimum.point, strict=True))
+            single &= ~(minimum.hessian.quadratic_form(*apart) > _SAME_VALLEY**2)
+    rest = np.flatnonzero(~single)
+    no_rival = np.full(single.shape, np.inf)
+    if not rest.size:
+        return Optima(None, lines, minimum.point, minimum.converged, no_rival, minimum.evaluations)
+    every = tuple(np.stack([start[axis][rest] for start in starts]) for axis in range(len(starts[-1])))
+    many = _optima_from_many(lines.take(rest), every, max_iterations)
+    alone = np.flatnonzero(single)
+    snapshot = np.concatenate([alone, rest[many.snapshot]])
+    order = np.argsort(snapshot, kind="stable")
+
+    def joined(one: npt.NDArray[ScalarT], other: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        return np.concatenate([one[alone], other])[order]
+
+    return Optima(
+        snapshot[order],
+        lines.take(snapshot[order]),
+        tuple(joined(*pair) for pair in zip(minimum.point, many.point, strict=True)),
+        joined(minimum.converged, many.converged),
+        joined(no_rival, many.rival_cost),
+        joined(minimum.evaluations, many.evaluations),
+    )
 
 
 def pairwise_crossings(lines: SightLines) -> tuple[FloatArray, FloatArray]:

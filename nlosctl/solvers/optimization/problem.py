@@ -98,7 +98,10 @@ class LinearizedRows(Protocol):
 
     @property
     def bending(self) -> Callable[..., SymmetricMatrix]:
-        """Return the sum (B,) of residuals over their stds times their second derivatives at points."""
+        """Return the sum (B,) of residuals times their second derivatives, both over their stds, at points.
+
+        The last argument are the residuals that `linearized` yields there.
+        """
         ...
 
     def take(self, rows: IntArray) -> Self:
@@ -122,14 +125,15 @@ class LeastSquaresProblem:
         Scalar by scalar, so that temporaries stay in the caches.
         """
         cost, gradient = np.zeros(point[0].shape), tuple(np.zeros(point[0].shape) for _ in point)
-        gauss = SymmetricMatrix.full(point[0].shape, 0.0, len(point))
+        gauss, residuals = SymmetricMatrix.full(point[0].shape, 0.0, len(point)), []
         with ignoring_overflow():
             for residual, slopes in self.rows.linearized(*point):
+                residuals.append(residual)
                 cost += residual * residual
                 for total, slope in zip(gradient, slopes, strict=True):
                     total += residual * slope
                 gauss += SymmetricMatrix.outer(*slopes)
-            return Evaluation.of_newton(0.5 * cost, gradient, gauss + self.rows.bending(*point), gauss)
+            return Evaluation.of_newton(0.5 * cost, gradient, gauss + self.rows.bending(*point, residuals), gauss)
 
 
 @dataclass(frozen=True)
