@@ -68,7 +68,7 @@ def solve(
         if "estimates" in wanted:
             require_estimates(runs)
         if options.estimate_std is not None:
-            from nlosctl.pipeline.solve.unknown_std import with_unknown_std
+            from nlosctl.pipeline.solve.stds.unknown_std import with_unknown_std
 
             runs = with_unknown_std(runs, opened.reader.kind, opened.reader.dimension, options.estimate_std)
         start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted)
@@ -125,7 +125,7 @@ def _learn(
     )
     show = destination.console.detail
     if options.estimate_std is not None:
-        from nlosctl.pipeline.solve.std_passes import estimate_stds
+        from nlosctl.pipeline.solve.stds.std_passes import estimate_stds
 
         return estimate_stds(runs, options.estimate_std, reader.kind, reader.scene, options, passes, show)
     from nlosctl.pipeline.solve.learned_options import learn_options

@@ -25,7 +25,7 @@ from nlosctl.pipeline.solve.sweeps import SweepWords, refuse_both, swept_options
 
 if TYPE_CHECKING:
     from nlosctl.io.measurements.reader import Chunk
-    from nlosctl.pipeline.solve.unknown_std import StdEstimate
+    from nlosctl.pipeline.solve.stds.unknown_std import StdEstimate
 
 __all__ = [
     "STATUS_WORDS",

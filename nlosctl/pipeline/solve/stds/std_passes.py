@@ -30,8 +30,8 @@ from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.learned_options import MOST_PASSES, pass_batches
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.row_squares import row_squares, weighted_rows, with_std_factors
-from nlosctl.pipeline.solve.unknown_std import StdEstimate, StdFactor
+from nlosctl.pipeline.solve.stds.row_squares import row_squares, weighted_rows, with_std_factors
+from nlosctl.pipeline.solve.stds.unknown_std import StdEstimate, StdFactor
 
 __all__ = ["estimate_stds"]
 

@@ -21,7 +21,7 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.row_squares import snapshot_factors, uses_ranges, with_std_factors
+from nlosctl.pipeline.solve.stds.row_squares import snapshot_factors, uses_ranges, with_std_factors
 from nlosctl.solvers.optimization.split_batches import take_snapshots
 
 __all__ = ["StdEstimate", "StdFactor", "with_unknown_std"]
@@ -54,7 +54,7 @@ class StdEstimate:
 
     def remarks(self, run: MethodRun, report: Any, columns: Sequence[str]) -> list[str]:
         """Return what the summary states of a run with these factors; ``columns`` are those of the input."""
-        from nlosctl.pipeline.solve.std_remarks import std_remarks
+        from nlosctl.pipeline.solve.stds.std_remarks import std_remarks
 
         return std_remarks(run, report.methods[run.label], report.kind, columns)
 

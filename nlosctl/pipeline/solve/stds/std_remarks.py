@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import KINDS
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
-from nlosctl.pipeline.solve.unknown_std import StdEstimate, StdFactor
+from nlosctl.pipeline.solve.stds.unknown_std import StdEstimate, StdFactor
 
 __all__ = ["std_remarks"]
 

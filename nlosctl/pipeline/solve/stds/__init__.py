@@ -1,0 +1,1 @@
+"""Unknown standard deviations: their factors, estimated from residuals."""
