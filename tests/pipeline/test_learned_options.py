@@ -24,6 +24,8 @@ Values = Mapping[str, float | None]
 class Passes:
     """Passes over nothing, whose sums are ones."""
 
+    survey = SimpleNamespace(table=SimpleNamespace(dimension=2))
+
     def pool(self, statistic: Any) -> ExactSums:
         """Return the sums of one run."""
         sums = ExactSums()
