@@ -19,7 +19,7 @@ from nlosctl.arrays import FloatArray, IntArray, SeedArray
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.scene import Scene
 
-__all__ = ["Batch", "BearingBatch", "RangeBatch", "TripletBatch", "batch_class"]
+__all__ = ["ArrivalBatch", "Batch", "BearingBatch", "RangeBatch", "TripletBatch", "batch_class"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +172,37 @@ class RangeBatch(Batch):
     def measurements(self) -> int:
         """The number of measurements of each snapshot, K."""
         return int(self.range_m.shape[1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArrivalBatch(Batch):
+    """B snapshots of K arrivals each, times in metres: an arrival is the range plus an unknown offset of the snapshot.
+
+    ``arrival_m`` are the arrivals less ``origin_m`` (B,), which was subtracted while they were exact, and which the
+    offsets of the estimates include again. ``arrival_std_m`` is of a single arrival; all are finite, stds positive.
+    ``sensor`` numbers the sensors; ``sensor_z_m`` is their height in space, None in the plane.
+    """
+
+    SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "sensor": ("sensor",),
+        "sensor_xy_m": ("sensor_x_m", "sensor_y_m"),
+        "arrival_m": ("arrival_m",),
+        "arrival_std_m": ("arrival_std_m",),
+    }
+    SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {"sensor_z_m": ("sensor_z_m",)}
+    STDS: ClassVar[tuple[str, ...]] = ("arrival_std_m",)
+
+    sensor: IntArray
+    sensor_xy_m: FloatArray
+    arrival_m: FloatArray
+    arrival_std_m: FloatArray
+    origin_m: FloatArray
+    sensor_z_m: FloatArray | None = None
+
+    @property
+    def measurements(self) -> int:
+        """The number of measurements of each snapshot, K."""
+        return int(self.arrival_m.shape[1])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges.spheres import RangeRows, range_rows
-from nlosctl.solvers.ranges.ends import End
+from nlosctl.solvers.optimization.two_optima import End
 from nlosctl.solvers.ranges.likelihood import SquaredRangeProblem, fit_squares, mean_range_m
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix
 from nlosctl.solvers.ranges.paired_estimates import RangeOptimum

@@ -19,8 +19,8 @@ from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.ranged_search import THOROUGH_UP_TO, mean_end, starting_points, surest_sensor
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import Evaluation
+from nlosctl.solvers.optimization.two_optima import are_apart
 from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
-from nlosctl.solvers.ranges.ends import are_apart
 from nlosctl.solvers.ranges.paired_estimates import RangeOptimum, paired_estimates
 from nlosctl.solvers.ranges.search import find_two_optima
 

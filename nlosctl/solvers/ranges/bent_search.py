@@ -8,8 +8,8 @@ from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
+from nlosctl.solvers.optimization.two_optima import End
 from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_by_circle, pairs_by_circle
-from nlosctl.solvers.ranges.ends import End
 from nlosctl.solvers.ranges.likelihood import RangeProblem
 from nlosctl.solvers.ranges.search import cross_pairs
 

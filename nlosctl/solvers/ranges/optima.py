@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid
-from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.batches import ArrivalBatch, RangeBatch
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres
+from nlosctl.solvers.arrivals.likelihood import ArrivalProblem
+from nlosctl.solvers.optimization.two_optima import End, are_apart, are_images
 from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
 from nlosctl.solvers.ranges.bent_search import find_bent_optima
-from nlosctl.solvers.ranges.ends import End, are_apart
 from nlosctl.solvers.ranges.likelihood import RangeProblem, fit_squares
 from nlosctl.solvers.ranges.paired_estimates import RangeOptimum, paired_estimates
 from nlosctl.solvers.ranges.search import find_range_optima, surest_pole
-from nlosctl.solvers.ranges.space_search import are_merged
 from nlosctl.solvers.ranges.valley import valley_covariance
 
 __all__ = ["estimate_factors", "finish_range_fix", "optimize_ranges", "with_covariances"]
@@ -29,6 +30,9 @@ _ROUNDING = 1e-10
 
 _RIVAL = 10.0
 """An optimum this many nats costlier than the best is no rival: its covariance is the inverse information."""
+
+
+Rows = RangeRows | ArrivalRows
 
 
 def optimize_ranges(rows: RangeRows, max_iterations: int, infeasible_nats: float) -> tuple[End, End]:
@@ -50,14 +54,14 @@ def optimize_ranges(rows: RangeRows, max_iterations: int, infeasible_nats: float
 
 
 def with_covariances(
-    rows: RangeRows, best: End, other: End, factors: StdFactors | None = None
+    rows: Rows, best: End, other: End, factors: StdFactors | None = None
 ) -> tuple[RangeOptimum, RangeOptimum]:
     """Return optima (B,) of half the chi-square with their covariances.
 
     The inverse Fisher information at the optimum, or, in the plane without rows by a circle, `valley_covariance`. The
     std of the ``rows`` include the ``factors`` of unknown ones, the costs do not.
     """
-    if isinstance(rows, RangeSpheres):
+    if not isinstance(rows, RangeCircles):
         one, two = (
             RangeOptimum(end.point, rows.information(*end.point).inverse(), end.cost, end.converged)
             for end in (best, other)
@@ -71,7 +75,7 @@ def with_covariances(
 
 
 def estimate_factors(
-    rows: RangeRows, one: End, other: End, infeasible_nats: float, *, at_optimum: bool = True
+    rows: Rows, one: End, other: End, infeasible_nats: float, *, at_optimum: bool = True
 ) -> StdFactors:
     """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`."""
     degrees = rows.degrees_of_freedom
@@ -95,8 +99,8 @@ def _with_covariance(circles: RangeCircles, end: End, rows: IntArray) -> RangeOp
 
 
 def finish_range_fix(
-    batch: RangeBatch,
-    rows: RangeRows,
+    batch: RangeBatch | ArrivalBatch,
+    rows: Rows,
     one: RangeOptimum,
     other: RangeOptimum,
     *,
@@ -105,12 +109,13 @@ def finish_range_fix(
     at_optimum: bool = True,
     factors: StdFactors | None = None,
 ) -> Solution:
-    """Return the solution of snapshots that have two optima each, which may coincide.
+    """Return the solution of snapshots of ranges or arrivals that have two optima each, which may coincide.
 
     The better is the answer; the other is its alternative where it is another point with an answer's status. Any other
     optimum makes the snapshot ambiguous where half its chi-square is within ``ambiguous_within`` nats. Sensors at a
-    single point are too few. A point that the scene hides from a row is the answer, infeasible, only if it is better by
-    more than ``ambiguous_within``, and makes no other ambiguous. The cost is half the chi-square of the range
+    single point are too few, as are fewer scalars than unknowns. In space, and with arrivals, images of each other that
+    are one broad optimum are degenerate. A point that the scene hides from a row is the answer, infeasible, only if it
+    is better by more than ``ambiguous_within``, and makes no other ambiguous. The cost is half the chi-square of the
     residuals. If the optima do not minimize it, ``at_optimum`` is false: the test of the fit is then that after a
     Gauss-Newton step. The std of the ``rows`` and the covariances include the ``factors`` of unknown ones, the
     costs do not; nats are then those of `marginal_cost`.
@@ -130,6 +135,9 @@ def finish_range_fix(
     elif not at_optimum:
         gains = (_gauss_newton_gain(rows, best.point), _gauss_newton_gain(rows, rest.point))
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
+    if isinstance(rows, ArrivalRows):
+        contradictory = rows.contradictory()
+        status[contradictory] = other_status[contradictory] = Status.DEGENERATE
     too_few = rows.single_origin() | (degrees < 0)
     status[too_few] = other_status[too_few] = Status.TOO_FEW
     another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged
@@ -138,13 +146,16 @@ def finish_range_fix(
     with ignoring_invalid():
         ambiguous = another & (nats[1] - nats[0] <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
-    if isinstance(rows, RangeSpheres):
-        merged = ambiguous & are_merged(rows, best.point, rest.point)
+    if not isinstance(rows, RangeCircles):
+        merged = ambiguous & are_images(rows, best.point, rest.point)
         status[merged] = Status.DEGENERATE
         second &= ~merged
     if factors is not None:
         factors.mark(status)
         factors.mark(other_status)
+    offsets: list[dict[str, FloatArray]] = [{}, {}]
+    if isinstance(rows, ArrivalRows):
+        offsets = [rows.offset_columns(part.point, part.covariance) for part in (best, rest)]
     estimates = paired_estimates(
         np.flatnonzero(second),
         rows,
@@ -155,13 +166,14 @@ def finish_range_fix(
         batch.measurements,
         np.broadcast_to(np.asarray(degrees, dtype=np.int64), batch.size),
         factors,
+        offsets,
     )
     flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
 
 
 def _second_is_better(
-    rows: RangeRows,
+    rows: Rows,
     one: End | RangeOptimum,
     other: End | RangeOptimum,
     infeasible_nats: float,
@@ -195,7 +207,7 @@ def _where(first: BoolArray, one: tuple[FloatArray, ...], other: tuple[FloatArra
     return tuple(np.where(first, mine, theirs) for mine, theirs in zip(one, other, strict=True))
 
 
-def _judge(rows: RangeRows, optimum: RangeOptimum, min_range_m: float) -> StatusArray:
+def _judge(rows: Rows, optimum: RangeOptimum, min_range_m: float) -> StatusArray:
     """Return the status (B,): degenerate is a standard deviation beyond the farthest sensor, or a fix on a sensor.
 
     infeasible: the scene hides the fix from a row.
@@ -219,14 +231,15 @@ def _judge(rows: RangeRows, optimum: RangeOptimum, min_range_m: float) -> Status
     return status
 
 
-def _half_chi_square(rows: RangeRows, point: tuple[FloatArray, ...], residual_m: FloatArray) -> FloatArray:
+def _half_chi_square(rows: Rows, point: tuple[FloatArray, ...], residual_m: FloatArray) -> FloatArray:
     scaled = residual_m / rows.std_m
     half = 0.5 * sum_measurements(scaled * scaled)
     return half if rows.level is None else half + 0.5 * rows.level.scaled_residual(point[-1]) ** 2
 
 
-def _gauss_newton_gain(rows: RangeRows, point: tuple[FloatArray, ...]) -> FloatArray:
+def _gauss_newton_gain(rows: Rows, point: tuple[FloatArray, ...]) -> FloatArray:
     """Return by how much a Gauss-Newton step from points (B,) lowers the chi-square of the linearized residuals."""
-    gradient = RangeProblem.of_rows(rows).evaluate(*point).gradient
+    problem = ArrivalProblem.of_rows(rows) if isinstance(rows, ArrivalRows) else RangeProblem.of_rows(rows)
+    gradient = problem.evaluate(*point).gradient
     with ignoring_invalid():
         return rows.information(*point).inverse().quadratic_form(*gradient)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
-from nlosctl.contract.results import Estimates
+from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.unknown_std import StdFactors
 
@@ -49,11 +49,12 @@ def paired_estimates(
     measurements: int,
     degrees_of_freedom: IntArray,
     factors: StdFactors | None = None,
+    columns: Sequence[Mapping[str, FloatArray]] = ({}, {}),
 ) -> Estimates:
     """Return a row per snapshot (B,), and one more for each of the ``second`` snapshots.
 
     ``frame`` has the positions of the optima about the local origins; ``factors`` are those of unknown standard
-    deviations.
+    deviations, ``columns`` further ones (B,) of the optima that have a covariance.
     """
     snapshots = np.arange(statuses[0].shape[0], dtype=np.int64)
     row = np.concatenate([snapshots, second])
@@ -67,6 +68,8 @@ def paired_estimates(
     best, rest = optima
     status = np.concatenate([statuses[0], statuses[1][second]])[order]
     positions = zip(frame.absolute(*best.point), frame.absolute(*rest.point), strict=True)
+    certain = has_covariance(status)
+    further = {name: np.where(certain, join(first, columns[1][name]), np.nan) for name, first in columns[0].items()}
     covariances = (frame.whole_covariance(optimum.covariance) for optimum in optima)
     return Estimates.of(
         status,
@@ -78,5 +81,5 @@ def paired_estimates(
         alternative=alternative,
         chi_square=join(*chi_squares),
         degrees_of_freedom=degrees_of_freedom[row],
-        columns={} if factors is None else factors.take(row).columns(status),
+        columns={**further, **({} if factors is None else factors.take(row).columns(status))},
     )

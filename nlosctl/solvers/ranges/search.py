@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres
 from nlosctl.solvers.optimization.polar_coordinates import Pole, minimize_about_pole
 from nlosctl.solvers.optimization.problem import Problem
-from nlosctl.solvers.ranges.ends import End, TwoBest
+from nlosctl.solvers.optimization.two_optima import End, Landscape, TwoBest
 from nlosctl.solvers.ranges.space_search import find_space_optima
 from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit
 
@@ -28,22 +28,6 @@ _PARTNERS = 4
 
 _EXPLAINED, _EXPLAINED_IF_THOROUGH = 0.3, 0.6
 """A point leads to a known optimum if its cost is at least this share of what the quadratic model there predicts."""
-
-
-class Landscape(Protocol):
-    """Measurements of B snapshots that points are compared with."""
-
-    def half_chi_squares(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return half the chi-square (B, P) at points (B, P)."""
-        ...
-
-    def information(self, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
-        """Return the Fisher information (B,) at points (B,)."""
-        ...
-
-    def take(self, rows: IntArray) -> Self:
-        """Return the measurements of some snapshots."""
-        ...
 
 
 def find_range_optima(problem: Problem, rows: RangeRows, fit: SquaredRangeFit, max_iterations: int) -> tuple[End, End]:

@@ -1,27 +1,17 @@
-"""The two best optima of ranges in space, and whether they are two."""
+"""The two best optima of ranges in space."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid
+from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.geometry.blocks import max_measurements
 from nlosctl.models.ranges.spheres import RangeSpheres
-from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.optimization.problem import Problem
-from nlosctl.solvers.ranges.ends import End, TwoBest
+from nlosctl.solvers.optimization.two_optima import End, find_best_two
 from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit, fit_squared_ranges
 
-__all__ = ["are_merged", "find_space_optima"]
-
-_PATIENCE = 20
-"""Refused steps after which a descent is given up."""
-
-_BARRIER = 0.5
-"""Mirror images are one broad optimum unless the point half way between them costs so many nats more."""
-
-_IMAGES = 1e-6
-"""Optima are mirror images of each other in a plane of all sensors if their costs are equal up to this share."""
+__all__ = ["find_space_optima"]
 
 
 def find_space_optima(
@@ -39,15 +29,7 @@ def find_space_optima(
         squared = rows.range_m * rows.range_m - (rows.sensor[2] - height[:, None]) ** 2
         flat = fit_squared_ranges(rows.sensor[:2], squared, 1.0 / (rows.std_m * rows.std_m))
         starts += [(*flat.point, height), (*flat.mirror, height)]
-    every = np.arange(rows.range_m.shape[0])
-    ends = []
-    for start in starts:
-        minimum = minimize(problem, *start, max_iterations=max_iterations, patience=_PATIENCE)
-        ends.append(End(minimum.point, minimum.cost, minimum.converged))
-    optima = TwoBest(ends[0])
-    for end in ends[1:]:
-        optima.note(every, end, rows.information(*end.point))
-    return optima.best, optima.other
+    return find_best_two(problem, rows, starts, max_iterations)
 
 
 def _images(rows: RangeSpheres, fit: SquaredRangeFit) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
@@ -62,16 +44,3 @@ def _images(rows: RangeSpheres, fit: SquaredRangeFit) -> tuple[tuple[FloatArray,
         tuple(part + shift * normal for part, normal in zip(fit.point, fit.normal, strict=True)),
         tuple(part - shift * normal for part, normal in zip(fit.mirror, fit.normal, strict=True)),
     )
-
-
-def are_merged(rows: RangeSpheres, one: tuple[FloatArray, ...], other: tuple[FloatArray, ...]) -> BoolArray:
-    """Return where (B,) two optima are images of each other, and the likelihood half way between them is about theirs.
-
-    So it is for sensors in a plane and a source in it, whose distance from the plane the ranges don't determine.
-    """
-    points = (one, other, tuple(0.5 * (mine + theirs) for mine, theirs in zip(one, other, strict=True)))
-    costs = [rows.half_chi_squares(*(part[:, None] for part in point))[:, 0] for point in points]
-    with ignoring_invalid():
-        merged: BoolArray = costs[2] - np.minimum(costs[0], costs[1]) < _BARRIER
-        merged &= np.abs(costs[0] - costs[1]) <= _IMAGES * (1.0 + costs[0])
-    return merged

@@ -22,7 +22,7 @@ from nlosctl.arrays import FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["HeightPenalty", "SquaredRangeFit", "fit_squared_ranges"]
+__all__ = ["HeightPenalty", "SquaredRangeFit", "fit_squared_ranges", "principal_axes"]
 
 
 _BISECTIONS = 16
@@ -105,7 +105,7 @@ def fit_squared_ranges(
         share = penalty.weight / total
         moment.diagonal[-1][:] += 0.25 * share
         pull[-1] += share * (penalty.z_m - mean[-1])
-    axes, moments = _principal_axes(moment)
+    axes, moments = principal_axes(moment)
     pulls = tuple(_add([part * along for part, along in zip(axis, pull, strict=True)]) for axis in axes)
     smallest = moments[-1]
     gaps = tuple(4.0 * (value - smallest) for value in moments[:-1])
@@ -117,7 +117,7 @@ def fit_squared_ranges(
     return SquaredRangeFit(_place(mean, axes, coordinates), _place(mean, axes, mirrored), tuple(axes[-1]))
 
 
-def _principal_axes(moment: SymmetricMatrix) -> tuple[list[list[FloatArray]], list[FloatArray]]:
+def principal_axes(moment: SymmetricMatrix) -> tuple[list[list[FloatArray]], list[FloatArray]]:
     """Return the unit axes of moments (B,) as coordinates, and the moments about them (>= 0), the largest first."""
     if moment.dimension == 2:
         smaller, larger = moment.eigenvalues()

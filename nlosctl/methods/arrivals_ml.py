@@ -1,0 +1,84 @@
+"""Maximum likelihood of arrival times: the offset of their common clock eliminated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlosctl.contract.batches import ArrivalBatch
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
+from nlosctl.contract.options import option
+from nlosctl.contract.results import Solution
+from nlosctl.models.arrivals import arrival_rows
+from nlosctl.solvers.arrivals.closed_forms import initial_estimates
+from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
+from nlosctl.solvers.optimization.two_optima import find_best_two
+from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
+
+__all__ = ["METHOD", "ArrivalOptions", "solve"]
+
+_PLAUSIBLE = 10.0
+"""Half a chi-square of at most this plus two per degree of freedom is that of a good fit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArrivalOptions:
+    """Parameters of ``ml``."""
+
+    min_range_m: float = option(
+        0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
+    )
+    ambiguous_within: float = option(
+        2.0, unit="nats", minimum=0.0, meaning="a second optimum whose cost is at most this much higher is as good"
+    )
+    max_iterations: int = option(100, minimum=1, meaning="steps after which a snapshot counts as not converged")
+
+
+def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
+    """Solve a batch by the likelihood of the arrivals, (1) of `nlosctl.models.arrivals`, in the plane or in space.
+
+    Levenberg-Marquardt from the closed forms of `initial_estimates`. That is the likelihood of all differences to any
+    reference with their full covariance. The covariance is the inverse Fisher information at the estimate.
+    """
+    rows = arrival_rows(batch)
+    points = initial_estimates(rows)
+    plausible = None
+    if batch.std == "stated":
+        plausible = _PLAUSIBLE + 2.0 * rows.degrees_of_freedom.astype(np.float64)
+    ends = find_best_two(
+        ArrivalProblem.of_rows(rows), rows, points, options.max_iterations, plausible, AT_INFINITY * rows.size_m()
+    )
+    factors = None
+    if batch.std == "unknown":
+        factors = estimate_factors(rows, *ends, options.ambiguous_within)
+        rows = replace(rows, std_m=factors.scaled(rows.std_m))
+    one, other = with_covariances(rows, *ends, factors)
+    return finish_range_fix(
+        batch,
+        rows,
+        one,
+        other,
+        min_range_m=options.min_range_m,
+        ambiguous_within=options.ambiguous_within,
+        factors=factors,
+    )
+
+
+OFFSETS = ("offset_m", "offset_std_m", "cov_x_offset_m2", "cov_y_offset_m2")
+
+METHOD = MethodSpec(
+    name="ml",
+    kind="arrivals",
+    job="localize",
+    summary="maximum likelihood of arrival times, all rows trusted",
+    reference="Chan, Ho 1994",
+    options=ArrivalOptions,
+    solve=solve,
+    cost=LEAST_HALF_CHI_SQUARE,
+    minimum_measurements=2,
+    flags=("residual_m",),
+    estimate_columns=OFFSETS,
+    scales_std=True,
+    dimensions=(2, 3),
+)

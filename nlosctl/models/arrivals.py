@@ -1,0 +1,205 @@
+"""Arrival times: ranges plus an offset that the arrivals of a snapshot have in common.
+
+With arrivals t_i = |x - a_i| + c + n_i (metres) of std s_i and weights w_i = 1 / s_i^2 the likeliest offset at a point
+x is the weighted mean c(x) of t_i - |x - a_i|. Eliminated in this way it leaves D unknowns, and the likelihood of all
+differences to any reference with their full covariance:
+
+    r_i = (t_i - |x - a_i| - c(x)) / s_i,    dr_i/dx = -(u_i - m) / s_i,    m the weighted mean of u_i
+    C_xx = (sum of w_i (u_i - m)(u_i - m)')^-1,    C_xc = -C_xx m,    C_cc = 1 / sum of w + m' C_xx m
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
+from nlosctl.contract.batches import ArrivalBatch
+from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.ranges.measured_height import MeasuredHeight
+
+__all__ = ["ArrivalRows", "Compared", "arrival_rows"]
+
+
+_MANY_STDS = 6.0
+"""A difference longer than its baseline by so many standard deviations is not that of direct arrivals."""
+
+
+class Compared(NamedTuple):
+    """Arrivals compared with points: residuals r (B, K) over their std and their D derivatives.
+
+    ``offset_m`` (B,) is the likeliest offset, ``pull`` its D derivatives with the opposite sign, m. ``distance_m`` and
+    ``along``, the D derivatives u of the distances, are (B, K).
+    """
+
+    residual: FloatArray
+    slopes: tuple[FloatArray, ...]
+    offset_m: FloatArray
+    pull: tuple[FloatArray, ...]
+    distance_m: FloatArray
+    along: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class ArrivalRows(RowBlock):
+    """Arrivals (B, K) about a local origin (B,), the mean of the sensors; points and sensors are D arrays. Metres.
+
+    ``origin_m`` (B,) was subtracted from the arrivals. ``level`` is a measured height in space. Where the height of
+    the source is exactly known D is 2: ``held_z_m`` (B,) is that height, ``height`` (B, K) are the sensors' over it.
+    """
+
+    center: tuple[FloatArray, ...]
+    sensor: tuple[FloatArray, ...]
+    arrival_m: FloatArray
+    std_m: FloatArray
+    origin_m: FloatArray
+    height: FloatArray | None = None
+    level: MeasuredHeight | None = None
+    held_z_m: FloatArray | None = None
+
+    @property
+    def degrees_of_freedom(self) -> IntArray:
+        """The number (B,) of measured scalars minus that of the unknowns, the offset among them."""
+        heights = 0 if self.level is None else self.level.known
+        scalars: IntArray = np.full(self.origin_m.shape, self.arrival_m.shape[1] - 1, dtype=np.int64)
+        return np.asarray(scalars - len(self.center) + heights)
+
+    @property
+    def restricted(self) -> bool:
+        """Whether the scene hides any point from any row: no."""
+        return False
+
+    def unseen(self, *point: FloatArray) -> BoolArray:
+        """Return to which rows (B, K) points can't be visible: all are visible."""
+        return np.zeros(self.arrival_m.shape, dtype=bool)
+
+    def absolute(self, *point: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points (B,), given about the local origins, in the frame, with a height that is exactly known."""
+        place = tuple(part + middle for part, middle in zip(point, self.center, strict=True))
+        return place if self.held_z_m is None else (*place, self.held_z_m)
+
+    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+        """Return the covariances of all coordinates; zeros for a height that is exactly known."""
+        if self.held_z_m is None:
+            return covariance
+        return SymmetricMatrix(*covariance, *(np.zeros(covariance.xx.shape) for _ in range(3)))
+
+    def size_m(self) -> FloatArray:
+        """Return the distance (B,) of the farthest sensor from the local origin."""
+        return np.sqrt(max_measurements(np.sum([part * part for part in self.sensor], axis=0)))
+
+    def distance_m(self, *point: FloatArray) -> FloatArray:
+        """Return the distances (B, K) of points (B,) from the sensors."""
+        squared = np.zeros(self.arrival_m.shape, order="F") if self.height is None else self.height * self.height
+        for part, own in zip(point, self.sensor, strict=True):
+            away = part[:, None] - own
+            away *= away
+            squared += away
+        return np.sqrt(squared)
+
+    def offset_m(self, *point: FloatArray) -> FloatArray:
+        """Return the likeliest offsets (B,) of points (B,), of the arrivals as they are here."""
+        return self._mean(self.arrival_m - self.distance_m(*point))
+
+    def residual_m(self, *point: FloatArray) -> FloatArray:
+        """Return the arrivals minus distance and offset (B, K) at points (B,)."""
+        excess = self.arrival_m - self.distance_m(*point)
+        return np.asarray(excess - self._mean(excess)[:, None])
+
+    def compare(self, *point: FloatArray) -> Compared:
+        """Return residuals and derivatives at points (B,); not finite on a sensor."""
+        distance = self.distance_m(*point)
+        inverse_std = 1.0 / self.std_m
+        with ignoring_division():
+            along = tuple((part[:, None] - own) / distance for part, own in zip(point, self.sensor, strict=True))
+            excess = self.arrival_m - distance
+            offset = self._mean(excess)
+            pull = tuple(self._mean(part) for part in along)
+            slopes = tuple((mean[:, None] - part) * inverse_std for part, mean in zip(along, pull, strict=True))
+            return Compared((excess - offset[:, None]) * inverse_std, slopes, offset, pull, distance, along)
+
+    def information(self, *point: FloatArray) -> SymmetricMatrix:
+        """Return the Fisher information (B,) of the position at points (B,), the offset eliminated."""
+        total = SymmetricMatrix.gram(*self.compare(*point).slopes)
+        if self.level is not None:
+            total.diagonal[-1][:] += self.level.inverse_std * self.level.inverse_std
+        return total
+
+    def half_chi_squares(self, *point: FloatArray) -> FloatArray:
+        """Return half the chi-square (B, P) at points (B, P), the measured height included."""
+        with ignoring_overflow():
+            weight = 1.0 / (self.std_m * self.std_m)
+            excess, mean = [], np.zeros(point[0].shape)
+            for k in range(self.arrival_m.shape[1]):
+                squared = np.zeros(point[0].shape) if self.height is None else self.height[:, k, None] ** 2
+                for part, own in zip(point, self.sensor, strict=True):
+                    squared = squared + (part - own[:, k, None]) ** 2
+                excess.append(self.arrival_m[:, k, None] - np.sqrt(squared))
+                mean += weight[:, k, None] * excess[k]
+            mean /= sum_measurements(weight)[:, None]
+            total = np.zeros(point[0].shape)
+            for k, part in enumerate(excess):
+                total += weight[:, k, None] * (part - mean) ** 2
+            if self.level is not None:
+                total += self.level.scaled_residual(point[-1]) ** 2
+            total *= 0.5
+        return total
+
+    def offset_columns(self, point: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> dict[str, FloatArray]:
+        """Return the columns (B,) of the offset at points with a covariance: value, std, covariances with x, y, z."""
+        at, dimension = self.compare(*point), len(point)
+        with ignoring_division():
+            cross = [
+                -sum((covariance.entry(i, j) * at.pull[j] for j in range(dimension)), np.zeros(at.offset_m.shape))
+                for i in range(dimension)
+            ]
+            variance = 1.0 / sum_measurements(1.0 / (self.std_m * self.std_m))
+            for part, mean in zip(cross, at.pull, strict=True):
+                variance = variance - part * mean
+        if self.held_z_m is not None:
+            cross.append(np.zeros(variance.shape))
+        names = (f"cov_{axis}_offset_m2" for axis in "xyz")
+        columns = {"offset_m": at.offset_m + self.origin_m, "offset_std_m": np.sqrt(np.maximum(variance, 0.0))}
+        return {**columns, **dict(zip(names, cross, strict=False))}
+
+    def contradictory(self) -> BoolArray:
+        """Return which snapshots (B,) have two arrivals farther apart than their sensors, by many stds."""
+        found = np.zeros(self.origin_m.shape, dtype=bool)
+        for i in range(self.arrival_m.shape[1]):
+            for k in range(i):
+                squared = np.zeros(found.shape) if self.height is None else (self.height[:, i] - self.height[:, k]) ** 2
+                for part in self.sensor:
+                    squared = squared + (part[:, i] - part[:, k]) ** 2
+                spread = np.hypot(self.std_m[:, i], self.std_m[:, k])
+                found |= np.abs(self.arrival_m[:, i] - self.arrival_m[:, k]) > np.sqrt(squared) + _MANY_STDS * spread
+        return found
+
+    def single_origin(self) -> BoolArray:
+        """Return which snapshots (B,) have all their sensors at a single point."""
+        away = np.sum([(part - part[:, :1]) ** 2 for part in self.sensor], axis=0)
+        single: BoolArray = max_measurements(away) == 0.0
+        return single
+
+    def _mean(self, values: FloatArray) -> FloatArray:
+        """Return the weighted means (B,) of values (B, K)."""
+        weight = 1.0 / (self.std_m * self.std_m)
+        return np.asarray(sum_measurements(weight * values) / sum_measurements(weight))
+
+
+def arrival_rows(batch: ArrivalBatch) -> ArrivalRows:
+    """Return the arrivals of a batch about the mean of each snapshot's sensor positions."""
+    sensor: tuple[FloatArray, ...] = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1])
+    height = level = held = None
+    sensor_z, target_z = (batch.sensor_z_m, batch.target_z_m) if batch.dimension == 3 else (None, None)
+    if sensor_z is not None and target_z is not None and batch.height_held:
+        held, height = target_z, np.asfortranarray(sensor_z - target_z[:, None])
+    elif sensor_z is not None:
+        sensor = (*sensor, sensor_z)
+    center = tuple(sum_measurements(part) / part.shape[1] for part in sensor)
+    if held is None and target_z is not None and batch.target_z_std_m is not None:
+        level = MeasuredHeight.of(target_z, batch.target_z_std_m, center[2])
+    local = tuple(np.asfortranarray(part - middle[:, None]) for part, middle in zip(sensor, center, strict=True))
+    return ArrivalRows(center, local, batch.arrival_m, batch.arrival_std_m, batch.origin_m, height, level, held)

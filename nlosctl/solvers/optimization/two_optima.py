@@ -1,0 +1,174 @@
+"""The two best of the optima that descents from several points reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Protocol, Self
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
+from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.optimization.levenberg_marquardt import minimize
+from nlosctl.solvers.optimization.problem import Problem
+
+__all__ = ["End", "Landscape", "TwoBest", "are_apart", "are_images", "find_best_two"]
+
+_DISTINCT_STANDARD_DEVIATIONS = 1e-3
+"""Optima nearer to each other than this are the same."""
+
+_PATIENCE = 20
+"""Refused steps after which a descent is given up."""
+
+_NO_RIVAL = 1e3
+"""A point this many nats worse than a good fit is the start of no other good one."""
+
+_BARRIER = 0.5
+"""Mirror images are one broad optimum unless the point half way between them costs so many nats more."""
+
+_IMAGES = 1e-6
+"""Optima are mirror images of each other if their costs are equal up to this share."""
+
+
+class Landscape(Protocol):
+    """Measurements of B snapshots that points, given as D arrays, are compared with."""
+
+    @property
+    def half_chi_squares(self) -> Callable[..., FloatArray]:
+        """Return half the chi-square (B, P) at points (B, P)."""
+        ...
+
+    @property
+    def information(self) -> Callable[..., SymmetricMatrix]:
+        """Return the Fisher information (B,) at points (B,)."""
+        ...
+
+    def take(self, rows: IntArray) -> Self:
+        """Return the measurements of some snapshots."""
+        ...
+
+
+@dataclass(frozen=True)
+class End(RowBlock):
+    """Where one descent of each snapshot ended (B,), about the local origin; NaN and not converged where none did."""
+
+    point: tuple[FloatArray, ...]
+    cost: FloatArray
+    converged: BoolArray
+
+    @classmethod
+    def missing(cls, snapshots: int, dimension: int = 2) -> End:
+        """Return the ends where no descent has been."""
+        cost, *point = np.full((dimension + 1, snapshots), np.nan)
+        return cls(tuple(point), cost, np.zeros(snapshots, dtype=bool))
+
+    @property
+    def x(self) -> FloatArray:
+        """The first coordinate."""
+        return self.point[0]
+
+    @property
+    def y(self) -> FloatArray:
+        """The second coordinate."""
+        return self.point[1]
+
+    def put(self, rows: IntArray, other: End) -> None:
+        """Replace the ends of some snapshots."""
+        for mine, theirs in zip(self.point, other.point, strict=True):
+            mine[rows] = theirs
+        self.cost[rows], self.converged[rows] = other.cost, other.converged
+
+    def improves(self, known: End) -> BoolArray:
+        """Return where this end is better: converged while the other is not, or cheaper."""
+        with ignoring_invalid():
+            cheaper: BoolArray = (self.converged == known.converged) & (self.cost < known.cost)
+        return cheaper | (self.converged & ~known.converged)
+
+
+def are_apart(one: tuple[FloatArray, ...], other: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> BoolArray:
+    """Return which points (B,), given as D arrays, are two, by the covariance of one."""
+    with ignoring_invalid():
+        away = reduce(np.hypot, [mine - theirs for mine, theirs in zip(one, other, strict=True)])
+        apart: BoolArray = away > _DISTINCT_STANDARD_DEVIATIONS * np.sqrt(covariance.trace)
+    return apart
+
+
+class TwoBest:
+    """The cheapest optimum of each snapshot so far, and the cheapest apart from it."""
+
+    def __init__(self, first: End) -> None:
+        self.best = first
+        self.other = End.missing(first.cost.size, len(first.point))
+
+    def note(self, rows: IntArray, end: End, information: SymmetricMatrix) -> None:
+        """Take the ends of further descents of some snapshots into account, whose information is that at the end."""
+        best, other = self.best.take(rows), self.other.take(rows)
+        apart = are_apart(end.point, best.point, information.inverse())
+        better = end.improves(best)
+        runner_up = np.flatnonzero(better & apart & best.converged)
+        self.other.put(rows[runner_up], best.take(runner_up))
+        second = np.flatnonzero(end.improves(other) & ~better & apart & end.converged)
+        self.other.put(rows[second], end.take(second))
+        first = np.flatnonzero(better)
+        self.best.put(rows[first], end.take(first))
+
+
+def find_best_two(
+    problem: Problem,
+    landscape: Landscape,
+    points: Sequence[tuple[FloatArray, ...]],
+    max_iterations: int,
+    plausible: FloatArray | None = None,
+    far_m: FloatArray | None = None,
+) -> tuple[End, End]:
+    """Return the two best optima of ``problem``, a cost of the ``landscape``, the second NaN where there is only one.
+
+    Descents start from all of ``points``, each D arrays (B,), the likeliest first. None is left out as near another:
+    the mirror images of a broad optimum are near each other. If ``problem`` is half the chi-square, and the best cost
+    is at most ``plausible`` (B,), points that are a thousand nats worse than that are no rivals. Descents that
+    end farther than ``far_m`` (B,) from the local origin count as settled: their optimum is at infinity.
+    """
+    coordinates = [np.stack(parts) for parts in zip(*points, strict=True)]
+    cost = landscape.half_chi_squares(*(part.T for part in coordinates)).T
+    order = np.argsort(np.where(np.isnan(cost), np.inf, cost), axis=0, kind="stable")
+    rows = np.arange(cost.shape[1])
+    optima = TwoBest(_descend(problem, rows, [part[order[0], rows] for part in coordinates], max_iterations, far_m))
+    for index in order[1:]:
+        best = optima.best
+        open_rows = np.isfinite(cost[index, np.arange(index.size)])
+        if plausible is not None:
+            with ignoring_invalid():
+                settled = best.converged & (best.cost <= plausible)
+                open_rows &= ~(settled & (cost[index, np.arange(index.size)] > best.cost + _NO_RIVAL))
+        rows = np.flatnonzero(open_rows)
+        if rows.size:
+            end = _descend(problem, rows, [part[index[rows], rows] for part in coordinates], max_iterations, far_m)
+            optima.note(rows, end, landscape.take(rows).information(*end.point))
+    return optima.best, optima.other
+
+
+def _descend(
+    problem: Problem, rows: IntArray, start: list[FloatArray], max_iterations: int, far_m: FloatArray | None
+) -> End:
+    minimum = minimize(problem.take(rows), *start, max_iterations=max_iterations, patience=_PATIENCE)
+    converged = minimum.converged
+    if far_m is not None:
+        with ignoring_invalid():
+            converged = converged | (reduce(np.hypot, minimum.point) > far_m[rows])
+    return End(minimum.point, minimum.cost, converged & np.isfinite(minimum.cost))
+
+
+def are_images(landscape: Landscape, one: tuple[FloatArray, ...], other: tuple[FloatArray, ...]) -> BoolArray:
+    """Return where (B,) two optima are images of each other, and the likelihood half way between them is about theirs.
+
+    So it is for sensors in a plane and a source in it, whose distance from the plane they don't determine.
+    """
+    points = (one, other, tuple(0.5 * (mine + theirs) for mine, theirs in zip(one, other, strict=True)))
+    costs = [landscape.half_chi_squares(*(part[:, None] for part in point))[:, 0] for point in points]
+    with ignoring_invalid():
+        merged: BoolArray = costs[2] - np.minimum(costs[0], costs[1]) < _BARRIER
+        merged &= np.abs(costs[0] - costs[1]) <= _IMAGES * (1.0 + costs[0])
+    return merged
